@@ -1,0 +1,49 @@
+"""The errors that butterfly raises on purpose; everything else is a bug."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class ButterflyError(Exception):
+    """Base of every error that the user can do something about."""
+
+
+class InputError(ButterflyError):
+    """Something the user handed in is not usable.
+
+    Parameters
+    ----------
+    source
+        The file (or object) that holds the bad value.
+    field
+        Which field, column or variable of it.
+    value
+        What was found there.
+    expected
+        What should have been there, in words.
+    """
+
+    def __init__(self, source: object, field: str, value: object, expected: str) -> None:
+        self.source = str(source)
+        self.field = field
+        self.value = value
+        self.expected = expected
+        super().__init__(f"{source}: {field}: got {value}; expected {expected}")
+
+
+class IdentifiabilityError(ButterflyError):
+    """The data cannot determine what was asked for, however good they are."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """Name the valid choices, the one most like ``name`` first."""
+    choices = list(valid)
+    close = get_close_matches(name, choices, n=1)
+    hint = f"{close[0]!r} (did you mean that?)" if close else ""
+    listing = ", ".join(repr(choice) for choice in choices)
+    return f"{hint}; valid names: {listing}" if hint else f"one of {listing}"

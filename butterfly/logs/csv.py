@@ -1,0 +1,60 @@
+"""Logs in CSV files, whatever their columns are called."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow
+from pyarrow import csv
+
+from butterfly.errors import InputError, nearest
+from butterfly.logs.log import Log
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
+"""Column map used when none is given: the columns carry the names of the fields of `Log`."""
+
+
+def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties: Any) -> Log:  # noqa: ANN401
+    """Read a CSV file with one header line.
+
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Which column of the file holds ``time`` (s), ``input``, ``angle`` (rad) and, if wanted,
+        ``velocity`` (rad/s); `DEFAULT_COLUMNS` if not given.
+    properties
+        Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no CSV, or a mapped column is absent or not numeric.
+    """
+    try:
+        table = csv.read_csv(path)
+    except FileNotFoundError:
+        raise InputError(path, "path", "no such file", "an existing CSV file") from None
+    except (pyarrow.ArrowInvalid, OSError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(path, "content", f"unreadable ({reason})", "CSV with a header") from None
+    arrays = {
+        field: _numeric(path, table, name) for field, name in (columns or DEFAULT_COLUMNS).items()
+    }
+    return Log(**arrays, source=str(path), **properties)
+
+
+def _numeric(path: Path, table: pyarrow.Table, name: str) -> np.ndarray[Any, Any]:
+    if name not in table.column_names:
+        raise InputError(path, name, "no such column", nearest(name, table.column_names))
+    column = table.column(name)
+    if not (pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type)):
+        raise InputError(path, name, f"a column of type {column.type}", "numbers")
+    values = column.to_numpy().astype(np.float64)
+    return np.asarray(values)

@@ -1,0 +1,200 @@
+"""What is wrong with a log, and the repairs that were made to it, counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+
+GAP_FACTOR = 3.0
+"""A sampling interval longer than this many median intervals is a gap."""
+
+_MIN_FLAT_RUN = 5  # samples at one extreme value that make a suspicious flat top
+_CLIP_JUMP = 30.0  # a smooth peak leaves its flat top by 8 encoder steps over the top's own length
+
+
+class Repair(StrEnum):
+    """A repair that may be made to a log; each one drops the samples concerned and counts them."""
+
+    DUPLICATE = "duplicate"
+    BACKWARD = "backward"
+    NON_FINITE = "non_finite"
+
+
+DEFAULT_REPAIRS = frozenset({Repair.DUPLICATE})
+"""Only repeated stamps are dropped unasked; anything else must be allowed by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """Findings on one log, counted in samples unless said otherwise.
+
+    Parameters
+    ----------
+    samples, duration
+        Recorded samples, and last minus first stamp in s.
+    duplicate_stamps, backward_stamps, non_finite
+        Samples whose stamp repeats, or precedes, an earlier one; samples with a value that is not
+        a number.
+    dropped
+        Samples removed by repairs.
+    gaps, longest_gap
+        Intervals above `GAP_FACTOR` medians (bridged by interpolation), and the longest interval
+        in s.
+    step, jitter
+        Median sampling interval, and rms deviation from it (gaps left out), in s.
+    saturated
+        Samples that the input spends flat on its own extreme value.
+    clipped
+        Samples that the angle spends on a flat top it ran into at speed.
+    """
+
+    samples: int
+    duration: float
+    duplicate_stamps: int
+    backward_stamps: int
+    non_finite: int
+    dropped: int
+    gaps: int
+    longest_gap: float
+    step: float
+    jitter: float
+    saturated: int
+    clipped: int
+
+    @property
+    def findings(self) -> list[str]:
+        """The findings in words; empty for a healthy log."""
+        counted = {
+            "repeated stamps": self.duplicate_stamps,
+            "backward stamps": self.backward_stamps,
+            "samples not finite": self.non_finite,
+            "samples dropped": self.dropped,
+            f"gaps bridged (longest {1e3 * self.longest_gap:.1f} ms)": self.gaps,
+            "samples with the input saturated": self.saturated,
+            "samples with the angle clipped": self.clipped,
+        }
+        return [f"{count} {what}" for what, count in counted.items() if count]
+
+
+def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
+    """Check a log, make the allowed ``repairs`` and count them.
+
+    Returns
+    -------
+    Log, Health
+        The log with strictly increasing stamps and finite values, and the record of what was
+        found in the log as recorded.
+
+    Raises
+    ------
+    InputError
+        If the log has a fault that ``repairs`` does not allow to be repaired, if its time does
+        not advance, or if its input or angle never changes.
+    """
+    finite = np.logical_and.reduce([np.isfinite(column) for column in log.columns().values()])
+    _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
+    sound = log.take(finite)
+    latest = np.maximum.accumulate(sound.time)
+    repeated = np.zeros(sound.time.size, dtype=np.bool_)
+    repeated[1:] = sound.time[1:] == latest[:-1]
+    backward = np.zeros(sound.time.size, dtype=np.bool_)
+    backward[1:] = sound.time[1:] < latest[:-1]
+    if sound.time.size and not np.any(sound.time > sound.time[0]):
+        raise InputError(log.source, "time", "a clock that never advances", "increasing stamps")
+    _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, "stamps in ascending order")
+    _refuse_unless_allowed(log, repeated, Repair.DUPLICATE, repairs, "stamps that differ")
+    clean = sound.take(~(repeated | backward))
+    _refuse_constant(clean)
+    intervals = np.diff(clean.time)
+    step = float(np.median(intervals))
+    is_gap = intervals > GAP_FACTOR * step
+    health = Health(
+        samples=log.time.size,
+        duration=float(clean.time[-1] - clean.time[0]),
+        duplicate_stamps=int(repeated.sum()),
+        backward_stamps=int(backward.sum()),
+        non_finite=int((~finite).sum()),
+        dropped=log.time.size - clean.time.size,
+        gaps=int(is_gap.sum()),
+        longest_gap=float(intervals.max()),
+        step=step,
+        jitter=float(np.sqrt(np.mean((intervals[~is_gap] - step) ** 2))),
+        saturated=_saturated(clean.input),
+        clipped=_clipped(clean.angle),
+    )
+    return clean, health
+
+
+def _refuse_unless_allowed(
+    log: Log,
+    faulty: NDArray[np.bool_],
+    repair: Repair,
+    allowed: Collection[Repair],
+    expected: str,
+) -> None:
+    if repair in allowed or not faulty.any():
+        return
+    first = int(np.argmax(faulty))
+    field = "time" if repair is not Repair.NON_FINITE else _first_not_finite(log, first)
+    value = f"{log.columns()[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
+    hint = f"{expected} (or allow the repair {repair.value!r}, which drops and counts them)"
+    raise InputError(log.source, field, value, hint)
+
+
+def _first_not_finite(log: Log, row: int) -> str:
+    return next(name for name, column in log.columns().items() if not np.isfinite(column[row]))
+
+
+def _refuse_constant(log: Log) -> None:
+    for name, meaning in (("input", "an input that excites the joint"), ("angle", "a moving joint")):
+        column = log.columns()[name]
+        if np.ptp(column) == 0.0:
+            raise InputError(log.source, name, f"a constant {column[0]:g}", meaning)
+
+
+def _flat_runs(values: NDArray[np.float64], level: float) -> list[tuple[int, int]]:
+    """Start and end of each run of at least `_MIN_FLAT_RUN` samples equal to ``level``."""
+    edges = np.diff(np.concatenate(([0], (values == level).astype(np.int8), [0])))
+    runs = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
+    return [(int(a), int(b)) for a, b in runs if b - a >= _MIN_FLAT_RUN]
+
+
+def _saturated(values: NDArray[np.float64]) -> int:
+    """Samples in flat runs at either extreme of a signal that is not a switched one."""
+    extremes = (values.min(), values.max())
+    if np.isin(values, extremes).mean() > 0.5:  # noqa: PLR2004 - a switched input lives on its extremes
+        return 0
+    return sum(b - a for level in extremes for a, b in _flat_runs(values, level))
+
+
+def _clipped(angle: NDArray[np.float64]) -> int:
+    """Samples in flat runs at either extreme that the angle enters and leaves at speed.
+
+    A smooth peak that shows as a flat top of L samples on an encoder of step d is a parabola: L
+    samples outside that top it has fallen by about 8 d. A clipped one falls in a straight line.
+    """
+    changes = np.abs(np.diff(angle))
+    encoder_step = changes[changes > 0].min()
+    count = 0
+    for level in (angle.min(), angle.max()):
+        for start, end in _flat_runs(angle, level):
+            length = end - start
+            before, after = start - length, end - 1 + length
+            if before < 0 or after >= angle.size:
+                continue
+            drop = np.abs(angle[[before, after]] - level).min()
+            if drop > _CLIP_JUMP * encoder_step:
+                count += length
+    return count

@@ -1,0 +1,112 @@
+"""The one form in which recorded and simulated experiments reach identification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.model.parameters import AddedMass
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MIN_SAMPLES = 16
+"""Fewest samples that make a log."""
+
+
+class InputKind(StrEnum):
+    """What the input column commands."""
+
+    VOLTAGE = "voltage"
+    TORQUE = "torque"
+
+
+class Intersample(StrEnum):
+    """What the input does between its samples."""
+
+    ZERO_ORDER_HOLD = "zero_order_hold"
+    FIRST_ORDER_HOLD = "first_order_hold"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sine:
+    """The input A sin(w t): ``omega`` w in rad/s, ``amplitude`` A in units of the input."""
+
+    omega: float
+    amplitude: float
+
+    def __post_init__(self) -> None:
+        for name in ("omega", "amplitude"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError("excitation", name, value, "a finite positive number")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Log:
+    """One experiment: what was commanded and what the encoder saw.
+
+    Parameters
+    ----------
+    time
+        (n,) stamps in s, as recorded (see `butterfly.logs.health` for repeated or backward ones).
+    input
+        (n,) command at each stamp: V, or units of torque command.
+    angle
+        (n,) rad, from the encoder's own zero.
+    velocity
+        (n,) rad/s, or None. Kept for display: identification does not use it.
+    input_kind, intersample
+        What the command means, and how it is held between stamps.
+    added_mass
+        What the hand carried.
+    excitation
+        The sinusoid that was commanded, or None for any other input.
+    source
+        File or plant that the log came from, for messages.
+    """
+
+    time: NDArray[np.float64]
+    input: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64] | None = None
+    input_kind: InputKind
+    intersample: Intersample = Intersample.ZERO_ORDER_HOLD
+    added_mass: AddedMass = AddedMass()
+    excitation: Sine | None = None
+    source: str = "log"
+
+    def __post_init__(self) -> None:
+        n = np.size(self.time)
+        for name, column in self.columns().items():
+            if column.shape != (n,):
+                raise InputError(self.source, name, f"shape {column.shape}", f"shape ({n},)")
+        if n < MIN_SAMPLES:
+            raise InputError(self.source, "time", f"{n} samples", f"at least {MIN_SAMPLES}")
+
+    def columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return the sampled columns that this log has, by name."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)[:4]}
+        return {name: np.asarray(value) for name, value in values.items() if value is not None}
+
+    def take(self, rows: NDArray[np.bool_]) -> Log:
+        """Return the log of the samples selected by the (n,) mask ``rows``."""
+        time, inputs, angle = self.time[rows], self.input[rows], self.angle[rows]
+        velocity = None if self.velocity is None else self.velocity[rows]
+        return replace(self, time=time, input=inputs, angle=angle, velocity=velocity)
+
+    @property
+    def mean_step(self) -> float:
+        """Mean sampling period in s."""
+        return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
+
+    @property
+    def label(self) -> str:
+        """Short name for tables and figures."""
+        if self.excitation is None:
+            return f"{1e3 * self.added_mass.mass:g} g, {self.source}"
+        return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"

@@ -1,0 +1,200 @@
+"""Data-set manifests: which files, and what each experiment was."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import Field
+
+from butterfly.errors import InputError
+from butterfly.logs.csv import read_csv
+from butterfly.logs.health import DEFAULT_REPAIRS, Repair
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
+from butterfly.logs.mat import read_mat
+from butterfly.model.parameters import AddedMass
+from butterfly.yaml_input import StrictModel, read_yaml
+
+MANIFEST_NAME = "manifest.yaml"
+"""File that describes the logs of the folder it lies in."""
+
+_THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
+
+
+class LogEntry(StrictModel):
+    """One file of a data set.
+
+    Parameters
+    ----------
+    file
+        Path below the data set's root.
+    added_mass
+        In kg.
+    arm
+        In m; the data set's own ``arm`` if not given.
+    omega, amplitude
+        Of the sine that was commanded, in rad/s and in units of the input.
+    """
+
+    file: str
+    added_mass: Annotated[float, Field(ge=0)]
+    arm: Annotated[float, Field(ge=0)] | None = None
+    omega: Annotated[float, Field(gt=0)]
+    amplitude: Annotated[float, Field(gt=0)]
+
+
+class Manifest(StrictModel):
+    """A data set: its files and what they have in common.
+
+    Parameters
+    ----------
+    name, description
+        For reports.
+    root
+        Folder of the files, relative to the manifest; ``${NAME}`` stands for an environment
+        variable.
+    input
+        What the input column commands.
+    intersample
+        How the command is held between its samples.
+    arm
+        Pivot to added mass in m.
+    columns
+        Column map of CSV files.
+    repair
+        Repairs that may be made (see `butterfly.logs.health.Repair`).
+    logs
+        The files.
+    """
+
+    name: str
+    description: str = ""
+    root: str = "."
+    input: InputKind
+    intersample: Intersample = Intersample.ZERO_ORDER_HOLD
+    arm: Annotated[float, Field(ge=0)]
+    columns: dict[Literal["time", "input", "angle", "velocity"], str] | None = None
+    repair: frozenset[Repair] = DEFAULT_REPAIRS
+    logs: Annotated[list[LogEntry], Field(min_length=1)]
+
+
+def read_manifest(path: Path, root: Path | None = None) -> Manifest:
+    """Read a manifest file, with its root resolved to an absolute folder.
+
+    Parameters
+    ----------
+    path
+        The manifest.
+    root
+        Folder of the logs, in place of the one that the manifest names.
+
+    Raises
+    ------
+    InputError
+        If the file does not follow the schema, or ``root`` names an unset variable or no folder.
+    """
+    manifest = read_yaml(path, Manifest)
+    folder = _expand_root(path, manifest.root) if root is None else root.absolute()
+    if not folder.is_dir():
+        raise InputError(path, "root", folder, "an existing folder")
+    return manifest.model_copy(update={"root": str(folder)})
+
+
+def manifest_from_names(
+    folder: Path, *, arm: float, input_kind: InputKind, intersample: Intersample
+) -> Manifest:
+    """Generate a manifest from the thesis's file names, ``Data_<grams>__<rad/s>__<0amplitude>``.
+
+    ``_`` stands for a decimal point within a number, and the amplitude's point follows its first
+    0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Subfolders are searched.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` does not exist, or holds no .mat or .csv file of that form.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, "path", "no such folder", "a folder of logs")
+    entries = []
+    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in {".mat", ".csv"}):
+        match = _THESIS_NAME.fullmatch(path.stem)
+        if match is None:
+            raise InputError(
+                path, "file name", path.stem, "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
+            )
+        grams, omega, digits = match.groups()
+        entries.append(
+            LogEntry(
+                file=path.relative_to(folder).as_posix(),
+                added_mass=float(grams.replace("_", ".")) / 1e3,
+                omega=float(omega.replace("_", ".")),
+                amplitude=float(f"0.{digits}"),
+            )
+        )
+    if not entries:
+        raise InputError(folder, "path", "no .mat or .csv file", "a folder of logs")
+    entries.sort(key=lambda entry: (entry.added_mass, entry.omega))
+    return Manifest(
+        name=folder.resolve().name,
+        root=str(folder.resolve()),
+        input=input_kind,
+        intersample=intersample,
+        arm=arm,
+        logs=entries,
+    )
+
+
+def write_manifest(manifest: Manifest, path: Path) -> None:
+    """Write a manifest as YAML, one line per log."""
+    head = manifest.model_dump(mode="json", exclude={"logs"}, exclude_none=True)
+    lines = [yaml.safe_dump(head, sort_keys=False), "logs:\n"]
+    for entry in manifest.logs:
+        row = entry.model_dump(exclude_none=True)
+        flow = yaml.safe_dump(row, default_flow_style=True, sort_keys=False, width=1000)
+        lines.append(f"  - {flow}")
+    path.write_text("".join(lines), encoding="utf-8")
+
+
+def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
+    """Read one log of a data set.
+
+    Raises
+    ------
+    InputError
+        If its file cannot be read (see `read_mat` and `read_csv`) or is of neither form.
+    """
+    path = Path(manifest.root) / entry.file
+    arm = manifest.arm if entry.arm is None else entry.arm
+    properties = {
+        "input_kind": manifest.input,
+        "intersample": manifest.intersample,
+        "added_mass": AddedMass(mass=entry.added_mass, arm=arm),
+        "excitation": Sine(omega=entry.omega, amplitude=entry.amplitude),
+    }
+    return read_log(path, columns=manifest.columns, **properties)
+
+
+def read_log(path: Path, columns: dict[str, str] | None = None, **properties: object) -> Log:  # type: ignore[type-arg]
+    """Read one file, by its ending."""
+    if path.suffix.lower() == ".csv":
+        return read_csv(path, columns, **properties)
+    if path.suffix.lower() == ".mat" or not path.exists():
+        return read_mat(path, **properties)
+    raise InputError(path, "file name", path.suffix or "no ending", ".mat or .csv")
+
+
+def _expand_root(manifest_path: Path, root: str) -> Path:
+    """Resolve ``root`` against the manifest's folder, environment variables filled in."""
+
+    def expand(match: re.Match[str]) -> str:
+        if match[1] not in os.environ:
+            raise InputError(
+                manifest_path, "root", root, f"${match[1]} to name the folder of the logs (or --root)"
+            )
+        return os.environ[match[1]]
+
+    return (manifest_path.parent / _VARIABLE.sub(expand, root)).resolve()

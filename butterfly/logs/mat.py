@@ -1,0 +1,67 @@
+"""The thesis's .mat form: one matrix ``D`` with the columns t, u, q, dq."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from zlib import error as ZlibError  # noqa: N812 - an exception class by its nature
+
+import numpy as np
+from scipy.io import loadmat, savemat
+from scipy.io.matlab import MatReadError
+
+from butterfly.errors import InputError
+from butterfly.logs.log import Log
+
+COLUMNS = ("time", "input", "angle", "velocity")
+"""Columns of ``D``; the last may be missing."""
+
+
+def read_mat(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fields of Log that a file cannot know
+    """Read the matrix ``D`` of a MATLAB v4 to v7 file; other variables are ignored.
+
+    Parameters
+    ----------
+    path
+        The file.
+    properties
+        Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not a (whole) .mat file, holds no ``D``, or ``D`` is not a real
+        matrix of three or four columns.
+    """
+    matrix = _load_matrix(path)
+    columns = dict(zip(COLUMNS, np.ascontiguousarray(matrix.T, dtype=np.float64), strict=False))
+    return Log(**columns, source=str(path), **properties)
+
+
+def write_mat(log: Log, path: Path) -> None:
+    """Write a log in the thesis's form, compressed; a missing velocity column is left out."""
+    matrix = np.column_stack(list(log.columns().values()))
+    savemat(path, {"D": matrix}, do_compression=True)
+
+
+def _load_matrix(path: Path) -> np.ndarray[Any, Any]:
+    try:
+        matrix = loadmat(path, variable_names=["D"]).get("D")
+    except FileNotFoundError:
+        raise InputError(path, "path", "no such file", "an existing .mat file") from None
+    except IsADirectoryError:
+        raise InputError(path, "path", "a folder", "a .mat file") from None
+    except NotImplementedError:
+        raise InputError(
+            path, "content", "MATLAB v7.3 (HDF5)", "MATLAB v7 or older: save it with '-v7'"
+        ) from None
+    except (ValueError, TypeError, OSError, MatReadError, ZlibError, EOFError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
+    if matrix is None:
+        raise InputError(path, "D", "no such variable", "a matrix D with columns t, u, q[, dq]")
+    if matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
+        raise InputError(path, "D", f"shape {matrix.shape}", "shape (n, 3) or (n, 4): t, u, q[, dq]")
+    if matrix.dtype.kind not in "fiu":
+        raise InputError(path, "D", f"type {matrix.dtype}", "real numbers")
+    return np.asarray(matrix)

@@ -1,0 +1,1 @@
+"""What the robot is: its parameters with units, and the equations they enter."""

@@ -1,0 +1,85 @@
+"""The grey-box model's response to one sinusoid: linear, and quasi-linear at finite amplitude.
+
+Harmonic balance keeps the fundamental only. With th(t) = Re{a e^(j(w t + phi))} the gravity term
+p3 sin th contributes p3 2 J1(a)/a th and Coulomb friction j 4 T_c/(pi a) th, so the model stays
+linear in its parameters (Gelb & Vander Velde, Multiple-Input Describing Functions, 1968, ch. 2).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import j1, jv
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from butterfly.model.parameters import LumpedParameters
+
+
+def gravity_describing_function(amplitude: ArrayLike) -> NDArray[np.float64]:
+    """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0."""
+    a = np.asarray(amplitude, dtype=np.float64)
+    return np.asarray(2.0 * j1(a) / a)
+
+
+def gravity_amplitude_slope(amplitude: ArrayLike) -> NDArray[np.float64]:
+    """Slope d[2 J1(a)]/da = 2 J1(a)/a - 2 J2(a) of gravity's fundamental at amplitude a > 0."""
+    return np.asarray(gravity_describing_function(amplitude) - 2.0 * jv(2, amplitude))
+
+
+def coulomb_describing_function(amplitude: ArrayLike) -> NDArray[np.complex128]:
+    """Gain j 4/(pi a) of ``sgn(thd)`` on a sinusoidal angle of amplitude a > 0 in rad, in 1/rad."""
+    a = np.asarray(amplitude, dtype=np.float64)
+    return np.asarray(4j / (np.pi * a))
+
+
+def frequency_response(parameters: LumpedParameters, omega: ArrayLike) -> NDArray[np.complex128]:
+    """G(jw) of the linearisation (8), (13) with its input delay, in rad per unit of input.
+
+    Coulomb friction has no linearisation and is left out.
+
+    Parameters
+    ----------
+    parameters
+        Of the hand with its added mass.
+    omega
+        Frequencies in rad/s, any shape.
+    """
+    p, w = parameters, np.asarray(omega, dtype=np.float64)
+    denominator = p.p3 - p.p1 * w**2 + 1j * p.p2 * w
+    return np.asarray(p.p4 * np.exp(-1j * w * p.delay) / denominator)
+
+
+def quasi_linear_response(
+    parameters: LumpedParameters, omega: ArrayLike, amplitude: ArrayLike
+) -> NDArray[np.complex128]:
+    """Ratio of the angle's to the input's fundamental when the angle swings with ``amplitude``.
+
+    Parameters
+    ----------
+    parameters
+        Of the hand with its added mass.
+    omega, amplitude
+        Frequencies in rad/s and angle amplitudes in rad, shapes that broadcast.
+    """
+    p, w = parameters, np.asarray(omega, dtype=np.float64)
+    denominator = (
+        -p.p1 * w**2
+        + 1j * p.p2 * w
+        + p.p3 * gravity_describing_function(amplitude)
+        + p.coulomb * coulomb_describing_function(amplitude)
+    )
+    return np.asarray(p.p4 * np.exp(-1j * w * p.delay) / denominator)
+
+
+def resonance_frequency(parameters: LumpedParameters) -> float:
+    """Frequency in rad/s at which |G(jw)| of the linearisation peaks (73), (77), (79).
+
+    Zero when the damping is so large, or gravity so small, that there is no peak (Lemma 6).
+    """
+    p = parameters
+    squared = p.p3 / p.p1 - 0.5 * (p.p2 / p.p1) ** 2
+    return math.sqrt(squared) if squared > 0 else 0.0

@@ -1,0 +1,200 @@
+"""Physical and lumped parameters of the hand, its motor and its add-on masses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from butterfly.errors import InputError
+
+GRAVITY = 9.81
+"""Acceleration due to gravity in m/s^2, the thesis's value (61)."""
+
+
+def _require(source: object, field: str, value: float, *, positive: bool = False) -> None:
+    """Raise InputError unless ``value`` is finite and not negative (or strictly positive)."""
+    limit_held = value > 0 if positive else value >= 0
+    if not (math.isfinite(value) and limit_held):
+        sign = "positive" if positive else "non-negative"
+        raise InputError(type(source).__name__, field, value, f"a finite {sign} number")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hand:
+    """The rigid hand with the rotor of its motor.
+
+    Parameters
+    ----------
+    mass
+        m_p in kg.
+    com_distance
+        l_c, pivot to centre of mass, in m.
+    inertia
+        J_p about the centre of mass, in kg m^2.
+    """
+
+    mass: float
+    com_distance: float
+    inertia: float
+
+    def __post_init__(self) -> None:
+        _require(self, "mass", self.mass, positive=True)
+        _require(self, "com_distance", self.com_distance)
+        _require(self, "inertia", self.inertia, positive=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageDrive:
+    """A DC motor fed with a voltage, armature inductance neglected (4).
+
+    Parameters
+    ----------
+    resistance
+        R in Ohm.
+    torque_constant
+        k_i in N m/A.
+    back_emf_constant
+        k_emf in V s/rad; equal to k_i in SI units for a lossless motor.
+    """
+
+    resistance: float
+    torque_constant: float
+    back_emf_constant: float
+
+    def __post_init__(self) -> None:
+        _require(self, "resistance", self.resistance, positive=True)
+        _require(self, "torque_constant", self.torque_constant, positive=True)
+        _require(self, "back_emf_constant", self.back_emf_constant)
+
+    @property
+    def gain(self) -> float:
+        """p4 = k_i / R in N m/V (6)."""
+        return self.torque_constant / self.resistance
+
+    @property
+    def damping(self) -> float:
+        """The back-EMF's share k_emf k_i / R of p2, in N m s/rad (6)."""
+        return self.back_emf_constant * self.gain
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueDrive:
+    """A current-controlled motor: the command sets the torque and no back EMF is felt.
+
+    Parameters
+    ----------
+    gain
+        p4 in N m per unit of command.
+    """
+
+    gain: float
+
+    def __post_init__(self) -> None:
+        _require(self, "gain", self.gain, positive=True)
+
+    @property
+    def damping(self) -> float:
+        """A current loop adds no damping."""
+        return 0.0
+
+
+Drive = VoltageDrive | TorqueDrive
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction:
+    """Friction at the pivot.
+
+    Parameters
+    ----------
+    viscous
+        k_f in N m s/rad.
+    coulomb
+        T_c in N m; set-valued at rest.
+    """
+
+    viscous: float = 0.0
+    coulomb: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require(self, "viscous", self.viscous)
+        _require(self, "coulomb", self.coulomb)
+
+
+@dataclass(frozen=True, kw_only=True, order=True)
+class AddedMass:
+    """A point mass screwed to the hand.
+
+    Parameters
+    ----------
+    mass
+        m_a in kg.
+    arm
+        l_a, pivot to mass, in m.
+    """
+
+    mass: float = 0.0
+    arm: float = 0.0
+
+    def __post_init__(self) -> None:
+        _require(self, "mass", self.mass)
+        _require(self, "arm", self.arm)
+
+    @property
+    def inertia(self) -> float:
+        """Z = m_a l_a^2 in kg m^2 (81)."""
+        return self.mass * self.arm**2
+
+    @property
+    def gravity_moment(self) -> float:
+        """X = m_a g l_a in N m (81)."""
+        return self.mass * GRAVITY * self.arm
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LumpedParameters:
+    """The grey-box model p1 thdd + p2 thd + p3 sin th + T_c sgn thd = p4 v(t - delay).
+
+    Equation (5) with tau_eps written out as Coulomb friction and an input delay. p3 may be
+    negative: a hand whose centre of mass lies above the pivot when the added mass hangs down.
+
+    Parameters
+    ----------
+    p1
+        Inertia about the pivot in kg m^2.
+    p2
+        Viscous friction and back EMF in N m s/rad.
+    p3
+        Gravity moment in N m.
+    p4
+        N m per unit of input (per volt, or per unit of torque command).
+    coulomb
+        T_c in N m.
+    delay
+        From recorded input to torque, in s.
+    """
+
+    p1: float
+    p2: float
+    p3: float
+    p4: float
+    coulomb: float = 0.0
+    delay: float = 0.0
+
+    def with_added_mass(self, added: AddedMass) -> LumpedParameters:
+        """Return the parameters of the hand carrying ``added`` (78)."""
+        return replace(self, p1=self.p1 + added.inertia, p3=self.p3 + added.gravity_moment)
+
+
+def lump(hand: Hand, drive: Drive, friction: Friction) -> LumpedParameters:
+    """Lump physical parameters into p1..p4 (6)."""
+    return LumpedParameters(
+        p1=hand.inertia + hand.mass * hand.com_distance**2,
+        p2=friction.viscous + drive.damping,
+        p3=hand.mass * GRAVITY * hand.com_distance,
+        p4=drive.gain,
+        coulomb=friction.coulomb,
+    )

@@ -1,0 +1,102 @@
+"""Frequency-response points of a set of sine logs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.logs.log import Intersample
+from butterfly.signals.sine_fit import SineFit, fit_sine
+from butterfly.signals.window import STEADY_SECONDS, steady_window
+
+if TYPE_CHECKING:
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass
+
+MIN_COHERENCE = 0.5
+"""Smallest share of the input's variance that the commanded sine must explain."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResponsePoint:
+    """One log's steady response at the frequency of its input.
+
+    Parameters
+    ----------
+    added_mass
+        What the hand carried.
+    input
+        Complex amplitude of the input as the joint receives it, its hold included.
+    angle
+        Sine fit of the angle.
+    drift
+        Relative change of the angle's amplitude from the window's first to its second half.
+    label
+        Short name of the log.
+    """
+
+    added_mass: AddedMass
+    input: complex
+    angle: SineFit
+    drift: float
+    label: str
+
+    @property
+    def omega(self) -> float:
+        """Frequency in rad/s."""
+        return self.angle.omega
+
+    @property
+    def amplitude(self) -> float:
+        """Amplitude of the angle's fundamental in rad."""
+        return self.angle.amplitude
+
+    @property
+    def gain(self) -> complex:
+        """Angle over input, in rad per unit of input (68) with its phase."""
+        return self.angle.fundamental / self.input
+
+
+def response_point(log: Log, seconds: float = STEADY_SECONDS) -> ResponsePoint:
+    """Fit the steady response of a log whose input is a sine.
+
+    Raises
+    ------
+    InputError
+        If the log has no sine excitation, is too short, or its input is not that sine.
+    """
+    if log.excitation is None:
+        raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
+    omega = log.excitation.omega
+    rows = steady_window(log, omega, seconds)
+    time, inputs, angle = log.time[rows], log.input[rows], log.angle[rows]
+    command = fit_sine(time, inputs, omega, harmonics=1)
+    spread = float(np.std(inputs))
+    explained = 1.0 - (command.residual_rms / spread) ** 2 if spread > 0 else 0.0
+    if explained < MIN_COHERENCE:
+        raise InputError(
+            log.source, "input", f"a signal of which {explained:.0%} is at {omega:g} rad/s",
+            f"a sine of {omega:g} rad/s",
+        )
+    middle = time.size // 2
+    halves = [fit_sine(time[s], angle[s], omega).amplitude for s in (slice(middle), slice(middle, None))]
+    response = fit_sine(time, angle, omega)
+    return ResponsePoint(
+        added_mass=log.added_mass,
+        input=command.fundamental * _hold(log, omega),
+        angle=response,
+        drift=(halves[1] - halves[0]) / response.amplitude,
+        label=log.label,
+    )
+
+
+def _hold(log: Log, omega: float) -> complex:
+    """Gain at ``omega`` of the hold between samples, at the log's mean sampling period."""
+    half = 0.5 * omega * log.mean_step
+    shape = np.sinc(half / np.pi)
+    if log.intersample is Intersample.FIRST_ORDER_HOLD:
+        return complex(shape**2)
+    return complex(shape * np.exp(-1j * half))

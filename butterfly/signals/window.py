@@ -1,0 +1,53 @@
+"""Choose the part of a log in which the response is steady."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from butterfly.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+
+STEADY_SECONDS = 30.0
+"""Length of the window at the log's end, as in the thesis; the transient before it is left out."""
+
+MIN_PERIODS = 3
+"""Fewest whole periods that a window must hold."""
+
+
+def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> NDArray[np.bool_]:
+    """Select the last whole periods of a log, at most ``seconds`` of them.
+
+    Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock.
+
+    Parameters
+    ----------
+    log
+        With increasing stamps.
+    omega
+        Frequency in rad/s.
+    seconds
+        Longest window in s. A log shorter than this is used whole.
+
+    Returns
+    -------
+    (n,) mask of the samples.
+
+    Raises
+    ------
+    InputError
+        If the log is shorter than `MIN_PERIODS` periods.
+    """
+    period = 2 * math.pi / omega
+    available = float(log.time[-1] - log.time[0])
+    periods = math.floor(min(seconds, available) / period)
+    if periods < MIN_PERIODS:
+        raise InputError(
+            log.source, "time", f"{available:.3g} s", f"at least {MIN_PERIODS} periods of {period:.3g} s"
+        )
+    return log.time > log.time[-1] - periods * period

@@ -1,0 +1,100 @@
+"""Read YAML into a pydantic model, turning every slip into one InputError."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from butterfly.errors import InputError, nearest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+class StrictModel(BaseModel):
+    """Base of all YAML schemas: immutable, unknown keys refused, no infinities."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def read_yaml(path: Path, schema: type[_Model]) -> _Model:
+    """Load ``path`` safely and validate it against ``schema``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, is not YAML, or does not follow the schema; the message names the
+        field (as ``logs.3.added_mass``), its value and what was expected.
+    """
+    return validate(path, _load(path), schema)
+
+
+def validate(source: object, content: object, schema: type[_Model]) -> _Model:
+    """Validate parsed YAML ``content`` (from ``source``) against ``schema``.
+
+    Raises
+    ------
+    InputError
+        On the first field that does not follow the schema.
+    """
+    if not isinstance(content, dict):
+        raise InputError(source, "content", type(content).__name__, "a mapping of keys to values")
+    try:
+        return schema.model_validate(content)
+    except ValidationError as error:
+        raise _translate(source, schema, error) from None
+
+
+def _load(path: Path) -> object:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(path, "path", "no such file", "an existing YAML file") from None
+    except IsADirectoryError:
+        raise InputError(path, "path", "a folder", "a YAML file") from None
+    except UnicodeDecodeError:
+        raise InputError(path, "content", "bytes that are not text", "YAML in UTF-8") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}" if mark else "content"
+        problem = getattr(error, "problem", None) or "unreadable text"
+        raise InputError(path, where, problem, "valid YAML") from None
+
+
+def _translate(source: object, schema: type[BaseModel], error: ValidationError) -> InputError:
+    first = error.errors()[0]
+    location = [str(part) for part in first["loc"]]
+    field = ".".join(location) or "content"
+    if first["type"] == "extra_forbidden":
+        names = _fields_at(schema, location[:-1])
+        return InputError(source, field, "an unknown key", nearest(location[-1], names))
+    if first["type"] == "missing":
+        return InputError(source, field, "nothing", "a value (this key is required)")
+    message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return InputError(source, field, repr(first["input"]), message)
+
+
+def _fields_at(schema: type[BaseModel], location: list[str]) -> list[str]:
+    """Names of the valid keys of the (nested) mapping at ``location``."""
+    for part in location:
+        field = schema.model_fields.get(part)
+        if field is not None:
+            nested = _nested_model(field.annotation)
+            if nested is None:
+                return []
+            schema = nested
+    return list(schema.model_fields)
+
+
+def _nested_model(annotation: Any) -> type[BaseModel] | None:  # noqa: ANN401 - any annotation may stand here
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in get_args(annotation):
+        nested = _nested_model(argument)
+        if nested is not None:
+            return nested
+    return None
