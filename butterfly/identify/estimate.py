@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,3 +77,8 @@ class ParameterEstimate:
     def standard_errors(self) -> NDArray[np.float64]:
         """(6,) square roots of the variances."""
         return np.sqrt(np.diag(self.covariance))
+
+    def with_gain(self, p4: float) -> ParameterEstimate:
+        """Return the estimate with p4 set to a value found otherwise."""
+        values = np.where(np.array(PARAMETERS) == "p4", p4, self.values)
+        return replace(self, values=values)

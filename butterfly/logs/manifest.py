@@ -5,18 +5,22 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import yaml
 from pydantic import Field
 
 from butterfly.errors import InputError
+from butterfly.files import replacing
 from butterfly.logs.csv import read_csv
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.mat import read_mat
 from butterfly.model.parameters import AddedMass
 from butterfly.yaml_input import StrictModel, read_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
@@ -156,7 +160,8 @@ def write_manifest(manifest: Manifest, path: Path) -> None:
         row = entry.model_dump(exclude_none=True)
         flow = yaml.safe_dump(row, default_flow_style=True, sort_keys=False, width=1000)
         lines.append(f"  - {flow}")
-    path.write_text("".join(lines), encoding="utf-8")
+    with replacing(path) as draft:
+        draft.write_text("".join(lines), encoding="utf-8")
 
 
 def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
@@ -178,8 +183,14 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
     return read_log(path, columns=manifest.columns, **properties)
 
 
-def read_log(path: Path, columns: dict[str, str] | None = None, **properties: object) -> Log:  # type: ignore[type-arg]
-    """Read one file, by its ending."""
+def read_log(path: Path, columns: Mapping[str, str] | None = None, **properties: Any) -> Log:  # noqa: ANN401 - see read_mat
+    """Read one file, by its ending.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its ending is neither .mat nor .csv.
+    """
     if path.suffix.lower() == ".csv":
         return read_csv(path, columns, **properties)
     if path.suffix.lower() == ".mat" or not path.exists():

@@ -11,6 +11,7 @@ from scipy.io import loadmat, savemat
 from scipy.io.matlab import MatReadError
 
 from butterfly.errors import InputError
+from butterfly.files import replacing
 from butterfly.logs.log import Log
 
 COLUMNS = ("time", "input", "angle", "velocity")
@@ -41,7 +42,8 @@ def read_mat(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fields
 def write_mat(log: Log, path: Path) -> None:
     """Write a log in the thesis's form, compressed; a missing velocity column is left out."""
     matrix = np.column_stack(list(log.columns().values()))
-    savemat(path, {"D": matrix}, do_compression=True)
+    with replacing(path) as draft:
+        savemat(draft, {"D": matrix}, do_compression=True)
 
 
 def _load_matrix(path: Path) -> np.ndarray[Any, Any]:

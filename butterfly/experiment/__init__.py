@@ -1,0 +1,1 @@
+"""Experiments in YAML, and how to run them."""

@@ -1,0 +1,78 @@
+"""Run an experiment: simulate, write the logs, read them back as anybody's, identify."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.identification import Identification, Track, identify, untracked
+from butterfly.logs.log import Intersample
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    LogEntry,
+    Manifest,
+    read_manifest,
+    write_manifest,
+)
+from butterfly.logs.mat import write_mat
+from butterfly.plant.mujoco_plant import MujocoPlant
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from butterfly.experiment.schema import Experiment
+
+
+def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> Path:  # type: ignore[type-arg]
+    """Simulate every run of an experiment and write logs and manifest into ``folder``.
+
+    Each run draws from its own random stream, so its log depends on the seed and its place in the
+    experiment only.
+
+    Returns
+    -------
+    Path of the manifest, which is written last.
+    """
+    plant = MujocoPlant(experiment.plant.robot())
+    clock, encoder = experiment.clock(), experiment.encoder()
+    runs = experiment.runs()
+    seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
+    entries = []
+    for number, (added, sine) in enumerate(track(runs, "Simulating in MuJoCo")):
+        log = plant.run(
+            sine,
+            duration=experiment.duration,
+            clock=clock,
+            encoder=encoder,
+            rng=np.random.default_rng(seeds[number]),
+            added_mass=added,
+        )
+        name = f"run{number:03d}_{1e3 * added.mass:g}g_{sine.omega:g}rads.mat"
+        write_mat(log, folder / name)
+        entries.append(
+            LogEntry(
+                file=name,
+                added_mass=added.mass,
+                arm=added.arm,
+                omega=sine.omega,
+                amplitude=sine.amplitude,
+            )
+        )
+    manifest = Manifest(
+        name=experiment.name,
+        description=experiment.description,
+        input=experiment.input_kind,
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        arm=entries[0].arm or 0.0,
+        logs=entries,
+    )
+    path = folder / MANIFEST_NAME
+    write_manifest(manifest, path)
+    return path
+
+
+def run(experiment: Experiment, folder: Path, track: Track = untracked) -> Identification:  # type: ignore[type-arg]
+    """Simulate an experiment into ``folder`` and identify the robot from the files written."""
+    manifest = simulate(experiment, folder, track)
+    return identify(read_manifest(manifest), experiment.method, track=track)

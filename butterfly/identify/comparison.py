@@ -1,0 +1,109 @@
+"""Other parameters on the same logs: a data sheet's, a colleague's, a published table's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from butterfly.identify.free_run import free_run
+from butterfly.model.harmonic import quasi_linear_response
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.signals.frequency_response import ResponsePoint
+
+_DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
+_GRID = 41
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """How well given parameters move like the robot.
+
+    Parameters
+    ----------
+    name
+        Where the parameters come from.
+    parameters
+        Of the bare hand.
+    gain_fitted
+        Whether p4 was chosen here, for the highest median FIT.
+    fits
+        (n,) FIT of each log in per cent.
+    """
+
+    name: str
+    parameters: LumpedParameters
+    gain_fitted: bool
+    fits: NDArray[np.float64]
+
+
+def compare(
+    name: str,
+    parameters: LumpedParameters,
+    logs: Sequence[Log],
+    points: Sequence[ResponsePoint],
+    equilibria: Mapping[AddedMass, float],
+) -> Comparison:
+    """Simulate every log with ``parameters``; a p4 that is NaN is replaced by the best one.
+
+    Parameters
+    ----------
+    name
+        Where the parameters come from.
+    parameters
+        Of the bare hand.
+    logs, points
+        The logs, and the steady response of each.
+    equilibria
+        Encoder reading in rad of the hand at rest, per added mass.
+    """
+    gain_fitted = math.isnan(parameters.p4)
+    if gain_fitted:
+        parameters = replace(parameters, p4=best_gain(parameters, logs, points, equilibria))
+    return Comparison(
+        name=name,
+        parameters=parameters,
+        gain_fitted=gain_fitted,
+        fits=_fits(parameters, logs, equilibria),
+    )
+
+
+def best_gain(
+    parameters: LumpedParameters,
+    logs: Sequence[Log],
+    points: Sequence[ResponsePoint],
+    equilibria: Mapping[AddedMass, float],
+) -> float:
+    """Return the p4 with the highest median FIT, the other parameters held (see `compare`)."""
+    unit = replace(parameters, p4=1.0)
+    ratios = [
+        abs(p.gain / quasi_linear_response(unit.with_added_mass(p.added_mass), p.omega, p.amplitude))
+        for p in points
+    ]
+    guess = float(np.median(ratios))
+
+    def loss(decades: float) -> float:
+        trial = replace(parameters, p4=guess * 10**decades)
+        return -float(np.median(_fits(trial, logs, equilibria)))
+
+    coarse = np.linspace(-_DECADES, _DECADES, _GRID)
+    start = coarse[np.argmin([loss(x) for x in coarse])]
+    width = coarse[1] - coarse[0]
+    fine = minimize_scalar(loss, bounds=(start - width, start + width), method="bounded")
+    return float(guess * 10**fine.x)
+
+
+def _fits(
+    parameters: LumpedParameters, logs: Sequence[Log], equilibria: Mapping[AddedMass, float]
+) -> NDArray[np.float64]:
+    return np.array([free_run(log, parameters, equilibria[log.added_mass]).fit for log in logs])

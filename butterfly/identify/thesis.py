@@ -1,0 +1,186 @@
+"""The thesis's method as its scripts compute it, slips included.
+
+It stands here so that the published digits can be reproduced and compared; `harmonic_balance` is
+what to use. docs/theory.md lists each slip beside the corrected formula.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from butterfly.errors import InputError
+from butterfly.identify.estimate import PARAMETERS, ParameterEstimate
+from butterfly.signals.periodogram import periodogram
+from butterfly.signals.resample import resample, uniform_grid
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass
+
+METHOD = "thesis"
+
+UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
+"""Upper bounds of p1, p2, p3 in (102), as computed by the script for the robot; lower ones are 0."""
+
+DECIMATION = 25
+"""Every 25th sample gives Table 4; every 5th gives what Table 5 was computed from."""
+
+_WINDOW = 30.0
+_STARTS = (0.03, 0.3, 0.9)  # shares of the upper bounds from which (102) is minimised
+
+
+@dataclass(frozen=True)
+class ScriptedAmplitude:
+    """What the script reads off one log: the bin of the peak in rad/s, and the gain in dB."""
+
+    omega: float
+    gain_db: float
+
+
+def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplitude:
+    """Dominant DFT bin and gain of a log, steps 5 to 8 of the thesis's second script.
+
+    Kept as scripted: repeated stamps stay in; the bin frequencies are those of a record one
+    sample shorter; the centre is (min + max)/2; the gain sums the decimated samples with the
+    undecimated step (7 dB low at every 5th sample, 14 dB at every 25th) and is in dB.
+
+    Raises
+    ------
+    InputError
+        If the log has no sine excitation or is too short.
+    """
+    if log.excitation is None:
+        raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
+    grid = uniform_grid(log.time)
+    step = grid[1] - grid[0]
+    angle = resample(log.time, log.angle, grid)[::decimation]
+    count = math.floor(_WINDOW / (decimation * step))
+    steady = angle[-count:]
+    if steady.size < 2 * decimation:
+        raise InputError(log.source, "time", f"{log.time[-1]:.3g} s", f"about {_WINDOW:g} s")
+    omega, power = periodogram(steady, decimation * step)
+    omega = omega * steady.size / (steady.size - 1)
+    centred = steady - (steady.max() + steady.min()) / 2
+    amplitude = math.sqrt(2 * np.sum(centred**2) * step / _WINDOW)
+    return ScriptedAmplitude(
+        omega=float(omega[np.argmax(power)]),
+        gain_db=20 * math.log10(amplitude / log.excitation.amplitude),
+    )
+
+
+def scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
+    """Resonance frequency in rad/s from the two largest gains (100), with the gains in dB.
+
+    Parameters
+    ----------
+    points
+        At least two, all of one added mass.
+    """
+    second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
+    alpha = math.sqrt((second.gain_db / first.gain_db) ** 2 + 1)
+    beta = math.sqrt(2)
+    return math.sqrt((first.omega**2 * alpha + second.omega**2 * beta) / (alpha + beta))
+
+
+def fit_resonances(
+    resonances: Mapping[AddedMass, float], upper: Sequence[float] = UPPER_BOUNDS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Minimise (102) over 0 <= p1, p2, p3 <= upper, from several starts.
+
+    Table 5 is not this minimum: it is where the script's optimiser stopped.
+
+    Parameters
+    ----------
+    resonances
+        Resonance frequency in rad/s of each added mass.
+    upper
+        (3,) upper bounds of p1, p2, p3.
+
+    Returns
+    -------
+    values, jacobian
+        (3,) p1, p2, p3, and the (m, 3) Jacobian of the m residuals there.
+    """
+    measured = np.square(list(resonances.values()))
+    bounds = np.asarray(upper, dtype=np.float64)
+
+    def residuals(shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        p1, p2, p3 = shares * bounds
+        inertia = p1 + np.array([mass.inertia for mass in resonances])
+        moment = p3 + np.array([mass.gravity_moment for mass in resonances])
+        return np.asarray(moment / inertia - 0.5 * (p2 / inertia) ** 2 - measured)
+
+    fits = [
+        least_squares(residuals, start, bounds=(0, 1), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        for start in product(_STARTS, repeat=3)
+    ]
+    best = min(fits, key=lambda fit: fit.cost)
+    return best.x * bounds, best.jac / bounds
+
+
+def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEstimate:
+    """Resonance of each added mass by (100), then p1, p2, p3 by (102).
+
+    p4 is not estimated by the thesis: it is NaN here.
+
+    Parameters
+    ----------
+    logs
+        As recorded: repeated stamps not dropped.
+    decimation
+        Every how-manieth sample is used.
+
+    Raises
+    ------
+    InputError
+        If an added mass has fewer than two logs.
+    """
+    groups: dict[AddedMass, list[Log]] = {}
+    for log in logs:
+        groups.setdefault(log.added_mass, []).append(log)
+    resonances = {}
+    for mass in sorted(groups):
+        if len(groups[mass]) < 2:  # noqa: PLR2004 - (100) takes the two largest gains
+            raise InputError(groups[mass][0].source, "logs", f"one with {mass}", "two or more")
+        points = [scripted_amplitude(log, decimation) for log in groups[mass]]
+        resonances[mass] = scripted_resonance(points)
+    (p1, p2, p3), jacobian = fit_resonances(resonances)
+    values = np.array([p1, p2, p3, np.nan, 0.0, 0.0])
+    unknown = np.full(6, np.nan)
+    singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
+    bounds = zip(PARAMETERS, (p1, p2, p3), UPPER_BOUNDS, strict=False)
+    on_bound = tuple(n for n, value, top in bounds if value > 0.999 * top or value < 1e-9 * top)
+    return ParameterEstimate(
+        method=METHOD,
+        values=values,
+        covariance=np.full((6, 6), np.nan),
+        lower=unknown,
+        upper=unknown,
+        left_out={},
+        condition=float(singular[0] / singular[-1]),
+        on_bound=on_bound,
+        verdict=_verdict(len(resonances), float(singular[0] / singular[-1]), on_bound),
+        resonances=resonances,
+    )
+
+
+def _verdict(count: int, condition: float, on_bound: tuple[str, ...]) -> tuple[str, ...]:
+    sentences = [
+        "p4, Coulomb friction and delay are not estimated by this method; p4 is the one with the "
+        "highest median FIT.",
+        f"{count} resonance frequencies for 3 parameters, condition number {condition:.0f}: no "
+        "statement of uncertainty can be made.",
+    ]
+    if on_bound:
+        sentences.append(f"{', '.join(on_bound)} ended on a bound: the bound, not the data, set it.")
+    return tuple(sentences)

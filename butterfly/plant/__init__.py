@@ -1,0 +1,1 @@
+"""What can be driven: the MuJoCo robot, its excitations, its clock and its encoder."""
