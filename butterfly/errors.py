@@ -13,8 +13,10 @@ class ButterflyError(Exception):
     """Base of every error that the user can do something about."""
 
 
-class InputError(ButterflyError):
+class InputError(ButterflyError, ValueError):
     """Something the user handed in is not usable.
+
+    A ValueError too, so that a schema that builds the object can add where the value stood.
 
     Parameters
     ----------

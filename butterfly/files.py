@@ -27,6 +27,8 @@ def replacing(path: Path) -> Iterator[Path]:
         yield draft
         draft.replace(path)
     except OSError as error:
-        raise InputError(path, "path", error.strerror or error, "a file that can be written") from None
+        raise InputError(
+            path, "path", error.strerror or error, "a file that can be written"
+        ) from None
     finally:
         draft.unlink(missing_ok=True)

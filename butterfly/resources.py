@@ -22,7 +22,9 @@ def shipped(relative: str | Path) -> Path:
         candidate = root / relative
         if candidate.exists():
             return candidate
-    raise InputError(relative, "path", "no such shipped file", "a file under models/ or experiments/")
+    raise InputError(
+        relative, "path", "no such shipped file", "a file under models/ or experiments/"
+    )
 
 
 def shipped_experiments() -> list[str]:
@@ -48,5 +50,8 @@ def locate(path: Path) -> Path:
         if str(path) in {name, Path(name).name, Path(name).stem}:
             return shipped(name)
     raise InputError(
-        path, "path", "no such file or folder", f"an existing path, or one of {', '.join(shipped_experiments())}"
+        path,
+        "path",
+        "no such file or folder",
+        f"an existing path, or one of {', '.join(shipped_experiments())}",
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import yaml
@@ -69,32 +70,34 @@ def _translate(source: object, schema: type[BaseModel], error: ValidationError) 
     first = error.errors()[0]
     location = [str(part) for part in first["loc"]]
     field = ".".join(location) or "content"
-    if first["type"] == "extra_forbidden":
+    if first["type"] in {"extra_forbidden", "unexpected_keyword_argument"}:
         names = _fields_at(schema, location[:-1])
         return InputError(source, field, "an unknown key", nearest(location[-1], names))
     if first["type"] == "missing":
         return InputError(source, field, "nothing", "a value (this key is required)")
+    cause = first.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return InputError(source, f"{field}.{cause.field}", cause.value, cause.expected)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return InputError(source, field, repr(first["input"]), message)
 
 
-def _fields_at(schema: type[BaseModel], location: list[str]) -> list[str]:
+def _fields_at(schema: type[object], location: list[str]) -> list[str]:
     """Names of the valid keys of the (nested) mapping at ``location``."""
     for part in location:
-        field = schema.model_fields.get(part)
-        if field is not None:
-            nested = _nested_model(field.annotation)
-            if nested is None:
-                return []
-            schema = nested
-    return list(schema.model_fields)
+        model_fields = schema.model_fields if issubclass(schema, BaseModel) else {}
+        if part in model_fields:
+            schema = _nested_schema(model_fields[part].annotation) or schema
+    if is_dataclass(schema):
+        return [field.name for field in fields(schema)]
+    return list(schema.model_fields) if issubclass(schema, BaseModel) else []
 
 
-def _nested_model(annotation: Any) -> type[BaseModel] | None:  # noqa: ANN401 - any annotation may stand here
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+def _nested_schema(annotation: Any) -> type[object] | None:  # noqa: ANN401 - any annotation may stand here
+    """Find the model or dataclass inside an annotation such as ``list[AddedMass]``."""
+    if isinstance(annotation, type) and (
+        issubclass(annotation, BaseModel) or is_dataclass(annotation)
+    ):
         return annotation
-    for argument in get_args(annotation):
-        nested = _nested_model(argument)
-        if nested is not None:
-            return nested
-    return None
+    nested = (_nested_schema(argument) for argument in get_args(annotation))
+    return next((schema for schema in nested if schema is not None), None)

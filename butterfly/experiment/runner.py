@@ -34,8 +34,7 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     -------
     Path of the manifest, which is written last.
     """
-    plant = MujocoPlant(experiment.plant.robot())
-    clock, encoder = experiment.clock(), experiment.encoder()
+    plant = MujocoPlant(experiment.plant.robot)
     runs = experiment.runs()
     seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
     entries = []
@@ -43,8 +42,8 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
         log = plant.run(
             sine,
             duration=experiment.duration,
-            clock=clock,
-            encoder=encoder,
+            clock=experiment.plant.clock,
+            encoder=experiment.plant.encoder,
             rng=np.random.default_rng(seeds[number]),
             added_mass=added,
         )

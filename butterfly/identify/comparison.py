@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from butterfly.identify.free_run import free_run
+from butterfly.identify.free_run import FitSummary, free_run
 from butterfly.model.harmonic import quasi_linear_response
 
 if TYPE_CHECKING:
@@ -45,6 +45,11 @@ class Comparison:
     parameters: LumpedParameters
     gain_fitted: bool
     fits: NDArray[np.float64]
+
+    @property
+    def summary(self) -> FitSummary:
+        """Median, mean and worst FIT."""
+        return FitSummary.of(self.fits)
 
 
 def compare(
@@ -87,7 +92,9 @@ def best_gain(
     """Return the p4 with the highest median FIT, the other parameters held (see `compare`)."""
     unit = replace(parameters, p4=1.0)
     ratios = [
-        abs(p.gain / quasi_linear_response(unit.with_added_mass(p.added_mass), p.omega, p.amplitude))
+        abs(
+            p.gain / quasi_linear_response(unit.with_added_mass(p.added_mass), p.omega, p.amplitude)
+        )
         for p in points
     ]
     guess = float(np.median(ratios))

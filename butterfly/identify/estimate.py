@@ -21,11 +21,11 @@ UNITS = {
     "p1": "kg m²",
     "p2": "N m s/rad",
     "p3": "N m",
-    "p4": "N m per unit of input",
+    "p4": "N m/unit",
     "coulomb": "N m",
     "delay": "s",
 }
-"""Unit of each parameter."""
+"""Unit of each parameter; "unit" is the input's, V for a voltage."""
 
 CONFIDENCE = 0.95
 """Level of all intervals."""

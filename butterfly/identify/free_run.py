@@ -50,6 +50,20 @@ class FreeRun:
         )
 
 
+@dataclass(frozen=True)
+class FitSummary:
+    """Median, mean and worst FIT over a set of logs, in per cent."""
+
+    median: float
+    mean: float
+    worst: float
+
+    @classmethod
+    def of(cls, fits: NDArray[np.float64]) -> FitSummary:
+        """Summarise the (n,) FIT values of n logs."""
+        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()))
+
+
 def free_run(log: Log, parameters: LumpedParameters, equilibrium: float) -> FreeRun:
     """Simulate a log from its first sample, at rest, with the recorded input.
 
@@ -75,7 +89,9 @@ def free_run(log: Log, parameters: LumpedParameters, equilibrium: float) -> Free
         _delayed_input(log, grid, parameters.delay),
         float(log.angle[0]) - equilibrium,
     )
-    return FreeRun(log=log, simulated=equilibrium + CubicHermiteSpline(grid, angle, velocity)(log.time))
+    return FreeRun(
+        log=log, simulated=equilibrium + CubicHermiteSpline(grid, angle, velocity)(log.time)
+    )
 
 
 def _delayed_input(log: Log, grid: NDArray[np.float64], delay: float) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from scipy.stats import t as student_t
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import CONFIDENCE, PARAMETERS, ParameterEstimate
-from butterfly.identify.identifiability import SINGULAR_CONDITION, describe
+from butterfly.identify.identifiability import Conditioning, sort_by_precision
 from butterfly.model.harmonic import (
     coulomb_describing_function,
     gravity_amplitude_slope,
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.model.parameters import AddedMass
     from butterfly.signals.frequency_response import ResponsePoint
 
 METHOD = "harmonic balance"
@@ -123,14 +124,8 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
     """
     _refuse_too_few(points)
     solution = _solve(_Phasors.of(points))
-    condition, null = _conditioning(solution.rows)
-    if condition > SINGULAR_CONDITION:
-        raise IdentifiabilityError(
-            "these logs do not determine "
-            + " and ".join(PARAMETERS[k] for k in np.flatnonzero(np.abs(null) > 0.3 * np.abs(null).max()))
-            + f" separately (condition number {condition:.1e}): add frequencies on both sides of the"
-            " resonance, and a run with another known mass"
-        )
+    conditioning = Conditioning.of(solution.rows)
+    conditioning.refuse_singular()
     covariance = _cluster_covariance(solution, len(points))
     left_out = _leave_one_mass_out(points)
     reach = student_t.ppf(0.5 + CONFIDENCE / 2, max(len(points) - len(PARAMETERS), 1))
@@ -147,9 +142,13 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
         lower=lower,
         upper=upper,
         left_out=left_out,
-        condition=condition,
+        condition=conditioning.number,
         on_bound=on_bound,
-        verdict=describe(solution.values, lower, upper, condition, null, on_bound, bool(left_out)),
+        verdict=(
+            sort_by_precision(solution.values, lower, upper),
+            *conditioning.words(),
+            *_remarks(on_bound, checked=bool(left_out)),
+        ),
         resonances={},
     )
 
@@ -163,8 +162,8 @@ def _refuse_too_few(points: Sequence[ResponsePoint]) -> None:
         )
     if 2 * len(points) <= len(PARAMETERS):
         raise IdentifiabilityError(
-            f"{len(points)} logs give {2 * len(points)} equations for {len(PARAMETERS)} parameters: "
-            "add runs at other frequencies"
+            f"{len(points)} logs give {2 * len(points)} equations for {len(PARAMETERS)} "
+            "parameters: add runs at other frequencies"
         )
 
 
@@ -208,12 +207,6 @@ def _model_variance(errors: NDArray[np.float64], variance: NDArray[np.float64]) 
     return float(brentq(excess, 1e-12 * largest, largest * (1 + 1e-9), xtol=1e-9 * largest))
 
 
-def _conditioning(rows: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Condition number of the column-scaled rows, and the direction that they tell least about."""
-    _, singular, right = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), full_matrices=False)
-    return float(singular[0] / singular[-1]), right[-1]
-
-
 def _cluster_covariance(solution: _Solution, count: int) -> NDArray[np.float64]:
     scale = np.linalg.norm(solution.rows, axis=0)
     rows = (solution.rows / scale).reshape(2, count, -1).swapaxes(0, 1)
@@ -226,7 +219,7 @@ def _cluster_covariance(solution: _Solution, count: int) -> NDArray[np.float64]:
     return np.asarray(covariance / np.outer(scale, scale))
 
 
-def _leave_one_mass_out(points: Sequence[ResponsePoint]) -> dict[object, NDArray[np.float64]]:
+def _leave_one_mass_out(points: Sequence[ResponsePoint]) -> dict[AddedMass, NDArray[np.float64]]:
     left_out = {}
     for mass in sorted({p.added_mass for p in points}):
         kept = [p for p in points if p.added_mass != mass]
@@ -236,3 +229,17 @@ def _leave_one_mass_out(points: Sequence[ResponsePoint]) -> dict[object, NDArray
             continue
         left_out[mass] = _solve(_Phasors.of(kept)).values
     return left_out
+
+
+def _remarks(on_bound: Sequence[str], *, checked: bool) -> list[str]:
+    remarks = []
+    if on_bound:
+        remarks.append(
+            f"{', '.join(on_bound)} ended on the bound 0: friction that the data do not show, or "
+            "a model that misses something."
+        )
+    if not checked:
+        remarks.append(
+            "Fewer than three added masses: the intervals could not be checked by leaving one out."
+        )
+    return remarks

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import PARAMETERS
 
 if TYPE_CHECKING:
@@ -17,63 +19,61 @@ WEAK_CONDITION = 1e3
 SINGULAR_CONDITION = 1e7
 """Above this one, the regression is singular for every practical purpose."""
 
+_INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
 _PRECISE = 0.10  # half-width over value below which a parameter counts as known
 
 
-def describe(
-    values: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    condition: float,
-    null: NDArray[np.float64],
-    on_bound: tuple[str, ...],
-    checked_across_masses: bool,
-) -> tuple[str, ...]:
-    """Judge an estimate.
+@dataclass(frozen=True)
+class Conditioning:
+    """How well a regression tells its parameters apart, whatever their units.
 
     Parameters
     ----------
-    values, lower, upper
-        (6,) estimates and intervals in the order of `PARAMETERS`.
-    condition, null
-        Condition number of the column-scaled regression, and its (6,) weakest direction.
-    on_bound
-        Parameters held by a bound.
-    checked_across_masses
-        Whether the intervals hold estimates with one added mass left out.
-
-    Returns
-    -------
-    Sentences, the most important first.
+    number
+        Condition number with the columns scaled to one length.
+    weakest
+        Parameters of the combination that the data tell least about.
     """
-    sentences = [_sort_by_precision(values, lower, upper)]
-    if condition > WEAK_CONDITION:
-        involved = [PARAMETERS[k] for k in np.flatnonzero(np.abs(null) > 0.3 * np.abs(null).max())]
-        sentences.append(
-            f"{' and '.join(involved)} are known mainly in one combination (condition number "
-            f"{condition:.0f}): add a run that tells them apart."
-        )
-    else:
-        sentences.append(f"The regression is well conditioned (condition number {condition:.0f}).")
-    if on_bound:
-        sentences.append(
-            f"{', '.join(on_bound)} ended on the bound 0: friction that the data do not show, or a "
-            "model that misses something."
-        )
-    if not checked_across_masses:
-        sentences.append(
-            "Fewer than three added masses: the intervals could not be checked by leaving one out."
-        )
-    return tuple(sentences)
+
+    number: float
+    weakest: tuple[str, ...]
+
+    @classmethod
+    def of(cls, rows: NDArray[np.float64]) -> Conditioning:
+        """Judge the (m, 6) rows of a regression on `PARAMETERS`."""
+        _, singular, right = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), full_matrices=False)
+        share = np.abs(right[-1]) / np.abs(right[-1]).max()
+        weakest = tuple(np.array(PARAMETERS)[share > _INVOLVED].tolist())
+        with np.errstate(divide="ignore"):
+            return cls(number=float(singular[0] / singular[-1]), weakest=weakest)
+
+    def refuse_singular(self) -> None:
+        """Raise IdentifiabilityError if the regression is singular for every practical purpose."""
+        if self.number > SINGULAR_CONDITION:
+            raise IdentifiabilityError(
+                f"these logs do not determine {' and '.join(self.weakest)} separately (condition "
+                f"number {self.number:.1e}): add frequencies on both sides of the resonance, and "
+                "a run with another known mass"
+            )
+
+    def words(self) -> list[str]:
+        """Return the judgement in a sentence."""
+        if self.number <= WEAK_CONDITION:
+            return [f"The regression is well conditioned (condition number {self.number:.0f})."]
+        return [
+            f"{' and '.join(self.weakest)} are known mainly in one combination (condition number "
+            f"{self.number:.0f}): add a run that tells them apart."
+        ]
 
 
-def _sort_by_precision(
+def sort_by_precision(
     values: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
 ) -> str:
+    """Say which of the (6,) parameters are known well, roughly, or not from zero."""
     zero = (lower <= 0) & (upper >= 0)
     precise = ~zero & ((upper - lower) / 2 <= _PRECISE * np.abs(values))
     groups = {
-        f"known within {_PRECISE:.0%}": precise,
+        f"known within {100 * _PRECISE:.0f} %": precise,
         "known roughly": ~zero & ~precise,
         "not distinguishable from zero": zero,
     }

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from butterfly.identify.comparison import Comparison, best_gain, compare
-from butterfly.identify.free_run import FreeRun, free_run
+from butterfly.identify.free_run import FitSummary, FreeRun, free_run
 from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.thesis import DECIMATION, fit_thesis
 from butterfly.logs.health import Health, examine
@@ -20,6 +20,8 @@ from butterfly.signals.frequency_response import ResponsePoint, response_point
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.logs.log import InputKind, Log
@@ -74,9 +76,14 @@ class Identification:
     comparisons: tuple[Comparison, ...]
 
     @property
-    def fits(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """FIT of each log in per cent."""
+    def fits(self) -> NDArray[np.float64]:
+        """(n,) FIT of each log in per cent."""
         return np.array([run.fit for run in self.free_runs])
+
+    @property
+    def summary(self) -> FitSummary:
+        """Median, mean and worst FIT."""
+        return FitSummary.of(self.fits)
 
 
 def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: ARG001
@@ -152,4 +159,3 @@ def equilibrium_angles(points: Sequence[ResponsePoint]) -> dict[AddedMass, float
         mass: float(np.median([p.angle.offset for p in points if p.added_mass == mass]))
         for mass in masses
     }
-

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 METHOD = "thesis"
 
 UPPER_BOUNDS = (0.10326, 0.02, 4.08096)
-"""Upper bounds of p1, p2, p3 in (102), as computed by the script for the robot; lower ones are 0."""
+"""Upper bounds of p1, p2, p3 in (102), as the script computes them; the lower ones are 0."""
 
 DECIMATION = 25
 """Every 25th sample gives Table 4; every 5th gives what Table 5 was computed from."""
@@ -176,11 +176,12 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
 
 def _verdict(count: int, condition: float, on_bound: tuple[str, ...]) -> tuple[str, ...]:
     sentences = [
-        "p4, Coulomb friction and delay are not estimated by this method; p4 is the one with the "
-        "highest median FIT.",
-        f"{count} resonance frequencies for 3 parameters, condition number {condition:.0f}: no "
-        "statement of uncertainty can be made.",
+        "This method estimates neither Coulomb friction nor delay, nor p4: the best p4 is used.",
+        f"{count} resonance frequencies for 3 parameters (condition number {condition:.0f}) leave "
+        "no room for a statement of uncertainty.",
     ]
     if on_bound:
-        sentences.append(f"{', '.join(on_bound)} ended on a bound: the bound, not the data, set it.")
+        sentences.append(
+            f"{', '.join(on_bound)} ended on a bound: the bound, not the data, set it."
+        )
     return tuple(sentences)

@@ -9,7 +9,7 @@ import pyarrow
 from pyarrow import csv
 
 from butterfly.errors import InputError, nearest
-from butterfly.logs.log import Log
+from butterfly.logs.log import SAMPLED, Log
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,6 +37,12 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties:
     InputError
         If the file is missing or no CSV, or a mapped column is absent or not numeric.
     """
+    mapping = dict(columns or DEFAULT_COLUMNS)
+    for field in mapping:
+        if field not in SAMPLED:
+            raise InputError(path, f"columns.{field}", "an unknown field", nearest(field, SAMPLED))
+    for field in DEFAULT_COLUMNS.keys() - mapping.keys():
+        raise InputError(path, f"columns.{field}", "nothing", "the name of a column")
     try:
         table = csv.read_csv(path)
     except FileNotFoundError:
@@ -44,9 +50,7 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties:
     except (pyarrow.ArrowInvalid, OSError) as error:
         reason = " ".join(str(error).split())
         raise InputError(path, "content", f"unreadable ({reason})", "CSV with a header") from None
-    arrays = {
-        field: _numeric(path, table, name) for field, name in (columns or DEFAULT_COLUMNS).items()
-    }
+    arrays: dict[str, Any] = {field: _numeric(path, table, name) for field, name in mapping.items()}
     return Log(**arrays, source=str(path), **properties)
 
 

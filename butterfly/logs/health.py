@@ -77,15 +77,15 @@ class Health:
     def findings(self) -> list[str]:
         """The findings in words; empty for a healthy log."""
         counted = {
-            "repeated stamps": self.duplicate_stamps,
-            "backward stamps": self.backward_stamps,
-            "samples not finite": self.non_finite,
-            "samples dropped": self.dropped,
-            f"gaps bridged (longest {1e3 * self.longest_gap:.1f} ms)": self.gaps,
-            "samples with the input saturated": self.saturated,
-            "samples with the angle clipped": self.clipped,
+            "repeated stamp": self.duplicate_stamps,
+            "backward stamp": self.backward_stamps,
+            "sample not finite": self.non_finite,
+            "sample dropped": self.dropped,
+            f"gap bridged, longest {1e3 * self.longest_gap:.1f} ms": self.gaps,
+            "sample with the input saturated": self.saturated,
+            "sample with the angle clipped": self.clipped,
         }
-        return [f"{count} {what}" for what, count in counted.items() if count]
+        return [f"{count} × {what}" for what, count in counted.items() if count]
 
 
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
@@ -158,7 +158,10 @@ def _first_not_finite(log: Log, row: int) -> str:
 
 
 def _refuse_constant(log: Log) -> None:
-    for name, meaning in (("input", "an input that excites the joint"), ("angle", "a moving joint")):
+    for name, meaning in (
+        ("input", "an input that excites the joint"),
+        ("angle", "a moving joint"),
+    ):
         column = log.columns()[name]
         if np.ptp(column) == 0.0:
             raise InputError(log.source, name, f"a constant {column[0]:g}", meaning)
@@ -172,7 +175,7 @@ def _flat_runs(values: NDArray[np.float64], level: float) -> list[tuple[int, int
 
 
 def _saturated(values: NDArray[np.float64]) -> int:
-    """Samples in flat runs at either extreme of a signal that is not a switched one."""
+    """Count samples in flat runs at either extreme of a signal that is not a switched one."""
     extremes = (values.min(), values.max())
     if np.isin(values, extremes).mean() > 0.5:  # noqa: PLR2004 - a switched input lives on its extremes
         return 0
@@ -180,7 +183,7 @@ def _saturated(values: NDArray[np.float64]) -> int:
 
 
 def _clipped(angle: NDArray[np.float64]) -> int:
-    """Samples in flat runs at either extreme that the angle enters and leaves at speed.
+    """Count samples in flat runs at either extreme that the angle enters and leaves at speed.
 
     A smooth peak that shows as a flat top of L samples on an encoder of step d is a parabola: L
     samples outside that top it has fallen by about 8 d. A clipped one falls in a straight line.

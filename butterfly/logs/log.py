@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
+
+
+SAMPLED = ("time", "input", "angle", "velocity")
+"""The sampled columns of a log; the last may be missing."""
 
 
 class InputKind(StrEnum):
@@ -76,7 +80,7 @@ class Log:
     velocity: NDArray[np.float64] | None = None
     input_kind: InputKind
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
-    added_mass: AddedMass = AddedMass()
+    added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
     source: str = "log"
 
@@ -90,7 +94,7 @@ class Log:
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """Return the sampled columns that this log has, by name."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)[:4]}
+        values = {name: getattr(self, name) for name in SAMPLED}
         return {name: np.asarray(value) for name, value in values.items() if value is not None}
 
     def take(self, rows: NDArray[np.bool_]) -> Log:

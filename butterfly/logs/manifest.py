@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import yaml
 from pydantic import Field
@@ -81,7 +81,7 @@ class Manifest(StrictModel):
     input: InputKind
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     arm: Annotated[float, Field(ge=0)]
-    columns: dict[Literal["time", "input", "angle", "velocity"], str] | None = None
+    columns: dict[str, str] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
     logs: Annotated[list[LogEntry], Field(min_length=1)]
 
@@ -204,7 +204,10 @@ def _expand_root(manifest_path: Path, root: str) -> Path:
     def expand(match: re.Match[str]) -> str:
         if match[1] not in os.environ:
             raise InputError(
-                manifest_path, "root", root, f"${match[1]} to name the folder of the logs (or --root)"
+                manifest_path,
+                "root",
+                root,
+                f"${match[1]} to name the folder of the logs (or --root)",
             )
         return os.environ[match[1]]
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zlib import error as ZlibError  # noqa: N812 - an exception class by its nature
 
 import numpy as np
@@ -12,10 +11,10 @@ from scipy.io.matlab import MatReadError
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.log import Log
+from butterfly.logs.log import SAMPLED, Log
 
-COLUMNS = ("time", "input", "angle", "velocity")
-"""Columns of ``D``; the last may be missing."""
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def read_mat(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fields of Log that a file cannot know
@@ -35,7 +34,7 @@ def read_mat(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fields
         matrix of three or four columns.
     """
     matrix = _load_matrix(path)
-    columns = dict(zip(COLUMNS, np.ascontiguousarray(matrix.T, dtype=np.float64), strict=False))
+    columns = dict(zip(SAMPLED, np.ascontiguousarray(matrix.T, dtype=np.float64), strict=False))
     return Log(**columns, source=str(path), **properties)
 
 
@@ -63,7 +62,9 @@ def _load_matrix(path: Path) -> np.ndarray[Any, Any]:
     if matrix is None:
         raise InputError(path, "D", "no such variable", "a matrix D with columns t, u, q[, dq]")
     if matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
-        raise InputError(path, "D", f"shape {matrix.shape}", "shape (n, 3) or (n, 4): t, u, q[, dq]")
+        raise InputError(
+            path, "D", f"shape {matrix.shape}", "shape (n, 3) or (n, 4): t, u, q[, dq]"
+        )
     if matrix.dtype.kind not in "fiu":
         raise InputError(path, "D", f"type {matrix.dtype}", "real numbers")
     return np.asarray(matrix)

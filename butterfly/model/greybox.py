@@ -46,27 +46,25 @@ def simulate(
         (n,) each, in rad and rad/s.
     """
     p = parameters
-    return _integrate(
-        time, p.p4 * inputs, angle, velocity, p.p1, p.p2, p.p3, p.coulomb
-    )  # type: ignore[no-any-return]
+    return _integrate(time, p.p4 * inputs, angle, velocity, p.p1, p.p2, p.p3, p.coulomb)
 
 
 @numba.njit(cache=True)
-def _acceleration(x, v, torque, sign, p1, p2, p3, coulomb):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, PLR0917
+def _acceleration(x, v, torque, sign, p1, p2, p3, coulomb):
     return (torque - p2 * v - p3 * np.sin(x) - sign * coulomb) / p1
 
 
 @numba.njit(cache=True)
-def _torque_at(torques, fraction):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Quadratic through the torques at fractions 0, 1/2 and 1 of the interval."""
+def _torque_at(torques, fraction):
+    """Evaluate the quadratic through the torques at fractions 0, 1/2 and 1 of the interval."""
     start, middle, end = torques
     bend = 2.0 * (start - 2.0 * middle + end)
     return start + fraction * (end - start - bend + bend * fraction)
 
 
 @numba.njit(cache=True)
-def _rk4(x, v, torques, begin, share, h, sign, p1, p2, p3, coulomb):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, PLR0917
-    """One RK4 step over ``share`` of the interval h, from fraction ``begin``, sliding in ``sign``."""
+def _rk4(x, v, torques, begin, share, h, sign, p1, p2, p3, coulomb):
+    """Take one RK4 step over ``share`` of the interval h, sliding in the direction ``sign``."""
     dt = share * h
     t0 = _torque_at(torques, begin)
     t1 = _torque_at(torques, begin + 0.5 * share)
@@ -84,8 +82,8 @@ def _rk4(x, v, torques, begin, share, h, sign, p1, p2, p3, coulomb):  # type: ig
 
 
 @numba.njit(cache=True)
-def _advance(x, v, torques, h, p1, p2, p3, coulomb):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, PLR0917
-    """State at the end of one interval, split at each reversal of the velocity."""
+def _advance(x, v, torques, h, p1, p2, p3, coulomb):
+    """Return the state at the end of one interval, split at each reversal of the velocity."""
     begin = 0.0
     for _ in range(_MAX_REVERSALS):
         share = 1.0 - begin
@@ -111,7 +109,7 @@ def _advance(x, v, torques, h, p1, p2, p3, coulomb):  # type: ignore[no-untyped-
 
 
 @numba.njit(cache=True)
-def _integrate(time, torques, x, v, p1, p2, p3, coulomb):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, PLR0917
+def _integrate(time, torques, x, v, p1, p2, p3, coulomb):
     n = time.size
     angle = np.empty(n)
     velocity = np.empty(n)

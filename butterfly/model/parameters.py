@@ -154,6 +154,10 @@ class AddedMass:
         return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"
 
 
+NO_ADDED_MASS = AddedMass()
+"""The bare hand."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class LumpedParameters:
     """The grey-box model p1 thdd + p2 thd + p3 sin th + T_c sgn thd = p4 v(t - delay).

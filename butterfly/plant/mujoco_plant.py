@@ -10,7 +10,7 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.model.parameters import AddedMass, VoltageDrive
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
 from butterfly.plant.mjcf import Robot, compile_model, mount
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class MujocoPlant:
         clock: Clock,
         encoder: Encoder,
         rng: np.random.Generator,
-        added_mass: AddedMass | None = None,
+        added_mass: AddedMass = NO_ADDED_MASS,
     ) -> Log:
         """Start at rest, hanging down, and apply a sine through a zero-order hold.
 
@@ -59,7 +59,7 @@ class MujocoPlant:
         rng
             Source of everything random.
         added_mass
-            None leaves the hand bare.
+            What the hand carries.
 
         Raises
         ------
@@ -68,7 +68,6 @@ class MujocoPlant:
         """
         if not (math.isfinite(duration) and duration > 0):
             raise InputError("experiment", "duration", duration, "a finite positive number of s")
-        added_mass = added_mass or AddedMass()
         mount(self._model, added_mass)
         time = clock.stamps(duration, rng)
         inputs = excitation.amplitude * np.sin(excitation.omega * time)

@@ -78,11 +78,15 @@ def response_point(log: Log, seconds: float = STEADY_SECONDS) -> ResponsePoint:
     explained = 1.0 - (command.residual_rms / spread) ** 2 if spread > 0 else 0.0
     if explained < MIN_COHERENCE:
         raise InputError(
-            log.source, "input", f"a signal of which {explained:.0%} is at {omega:g} rad/s",
+            log.source,
+            "input",
+            f"a signal of which {explained:.0%} is at {omega:g} rad/s",
             f"a sine of {omega:g} rad/s",
         )
     middle = time.size // 2
-    halves = [fit_sine(time[s], angle[s], omega).amplitude for s in (slice(middle), slice(middle, None))]
+    halves = [
+        fit_sine(time[s], angle[s], omega).amplitude for s in (slice(middle), slice(middle, None))
+    ]
     response = fit_sine(time, angle, omega)
     return ResponsePoint(
         added_mass=log.added_mass,

@@ -29,5 +29,5 @@ def periodogram(
     """
     n = values.size
     spectrum = np.fft.rfft(values)[1 : n // 2 + 1] / np.sqrt(n)
-    omega = 2 * np.pi * np.arange(1, n // 2 + 1) / (n * step)
-    return omega, np.abs(spectrum) ** 2
+    omega = 2 * np.pi / (n * step) * np.arange(1, n // 2 + 1, dtype=np.float64)
+    return np.asarray(omega, dtype=np.float64), np.asarray(np.abs(spectrum) ** 2, dtype=np.float64)

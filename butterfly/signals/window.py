@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from butterfly.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
@@ -48,6 +49,9 @@ def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> ND
     periods = math.floor(min(seconds, available) / period)
     if periods < MIN_PERIODS:
         raise InputError(
-            log.source, "time", f"{available:.3g} s", f"at least {MIN_PERIODS} periods of {period:.3g} s"
+            log.source,
+            "time",
+            f"{available:.3g} s",
+            f"at least {MIN_PERIODS} periods of {period:.3g} s",
         )
-    return log.time > log.time[-1] - periods * period
+    return np.asarray(log.time > log.time[-1] - periods * period)

@@ -1,0 +1,48 @@
+# Every target sets up the virtual environment it needs. Python 3.11 or newer as PYTHON.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test lint types bench wheel clean
+
+demo: $(VENV)/.runtime
+	$(BIN)/butterfly run experiments/quickstart.yaml
+
+test: $(VENV)/.development
+	$(BIN)/pytest -n auto --ignore=tests/benchmarks
+
+lint: $(VENV)/.development
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+
+types: $(VENV)/.development
+	$(BIN)/mypy
+
+bench: $(VENV)/.development
+	$(BIN)/pytest tests/benchmarks -s
+
+# Build the wheel, install it into an empty environment, and use it from outside the checkout.
+wheel:
+	rm -rf dist build/wheel
+	$(PYTHON) -m pip wheel --quiet --no-deps --wheel-dir dist .
+	$(PYTHON) -m venv build/wheel
+	build/wheel/bin/pip install --quiet dist/*.whl
+	mkdir -p build/elsewhere
+	cd build/elsewhere && ../wheel/bin/butterfly --version
+	cd build/elsewhere && ../wheel/bin/butterfly run experiments/quickstart.yaml --out run
+
+clean:
+	rm -rf $(VENV) build dist results
+
+$(VENV)/bin/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.11 ...")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.runtime: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/pip install --quiet --editable .
+	touch $@
+
+$(VENV)/.development: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/pip install --quiet --editable '.[dev]'
+	touch $(VENV)/.runtime $@

@@ -1,0 +1,288 @@
+"""The commands; the work is done elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import track
+
+from butterfly import __version__
+from butterfly.console import show_identification, show_pairs
+from butterfly.errors import ButterflyError, InputError, nearest
+from butterfly.experiment import runner
+from butterfly.experiment.schema import read_experiment
+from butterfly.identify.identification import Method, identify
+from butterfly.identify.thesis import DECIMATION
+from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
+from butterfly.logs.log import InputKind, Intersample
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    Manifest,
+    manifest_from_names,
+    read_log,
+    read_manifest,
+    write_manifest,
+)
+from butterfly.model.parameters import LumpedParameters
+from butterfly.report.identification import write_report
+from butterfly.report.inspection import health_rows, write_inspection
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_T = TypeVar("_T")
+
+EXIT_BAD_INPUT = 2
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    help="Simulate and identify the Butterfly robot's hand: MuJoCo, grey-box model, real logs.",
+    epilog="Start with: `butterfly run quickstart`",
+)
+_console = Console()
+if not _console.is_terminal:
+    _console.width = 110  # a pipe has no width of its own, and folded numbers cannot be read back
+
+ArmOption = Annotated[
+    float | None,
+    typer.Option(
+        help="Pivot to added mass in m, for a folder without manifest.", show_default=False
+    ),
+]
+InputOption = Annotated[
+    InputKind,
+    typer.Option("--input", help="What the logs' input commands, for a folder without manifest."),
+]
+HoldOption = Annotated[
+    Intersample,
+    typer.Option(
+        "--hold", help="How the input is held between samples, for a folder without manifest."
+    ),
+]
+ReportOption = Annotated[
+    Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
+]
+
+
+def _track(items: Iterable[_T], description: str) -> Iterable[_T]:
+    """Show a progress bar on terminals; elsewhere it would only litter the output."""
+    return track(
+        items, description, console=_console, transient=True, disable=not _console.is_terminal
+    )
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"butterfly {__version__}")
+        raise typer.Exit
+
+
+@app.command("identify")
+def identify_command(
+    *,
+    data: Annotated[Path, typer.Argument(help="A data-set manifest (YAML), or a folder of logs.")],
+    method: Annotated[
+        Method,
+        typer.Option(
+            help="harmonic-balance: joint fit over all added masses. "
+            "thesis: resonances (100) and (102), slips included."
+        ),
+    ] = Method.HARMONIC_BALANCE,
+    report: ReportOption = None,
+    root: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the logs, if not the one the manifest names.", show_default=False
+        ),
+    ] = None,
+    arm: ArmOption = None,
+    input_kind: InputOption = InputKind.VOLTAGE,
+    hold: HoldOption = Intersample.ZERO_ORDER_HOLD,
+    against: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Other parameters to simulate the same logs with: p1=…,p2=…,p3=… and, if wanted, "
+            "p4=…,coulomb=…,delay=…; without p4 the best one is used. May be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    decimation: Annotated[
+        int, typer.Option(min=1, help="Every how-manieth sample the thesis's method uses.")
+    ] = DECIMATION,
+) -> None:
+    """Identify the robot from a data set of sine logs.
+
+    Prints the parameters with standard errors and intervals, how far to trust them, and how well
+    a free-run simulation with them follows every log (FIT). A folder without manifest.yaml needs
+    --arm, and files named like Data_120_5__3_5__0015.mat (120.5 g, 3.5 rad/s, amplitude 0.015).
+
+    Try `butterfly identify results/quickstart` after `butterfly run quickstart`, or
+    `butterfly identify real-logs --root LOGS --report report.html`.
+    """
+    manifest = _manifest(data, root, arm, input_kind, hold)
+    others = {text: _parse_parameters(text) for text in against or []}
+    result = identify(manifest, method, decimation=decimation, against=others, track=_track)
+    show_identification(_console, result)
+    if report is not None:
+        write_report(result, report)
+        typer.echo(f"Report: {report}")
+
+
+@app.command("simulate")
+def simulate_command(
+    experiment: Annotated[
+        Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the logs and their manifest.")],
+) -> None:
+    """Simulate an experiment in MuJoCo and write its logs.
+
+    The logs have the form of the real ones (.mat with a matrix D of columns t, u, q, dq), so that
+    `butterfly identify OUT` treats them alike.
+    """
+    manifest = runner.simulate(read_experiment(locate(experiment)), out, _track)
+    typer.echo(f"Logs: {manifest}")
+
+
+@app.command("run")
+def run_command(
+    experiment: Annotated[
+        Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for logs and report; results/NAME if not given.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Simulate an experiment, identify the robot from its logs, and write a report.
+
+    Prints the true parameters beside the estimated ones.
+
+    Example: `butterfly run experiments/quickstart.yaml`
+    """
+    plan = read_experiment(locate(experiment))
+    folder = out or Path("results") / plan.name
+    result = runner.run(plan, folder, _track)
+    truth = plan.plant.robot.lumped
+    show_identification(_console, result, truth)
+    report = folder / "report.html"
+    write_report(result, report, truth)
+    typer.echo(f"Report: {report}")
+
+
+@app.command("inspect")
+def inspect_command(
+    log: Annotated[Path, typer.Argument(help="A log: .mat with a matrix D, or .csv.")],
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="Columns of a .csv file, as time=NAME,input=NAME,angle=NAME.", show_default=False
+        ),
+    ] = None,
+    repair: Annotated[
+        list[Repair] | None,
+        typer.Option(
+            help="Fault to repair by dropping samples; may be repeated.", show_default=False
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Write a plot (HTML) to this file.", show_default=False)
+    ] = None,
+) -> None:
+    """Check one log: clock, gaps, saturation, clipping, and the dominant frequency.
+
+    Example: `butterfly inspect Data_52__8__002.mat --plot log.html`
+    """
+    pairs = None if columns is None else _parse_pairs(columns, "--columns")
+    recorded = read_log(log, pairs, input_kind=InputKind.VOLTAGE)
+    clean, health = examine(recorded, DEFAULT_REPAIRS | frozenset(repair or ()))
+    typer.echo(log)
+    show_pairs(_console, health_rows(clean, health))
+    if plot is not None:
+        write_inspection(clean, health, plot)
+        typer.echo(f"Plot: {plot}")
+
+
+@app.command("manifest")
+def manifest_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of logs named like Data_52__8__002.mat.")],
+    arm: Annotated[float, typer.Option(help="Pivot to added mass in m.")],
+    input_kind: InputOption = InputKind.VOLTAGE,
+    hold: HoldOption = Intersample.ZERO_ORDER_HOLD,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Manifest to write; FOLDER/manifest.yaml if not given.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Generate a data-set manifest from the names of the log files, to edit and keep."""
+    path = out or folder / MANIFEST_NAME
+    manifest = manifest_from_names(folder, arm=arm, input_kind=input_kind, intersample=hold)
+    if out is None:
+        manifest = manifest.model_copy(update={"root": "."})
+    write_manifest(manifest, path)
+    typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")
+
+
+def main() -> None:
+    """Run the command line; bad input ends in one line on stderr and exit code 2."""
+    try:
+        app()
+    except ButterflyError as error:
+        typer.secho(f"error: {' '.join(str(error).split())}", fg="red", err=True)
+        sys.exit(EXIT_BAD_INPUT)
+
+
+def _manifest(
+    data: Path, root: Path | None, arm: float | None, input_kind: InputKind, hold: Intersample
+) -> Manifest:
+    path = locate(data)
+    if path.is_file():
+        return read_manifest(path, root)
+    if (path / MANIFEST_NAME).exists():
+        return read_manifest(path / MANIFEST_NAME, root)
+    if arm is None:
+        raise InputError(
+            path,
+            MANIFEST_NAME,
+            "no such file",
+            "a manifest, or --arm and files named by the pattern",
+        )
+    return manifest_from_names(path, arm=arm, input_kind=input_kind, intersample=hold)
+
+
+def _parse_pairs(text: str, option: str) -> dict[str, str]:
+    pairs = [item.split("=", 1) for item in text.split(",")]
+    if any(len(pair) != 2 for pair in pairs):  # noqa: PLR2004 - a name and a value
+        raise InputError(option, "value", text, "NAME=VALUE, separated by commas")
+    return {key.strip(): value.strip() for key, value in pairs}
+
+
+def _parse_parameters(text: str) -> LumpedParameters:
+    known = LumpedParameters.__dataclass_fields__
+    values: dict[str, Any] = {"p4": float("nan")}
+    for key, value in _parse_pairs(text, "--against").items():
+        if key not in known:
+            raise InputError("--against", key, "an unknown parameter", nearest(key, known))
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise InputError("--against", key, value, "a number") from None
+    missing = {"p1", "p2", "p3"} - values.keys()
+    if missing:
+        raise InputError("--against", min(missing), "nothing", "a value")
+    return LumpedParameters(**values)

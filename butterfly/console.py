@@ -1,0 +1,67 @@
+"""What the commands print."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from butterfly.report.identification import parameter_rows, summary
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rich.console import Console
+
+    from butterfly.identify.identification import Identification
+    from butterfly.model.parameters import LumpedParameters
+
+
+def show_pairs(console: Console, pairs: Iterable[tuple[str, str]]) -> None:
+    """Print names and texts as a table without header."""
+    table = Table(show_header=False, box=SIMPLE_HEAD)
+    for name, text in pairs:
+        table.add_row(name, text)
+    console.print(table)
+
+
+def show_identification(
+    console: Console, result: Identification, truth: LumpedParameters | None = None
+) -> None:
+    """Print parameters, beside the true ones if known, verdict, and FIT against other parameters."""
+    table = Table(title=f"{result.name}: {result.estimate.method}", box=SIMPLE_HEAD)
+    headers = ["", "estimate", "std error", "95 % interval", "one mass left out", "unit"]
+    if truth is not None:
+        headers[1:1] = ["true", "deviation"]
+    for index, header in enumerate(headers):
+        table.add_column(
+            header, justify="left" if index in {0, len(headers) - 1} else "right", overflow="fold"
+        )
+    for row in parameter_rows(result, truth):
+        known = [row.true, row.deviation] if truth is not None else []
+        table.add_row(
+            row.symbol, *known, row.value, row.error, row.interval, row.left_out, row.unit
+        )
+    console.print(table)
+    for mass, omega in result.estimate.resonances.items():
+        typer.echo(f"Resonance by (100) with {mass}: {omega:.4f} rad/s")
+    for sentence in summary(result):
+        typer.echo(sentence)
+    if result.comparisons:
+        console.print(_comparison_table(result))
+
+
+def _comparison_table(result: Identification) -> Table:
+    table = Table(title="FIT in % on the same logs", box=SIMPLE_HEAD)
+    table.add_column("parameters")
+    for header in ("median", "mean", "worst"):
+        table.add_column(header, justify="right")
+    rows = [(f"{result.estimate.method}, this identification", result.summary)]
+    for other in result.comparisons:
+        gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
+        rows.append((other.name + gain, other.summary))
+    for name, fit in rows:
+        table.add_row(name, f"{fit.median:.1f}", f"{fit.mean:.1f}", f"{fit.worst:.1f}")
+    return table

@@ -1,0 +1,144 @@
+"""The identification report: one HTML file that opens offline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from plotly.offline import get_plotlyjs
+
+from butterfly import __version__
+from butterfly.files import replacing
+from butterfly.identify.estimate import PARAMETERS, UNITS
+from butterfly.model.harmonic import resonance_frequency
+from butterfly.report.figures import frequency_response_figure, time_figure
+from butterfly.report.format import interval, with_error
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from butterfly.identify.identification import Identification
+    from butterfly.model.parameters import LumpedParameters
+
+SYMBOLS = dict(zip(PARAMETERS, ("p₁", "p₂", "p₃", "p₄", "T_c", "delay"), strict=True))
+"""How each parameter is printed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRow:
+    """One line of the table of parameters, as text; empty where there is nothing to say."""
+
+    symbol: str
+    unit: str
+    value: str
+    error: str
+    interval: str
+    left_out: str
+    true: str
+    deviation: str
+
+
+def parameter_rows(
+    identification: Identification, truth: LumpedParameters | None = None
+) -> list[ParameterRow]:
+    """Tabulate the estimate, beside the true parameters if they are known."""
+    estimate = identification.estimate
+    errors = estimate.standard_errors
+    rows = []
+    for k, name in enumerate(PARAMETERS):
+        value, error = float(estimate.values[k]), float(errors[k])
+        others = [float(values[k]) for values in estimate.left_out.values()]
+        true = None if truth is None else float(getattr(truth, name))
+        rows.append(
+            ParameterRow(
+                symbol=SYMBOLS[name],
+                unit=UNITS[name].replace("unit", _input_unit(identification)),
+                value=with_error(value, error),
+                error=f"{error:#.2g}" if np.isfinite(error) else "–",
+                interval=interval(estimate.lower[k], estimate.upper[k], error),
+                left_out=interval(min(others), max(others), error) if others else "–",
+                true="" if true is None else f"{true:.5g}",
+                deviation=f"{100 * (value / true - 1):+.2f} %" if true else "",
+            )
+        )
+    return rows
+
+
+def summary(identification: Identification) -> list[str]:
+    """Say in plain words what was found."""
+    fit, masses = identification.summary, identification.equilibria
+    flagged = sum(bool(health.findings) for health in identification.health)
+    voltage = identification.input_kind == "voltage"
+    return [
+        f"{len(identification.logs)} logs with {len(masses)} added masses, driven by "
+        f"{'voltage' if voltage else 'torque command'}, "
+        f"method: {identification.estimate.method}.",
+        f"Simulated from the first sample on with the recorded input alone, the model follows "
+        f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
+        f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        *identification.estimate.verdict,
+        f"{flagged} of {len(identification.logs)} logs have findings in their health record.",
+    ]
+
+
+def write_report(
+    identification: Identification, path: Path, truth: LumpedParameters | None = None
+) -> None:
+    """Write the report of an identification as one HTML file.
+
+    Parameters
+    ----------
+    identification
+        The result.
+    path
+        The file; its folder is made if need be.
+    truth
+        True parameters, where they are known.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    environment = Environment(
+        loader=PackageLoader("butterfly.report"),
+        autoescape=select_autoescape(default=True),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    parameters = identification.estimate.parameters
+    runs = identification.free_runs
+    page = environment.get_template("identification.html.j2").render(
+        name=identification.name,
+        description=identification.description,
+        version=__version__,
+        summary=summary(identification),
+        parameters=parameter_rows(identification, truth),
+        with_truth=truth is not None,
+        resonances=[
+            {
+                "mass": str(mass),
+                "linearised": f"{resonance_frequency(parameters.with_added_mass(mass)):.4f}",
+                "thesis": f"{identification.estimate.resonances.get(mass, np.nan):.4f}",
+                "equilibrium": f"{angle:.4f}",
+            }
+            for mass, angle in identification.equilibria.items()
+        ],
+        with_thesis=bool(identification.estimate.resonances),
+        comparisons=identification.comparisons,
+        fit=identification.summary,
+        logs=list(zip(identification.points, identification.health, runs, strict=True)),
+        first=int(np.argsort(identification.fits)[len(runs) // 2]),
+        plotly=get_plotlyjs(),
+        response=frequency_response_figure(identification).to_json(),
+        series=[time_figure(run).to_json() for run in runs],
+    )
+    with replacing(path) as draft:
+        draft.write_text(page, encoding="utf-8")
+
+
+def _input_unit(identification: Identification) -> str:
+    return "V" if identification.input_kind == "voltage" else "unit"
