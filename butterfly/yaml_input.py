@@ -13,6 +13,8 @@ from butterfly.errors import InputError, nearest
 if TYPE_CHECKING:
     from pathlib import Path
 
+_UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
+
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -67,10 +69,11 @@ def _load(path: Path) -> object:
 
 
 def _translate(source: object, schema: type[BaseModel], error: ValidationError) -> InputError:
-    first = error.errors()[0]
+    unknown = [e for e in error.errors() if e["type"] in _UNKNOWN_KEY]
+    first = (unknown or error.errors())[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
     field = ".".join(location) or "content"
-    if first["type"] in {"extra_forbidden", "unexpected_keyword_argument"}:
+    if unknown:
         names = _fields_at(schema, location[:-1])
         return InputError(source, field, "an unknown key", nearest(location[-1], names))
     if first["type"] == "missing":

@@ -111,7 +111,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     repeated[1:] = sound.time[1:] == latest[:-1]
     backward = np.zeros(sound.time.size, dtype=np.bool_)
     backward[1:] = sound.time[1:] < latest[:-1]
-    if sound.time.size and not np.any(sound.time > sound.time[0]):
+    if np.ptp(sound.time) == 0.0:
         raise InputError(log.source, "time", "a clock that never advances", "increasing stamps")
     _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, "stamps in ascending order")
     _refuse_unless_allowed(log, repeated, Repair.DUPLICATE, repairs, "stamps that differ")

@@ -191,10 +191,11 @@ def read_log(path: Path, columns: Mapping[str, str] | None = None, **properties:
     InputError
         If the file cannot be read, or its ending is neither .mat nor .csv.
     """
-    if path.suffix.lower() == ".csv":
-        return read_csv(path, columns, **properties)
-    if path.suffix.lower() == ".mat" or not path.exists():
-        return read_mat(path, **properties)
+    match path.suffix.lower():
+        case ".csv":
+            return read_csv(path, columns, **properties)
+        case ".mat":
+            return read_mat(path, **properties)
     raise InputError(path, "file name", path.suffix or "no ending", ".mat or .csv")
 
 

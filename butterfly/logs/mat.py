@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
-from zlib import error as ZlibError  # noqa: N812 - an exception class by its nature
 
 import numpy as np
 from scipy.io import loadmat, savemat
-from scipy.io.matlab import MatReadError
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
@@ -46,17 +44,15 @@ def write_mat(log: Log, path: Path) -> None:
 
 
 def _load_matrix(path: Path) -> np.ndarray[Any, Any]:
+    if not path.is_file():
+        raise InputError(path, "path", "no such file", "an existing .mat file")
     try:
         matrix = loadmat(path, variable_names=["D"]).get("D")
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing .mat file") from None
-    except IsADirectoryError:
-        raise InputError(path, "path", "a folder", "a .mat file") from None
     except NotImplementedError:
         raise InputError(
             path, "content", "MATLAB v7.3 (HDF5)", "MATLAB v7 or older: save it with '-v7'"
         ) from None
-    except (ValueError, TypeError, OSError, MatReadError, ZlibError, EOFError) as error:
+    except Exception as error:  # scipy's reader meets corrupt bytes with whatever they lead to
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
     if matrix is None:

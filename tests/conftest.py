@@ -1,0 +1,58 @@
+"""Data that several tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from butterfly.identify.identification import identify
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
+from butterfly.logs.manifest import read_manifest
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.resources import shipped
+
+_CHECKOUT = Path(__file__).parents[1]
+
+ROBOT = LumpedParameters(p1=0.00325, p2=0.00145, p3=0.04905, p4=0.025, coulomb=3e-4, delay=0.002)
+MASSES = (AddedMass(), AddedMass(mass=0.05, arm=0.104), AddedMass(mass=0.12, arm=0.104))
+
+
+@pytest.fixture(scope="session")
+def logs_folder() -> Path:
+    """The thesis's 41 logs, wherever they are."""
+    named = os.environ.get("BUTTERFLY_LOGS")
+    folder = Path(named) if named else _CHECKOUT.parent / "shared/data/butterfly_logs"
+    if not folder.is_dir():
+        pytest.skip(f"the real logs are not there: no folder {folder} (set BUTTERFLY_LOGS)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def real_manifest(logs_folder):
+    return read_manifest(shipped("experiments/real-logs.yaml"), logs_folder)
+
+
+@pytest.fixture(scope="session")
+def real(real_manifest):
+    """The default identification of the real logs."""
+    return identify(real_manifest)
+
+
+@pytest.fixture
+def sine_log() -> Log:
+    """A healthy 40 s log at 1 kHz of a joint that follows 5 rad/s with some lag."""
+    time = np.arange(40_000) * 1e-3
+    return Log(
+        time=time,
+        input=0.2 * np.sin(5 * time),
+        angle=0.1 * np.sin(5 * time - 0.4),
+        velocity=0.5 * np.cos(5 * time - 0.4),
+        input_kind=InputKind.VOLTAGE,
+        intersample=Intersample.FIRST_ORDER_HOLD,
+        added_mass=MASSES[1],
+        excitation=Sine(omega=5.0, amplitude=0.2),
+        source="sine",
+    )

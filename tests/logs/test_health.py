@@ -1,0 +1,114 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.io import loadmat
+
+from butterfly.errors import InputError
+from butterfly.logs.health import Repair, examine
+
+ALL = frozenset(Repair)
+
+
+def _disturbed(log, **columns):
+    return replace(log, **columns)
+
+
+def test_a_healthy_log_passes_unchanged(sine_log):
+    clean, health = examine(sine_log)
+    assert health.findings == []
+    assert health.dropped == 0
+    np.testing.assert_array_equal(clean.angle, sine_log.angle)
+    assert health.step == pytest.approx(1e-3)
+    assert health.jitter == pytest.approx(0, abs=1e-12)
+
+
+@settings(deadline=None, suppress_health_check=["function_scoped_fixture"])
+@given(rows=st.sets(st.integers(1, 39_998), max_size=20))
+def test_each_repeated_stamp_is_dropped_and_counted(sine_log, rows):
+    time = sine_log.time.copy()
+    isolated = sorted(r for r in rows if r - 1 not in rows)
+    time[isolated] = time[[r - 1 for r in isolated]]
+    clean, health = examine(_disturbed(sine_log, time=time))
+    assert health.duplicate_stamps == health.dropped == len(isolated)
+    assert clean.time.size == time.size - len(isolated)
+    assert np.all(np.diff(clean.time) > 0)
+
+
+def test_a_backward_stamp_is_refused_unless_allowed_and_then_counted(sine_log):
+    time = sine_log.time.copy()
+    time[100:103] -= 0.0105
+    with pytest.raises(InputError, match="time: got .* at sample 100 .3 such samples"):
+        examine(_disturbed(sine_log, time=time))
+    clean, health = examine(_disturbed(sine_log, time=time), ALL)
+    assert (health.backward_stamps, health.dropped) == (3, 3)
+    assert np.all(np.diff(clean.time) > 0)
+
+
+@pytest.mark.parametrize("name", ["time", "input", "angle", "velocity"])
+def test_a_value_that_is_no_number_is_refused_by_column_and_sample(sine_log, name):
+    column = getattr(sine_log, name).copy()
+    column[[70, 90]] = np.nan
+    with pytest.raises(InputError, match=f"{name}: got nan at sample 70 .2 such samples"):
+        examine(_disturbed(sine_log, **{name: column}))
+    clean, health = examine(_disturbed(sine_log, **{name: column}), ALL)
+    assert (health.non_finite, health.dropped) == (2, 2)
+    assert all(np.isfinite(values).all() for values in clean.columns().values())
+
+
+def test_gaps_are_counted_and_measured(sine_log):
+    keep = np.ones(sine_log.time.size, dtype=bool)
+    keep[500:512] = keep[9000:9005] = False
+    _, health = examine(sine_log.take(keep))
+    assert health.gaps == 2
+    assert health.longest_gap == pytest.approx(0.013)
+
+
+def test_jitter_is_the_rms_of_what_was_put_in(sine_log):
+    steps = 1e-3 + 1e-4 * np.random.default_rng(1).standard_normal(sine_log.time.size)
+    _, health = examine(_disturbed(sine_log, time=np.cumsum(steps)))
+    assert health.jitter == pytest.approx(1e-4, rel=0.02)
+
+
+def test_a_saturated_input_is_counted(sine_log):
+    clipped = np.clip(sine_log.input, -0.15, 0.15)
+    _, health = examine(_disturbed(sine_log, input=clipped))
+    assert health.saturated == np.sum(np.abs(clipped) == 0.15)
+
+
+def test_a_switched_input_is_not_called_saturated(sine_log):
+    _, health = examine(_disturbed(sine_log, input=np.sign(np.sin(3 * sine_log.time + 0.1))))
+    assert health.saturated == 0
+
+
+@pytest.mark.parametrize("encoder_step", [1.9e-4, 2e-3])
+def test_a_clipped_encoder_is_counted_and_a_coarse_one_is_not(sine_log, encoder_step):
+    angle = np.round(sine_log.angle / encoder_step) * encoder_step
+    assert examine(_disturbed(sine_log, angle=angle))[1].clipped == 0
+    limit = np.round(0.06 / encoder_step) * encoder_step
+    _, health = examine(_disturbed(sine_log, angle=np.minimum(angle, limit)))
+    assert health.clipped > 0.9 * np.sum(angle >= limit)
+
+
+@pytest.mark.parametrize(("name", "what"), [("input", "excites"), ("angle", "moving")])
+def test_a_constant_column_is_refused(sine_log, name, what):
+    with pytest.raises(InputError, match=what):
+        examine(_disturbed(sine_log, **{name: np.full(sine_log.time.size, 0.3)}))
+
+
+def test_a_stopped_clock_is_refused(sine_log):
+    with pytest.raises(InputError, match="never advances"):
+        examine(_disturbed(sine_log, time=np.full(sine_log.time.size, 2.0)), ALL)
+
+
+def test_the_real_logs_have_the_known_faults_and_no_others(real):
+    for log, health in zip(real.logs, real.health, strict=True):
+        stamps = loadmat(log.source)["D"][:, 0]
+        assert health.duplicate_stamps == np.sum(np.diff(stamps) == 0)
+    assert max(health.longest_gap for health in real.health) == pytest.approx(0.0129, abs=1e-4)
+    for health in real.health:
+        assert health.duplicate_stamps <= 5
+        assert health.backward_stamps == health.non_finite == health.saturated == health.clipped == 0
+        assert 1.5e-4 < health.jitter < 3e-4

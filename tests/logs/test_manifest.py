@@ -1,0 +1,111 @@
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from butterfly.errors import InputError
+from butterfly.logs.log import InputKind, Intersample
+from butterfly.logs.manifest import (
+    manifest_from_names,
+    read_entry,
+    read_manifest,
+    write_manifest,
+)
+from butterfly.logs.mat import write_mat
+
+HOW = {"arm": 0.104, "input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
+
+
+def test_file_names_tell_mass_frequency_and_amplitude(tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/Data_120_5__3_5__0015.mat").touch()
+    (tmp_path / "Data_52__10__004.mat").touch()
+    (tmp_path / "notes.txt").touch()
+    manifest = manifest_from_names(tmp_path, **HOW)
+    first, second = manifest.logs
+    assert (first.added_mass, first.omega, first.amplitude) == (0.052, 10.0, 0.04)
+    assert second.file == "sub/Data_120_5__3_5__0015.mat"
+    assert (second.added_mass, second.omega, second.amplitude) == (0.1205, 3.5, 0.015)
+
+
+def test_the_shipped_manifest_is_what_the_file_names_say(logs_folder, real_manifest):
+    generated = manifest_from_names(logs_folder, **HOW)
+    assert len(generated.logs) == 41
+    assert real_manifest.logs == generated.logs
+
+
+def test_the_commanded_sine_is_in_every_real_log(real):
+    for log in real.logs:
+        assert abs(log.input).max() == pytest.approx(log.excitation.amplitude, rel=2e-3)
+
+
+def test_a_written_manifest_reads_back_the_same(tmp_path):
+    (tmp_path / "Data_52__10__004.mat").touch()
+    manifest = manifest_from_names(tmp_path, **HOW)
+    write_manifest(manifest, tmp_path / "manifest.yaml")
+    assert read_manifest(tmp_path / "manifest.yaml") == manifest
+
+
+def test_an_entry_becomes_a_log_with_its_properties(tmp_path, sine_log):
+    write_mat(sine_log, tmp_path / "Data_52__10__004.mat")
+    manifest = manifest_from_names(tmp_path, **HOW)
+    log = read_entry(manifest, manifest.logs[0])
+    assert (log.added_mass.mass, log.added_mass.arm) == (0.052, 0.104)
+    assert log.input_kind is InputKind.TORQUE
+    assert log.intersample is Intersample.FIRST_ORDER_HOLD
+    assert log.excitation.omega == 10.0
+
+
+VALID = """\
+name: a
+input: torque
+arm: 0.1
+logs:
+  - {file: a.mat, added_mass: 0.05, omega: 5, amplitude: 0.1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("arm", "arn", "arn: got an unknown key; expected 'arm' (did you mean that?)"),
+        ("omega", "omgea", "logs.0.omgea: got an unknown key; expected 'omega'"),
+        ("0.05", "-0.05", "logs.0.added_mass: got -0.05; expected greater than or equal to 0"),
+        ("omega: 5", "omega: fast", "logs.0.omega: got 'fast'"),
+        ("torque", "force", "input: got 'force'; expected 'voltage' or 'torque'"),
+        ("input: torque\n", "", "input: got nothing"),
+        ("name: a", "name: [a", "line 2: got expected"),
+        ("arm: 0.1", "arm: .nan", "arm: got nan; expected a finite number"),
+        ("arm: 0.1", "arm: 0.1\nroot: ${NO_SUCH_VARIABLE}", "root: got ${NO_SUCH_VARIABLE}"),
+        ("arm: 0.1", "arm: 0.1\nroot: nowhere", "root: got"),
+        (VALID, "just text", "content: got str; expected a mapping"),
+    ],
+)
+def test_a_slip_in_a_manifest_is_named_with_file_field_and_value(tmp_path, old, new, message):
+    path = tmp_path / "m.yaml"
+    path.write_text(VALID.replace(old, new, 1))
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        read_manifest(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_folder_without_logs_or_with_other_names_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        manifest_from_names(tmp_path / "nowhere", **HOW)
+    with pytest.raises(InputError, match=r"no \.mat or \.csv"):
+        manifest_from_names(tmp_path, **HOW)
+    (tmp_path / "run7.mat").touch()
+    with pytest.raises(InputError, match="got run7"):
+        manifest_from_names(tmp_path, **HOW)
+
+
+@given(grams=st.decimals(0, 500, places=1), omega=st.decimals(1, 30, places=2))
+def test_any_name_of_the_pattern_is_read_back(tmp_path_factory, grams, omega):
+    folder = tmp_path_factory.mktemp("names")
+    stem = f"Data_{grams}__{omega}".replace(".", "_")
+    (folder / f"{stem}__001.mat").touch()
+    (entry,) = manifest_from_names(folder, **HOW).logs
+    assert entry.added_mass == pytest.approx(float(grams) / 1e3)
+    assert entry.omega == pytest.approx(float(omega))
+    assert entry.amplitude == 0.01

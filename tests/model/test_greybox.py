@@ -1,0 +1,105 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import LumpedParameters
+
+PENDULUM = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025)
+
+
+def _sine_input(time, amplitude, omega):
+    middles = (time[1:] + time[:-1]) / 2
+    instants = np.column_stack([time[:-1], middles, time[1:]])
+    return amplitude * np.sin(omega * instants)
+
+
+def _reference(parameters, time, amplitude, omega, angle):
+    def rhs(t, state):
+        x, v = state
+        torque = parameters.p4 * amplitude * math.sin(omega * t)
+        return [v, (torque - parameters.p2 * v - parameters.p3 * math.sin(x)) / parameters.p1]
+
+    solution = solve_ivp(rhs, time[[0, -1]], [angle, 0], "DOP853", time, rtol=1e-13, atol=1e-14)
+    return solution.y[0]
+
+
+def _error(step):
+    time = np.arange(0, 20 + step / 2, step)
+    angle, _ = simulate(PENDULUM, time, _sine_input(time, 0.5, 4.0), 0.3)
+    return np.abs(angle - _reference(PENDULUM, time, 0.5, 4.0, 0.3)).max()
+
+
+def test_without_coulomb_friction_it_equals_an_independent_integrator():
+    assert _error(2e-3) < 1e-9
+
+
+def test_it_converges_with_order_four():
+    order = math.log2(_error(0.02) / _error(0.01))
+    assert order == pytest.approx(4, abs=0.3)
+
+
+@settings(deadline=None)
+@given(coulomb=st.floats(0.01, 1.0), speed=st.floats(0.1, 5.0), step=st.floats(0.001, 0.05))
+def test_a_free_slide_stops_where_the_closed_form_says_and_stays(coulomb, speed, step):
+    parameters = LumpedParameters(p1=0.1, p2=0, p3=0, p4=1, coulomb=coulomb)
+    stop = speed * parameters.p1 / coulomb
+    time = np.linspace(0, 1.5 * stop, max(int(1.5 * stop / step), 3))
+    angle, velocity = simulate(parameters, time, np.zeros((time.size - 1, 3)), 0.0, speed)
+    distance = 0.5 * speed * stop
+    assert angle[-1] == pytest.approx(distance, rel=1e-9)
+    assert velocity[-1] == 0.0
+    assert velocity[time > stop * (1 + 1e-9)].tolist() == [0.0] * int((time > stop * (1 + 1e-9)).sum())
+
+
+def test_a_coulomb_oscillation_loses_the_same_swing_in_each_half_cycle_until_it_sticks():
+    scale = 1e-4  # small enough for sin th = th
+    parameters = LumpedParameters(p1=0.01, p2=0, p3=1.0, p4=1, coulomb=0.1 * scale)
+    time = np.arange(0, 8, 2e-3)
+    angle, velocity = simulate(parameters, time, np.zeros((time.size - 1, 3)), 1.05 * scale)
+    half = math.pi * math.sqrt(parameters.p1 / parameters.p3)
+    peaks = np.interp(half * np.arange(5), time, angle) / scale
+    np.testing.assert_allclose(peaks, [1.05, -0.85, 0.65, -0.45, 0.25], atol=2e-4)
+    assert velocity[-1] == 0.0
+    assert angle[-1] / scale == pytest.approx(-0.05, abs=1e-6)
+
+
+def test_a_drive_below_coulomb_friction_moves_nothing():
+    time = np.arange(0, 5, 0.01)
+    parameters = LumpedParameters(p1=0.01, p2=0, p3=0, p4=1, coulomb=0.2)
+    angle, velocity = simulate(parameters, time, _sine_input(time, 0.19, 3.0), 0.1)
+    assert np.ptp(angle) == 0.0
+    assert not velocity.any()
+
+
+def test_with_coulomb_friction_it_equals_an_integrator_that_stops_at_each_reversal():
+    """The swing stays so wide that the joint never sticks."""
+    parameters = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025, coulomb=5e-4)
+    time = np.arange(0, 5.0005, 1e-3)
+    angle, _ = simulate(parameters, time, _sine_input(time, 0.2, 7.0), 1.0)
+
+    def acceleration(t, x, v, sign):
+        torque = parameters.p4 * 0.2 * math.sin(7.0 * t) - sign * parameters.coulomb
+        return (torque - parameters.p2 * v - parameters.p3 * math.sin(x)) / parameters.p1
+
+    def reversal(_, state):
+        return state[1]
+
+    reversal.terminal = True
+    now, start, pieces = 0.0, 1.0, []
+    while now < time[-1]:
+        sign = math.copysign(1, acceleration(now, start, 0.0, 0.0))
+        reversal.direction = -sign
+        piece = solve_ivp(
+            lambda t, y, sign=sign: [y[1], acceleration(t, y[0], y[1], sign)],
+            (now, time[-1]), [start, 1e-13 * sign], "DOP853", rtol=1e-12, atol=1e-13, events=reversal, dense_output=True,
+        )
+        inside = time[(time >= now) & (time <= piece.t[-1])]
+        pieces.append(np.column_stack([inside, piece.sol(inside)[0]]))
+        now, start = piece.t[-1], piece.y[0, -1]
+    expected = np.concatenate(pieces)
+    np.testing.assert_allclose(np.interp(expected[:, 0], time, angle), expected[:, 1], atol=1e-7)

@@ -1,0 +1,85 @@
+import control
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from butterfly.model.harmonic import (
+    coulomb_describing_function,
+    frequency_response,
+    gravity_amplitude_slope,
+    gravity_describing_function,
+    quasi_linear_response,
+    resonance_frequency,
+)
+from butterfly.model.parameters import AddedMass, LumpedParameters
+
+THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
+
+
+def _fundamental(function, amplitude):
+    """Sine and cosine part of the first Fourier coefficient of function(a sin t, a cos t)."""
+
+    def part(weight):
+        def integrand(t):
+            return function(amplitude * np.sin(t), amplitude * np.cos(t)) * weight(t)
+
+        return quad(integrand, -np.pi, np.pi, points=[-np.pi / 2, np.pi / 2])[0] / np.pi
+
+    return part(np.sin), part(np.cos)
+
+
+@given(st.floats(1e-3, 3.0))
+def test_gravity_describing_function_is_the_fourier_integral(amplitude):
+    sine, cosine = _fundamental(lambda angle, _: np.sin(angle), amplitude)
+    assert gravity_describing_function(amplitude) * amplitude == pytest.approx(sine, rel=1e-9)
+    assert cosine == pytest.approx(0, abs=1e-12)
+
+
+@given(st.floats(1e-3, 3.0))
+def test_coulomb_describing_function_is_the_fourier_integral(amplitude):
+    sine, cosine = _fundamental(lambda _, velocity: np.sign(velocity), amplitude)
+    gain = complex(coulomb_describing_function(amplitude))
+    assert sine == pytest.approx(0, abs=1e-9)
+    assert gain == pytest.approx(1j * cosine / amplitude, rel=1e-8)
+
+
+@given(st.floats(0.05, 3.0))
+def test_gravity_slope_is_the_derivative_of_gravity_s_fundamental(amplitude):
+    h = 1e-5
+    above, below = ((amplitude + s) * gravity_describing_function(amplitude + s) for s in (h, -h))
+    assert gravity_amplitude_slope(amplitude) == pytest.approx((above - below) / (2 * h), abs=1e-8)
+
+
+def test_the_linearisation_has_the_published_coefficients_63():
+    assert THESIS.p2 / THESIS.p1 == pytest.approx(0.308, abs=5e-4)
+    assert THESIS.p3 / THESIS.p1 == pytest.approx(15.09, abs=5e-3)
+    assert THESIS.p4 / THESIS.p1 == pytest.approx(3076.9, abs=0.05)
+
+
+def test_frequency_response_agrees_with_python_control():
+    omega = np.geomspace(0.1, 100, 50)
+    system = control.tf([THESIS.p4], [THESIS.p1, THESIS.p2, THESIS.p3])
+    np.testing.assert_allclose(frequency_response(THESIS, omega), system(1j * omega), rtol=1e-12)
+
+
+def test_the_quasi_linear_response_tends_to_the_linear_one():
+    omega = np.array([1.0, 3.9, 9.0])
+    small = quasi_linear_response(THESIS, omega, np.full(3, 1e-5))
+    np.testing.assert_allclose(small, frequency_response(THESIS, omega), rtol=1e-8)
+
+
+def test_resonances_are_those_of_table_1_with_the_added_mass_counted_once():
+    masses = [AddedMass(mass=0.05 * k, arm=0.005 * k) for k in range(5)]
+    found = [resonance_frequency(THESIS.with_added_mass(mass)) for mass in masses]
+    np.testing.assert_allclose(found, [3.8788, 3.9741, 4.2436, 4.6489, 5.1447], atol=5e-5)
+
+
+@given(p2=st.floats(1e-5, 0.02), p3=st.floats(0.01, 0.1))
+def test_the_resonance_is_where_the_gain_peaks(p2, p3):
+    parameters = LumpedParameters(p1=0.003, p2=p2, p3=p3, p4=1)
+    peak = resonance_frequency(parameters)
+    near = np.array([0.99, 1.0, 1.01]) * peak
+    gains = np.abs(frequency_response(parameters, near))
+    assert peak == 0 or gains[1] >= gains.max() * (1 - 1e-12)
