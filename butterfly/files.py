@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError
@@ -31,4 +31,5 @@ def replacing(path: Path) -> Iterator[Path]:
             path, "path", error.strerror or error, "a file that can be written"
         ) from None
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):
+            draft.unlink()

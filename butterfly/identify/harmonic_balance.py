@@ -23,6 +23,7 @@ from scipy.optimize import brentq, lsq_linear
 from scipy.stats import t as student_t
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identify.covariance import cluster_covariance
 from butterfly.identify.estimate import CONFIDENCE, PARAMETERS, ParameterEstimate
 from butterfly.identify.identifiability import Conditioning, sort_by_precision
 from butterfly.model.harmonic import (
@@ -113,9 +114,8 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
     Returns
     -------
     ParameterEstimate
-        Its covariance is the cluster-robust one over logs with leverage correction (CR3; Bell &
-        McCaffrey, Survey Methodology 28, 2002); its intervals are widened to hold the estimates
-        that leave one added mass out.
+        Its covariance is the cluster-robust one over logs (see `cluster_covariance`); its
+        intervals are widened to hold the estimates that leave one added mass out.
 
     Raises
     ------
@@ -126,9 +126,10 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
     solution = _solve(_Phasors.of(points))
     conditioning = Conditioning.of(solution.rows)
     conditioning.refuse_singular()
-    covariance = _cluster_covariance(solution, len(points))
+    by_log = solution.rows.reshape(2, len(points), -1).swapaxes(0, 1)
+    covariance, freedom = cluster_covariance(by_log, solution.residuals.reshape(2, -1).T)
     left_out = _leave_one_mass_out(points)
-    reach = student_t.ppf(0.5 + CONFIDENCE / 2, max(len(points) - len(PARAMETERS), 1))
+    reach = student_t.ppf(0.5 + CONFIDENCE / 2, freedom)
     error = np.sqrt(np.diag(covariance))
     candidates = np.array([solution.values, *left_out.values()])
     lower = np.minimum(solution.values - reach * error, candidates.min(axis=0))
@@ -205,18 +206,6 @@ def _model_variance(errors: NDArray[np.float64], variance: NDArray[np.float64]) 
     if variance.min() > 0 and excess(0.0) <= 0:
         return 0.0
     return float(brentq(excess, 1e-12 * largest, largest * (1 + 1e-9), xtol=1e-9 * largest))
-
-
-def _cluster_covariance(solution: _Solution, count: int) -> NDArray[np.float64]:
-    scale = np.linalg.norm(solution.rows, axis=0)
-    rows = (solution.rows / scale).reshape(2, count, -1).swapaxes(0, 1)
-    residuals = solution.residuals.reshape(2, count).T
-    normal = np.linalg.inv(np.einsum("nij,nik->jk", rows, rows))
-    leverage = np.einsum("nij,jk,nlk->nil", rows, normal, rows)
-    corrected = np.linalg.solve(np.eye(2) - leverage, residuals[:, :, None])
-    scores = np.einsum("nij,nik->nj", rows, corrected)
-    covariance = normal @ (scores.T @ scores) @ normal
-    return np.asarray(covariance / np.outer(scale, scale))
 
 
 def _leave_one_mass_out(points: Sequence[ResponsePoint]) -> dict[AddedMass, NDArray[np.float64]]:

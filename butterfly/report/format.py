@@ -10,7 +10,7 @@ def with_error(value: float, error: float) -> str:
     if not (math.isfinite(error) and error > 0):
         return f"{value:.5g}"
     if abs(value) < error / 10:
-        return f"{value:#.1g}".rstrip(".")
+        return f"{value:.1g}"
     return f"{value:#.{significant_digits(value, error)}g}".rstrip(".")
 
 

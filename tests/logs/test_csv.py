@@ -28,7 +28,10 @@ def test_columns_are_found_by_the_map_whatever_their_order(tmp_path):
     [
         (None, "time: got no such column; expected 'times'"),
         ({"time": "times", "input": "u"}, "columns.angle: got nothing"),
-        ({"time": "times", "input": "u", "angle": "q", "speed": "x"}, "columns.speed: got an unknown"),
+        (
+            {"time": "times", "input": "u", "angle": "q", "speed": "x"},
+            "columns.speed: got an unknown",
+        ),
     ],
 )
 def test_a_wrong_map_is_named(tmp_path, columns, message):

@@ -53,7 +53,9 @@ def test_a_free_slide_stops_where_the_closed_form_says_and_stays(coulomb, speed,
     distance = 0.5 * speed * stop
     assert angle[-1] == pytest.approx(distance, rel=1e-9)
     assert velocity[-1] == 0.0
-    assert velocity[time > stop * (1 + 1e-9)].tolist() == [0.0] * int((time > stop * (1 + 1e-9)).sum())
+    assert velocity[time > stop * (1 + 1e-9)].tolist() == [0.0] * int(
+        (time > stop * (1 + 1e-9)).sum()
+    )
 
 
 def test_a_coulomb_oscillation_loses_the_same_swing_in_each_half_cycle_until_it_sticks():
@@ -96,7 +98,13 @@ def test_with_coulomb_friction_it_equals_an_integrator_that_stops_at_each_revers
         reversal.direction = -sign
         piece = solve_ivp(
             lambda t, y, sign=sign: [y[1], acceleration(t, y[0], y[1], sign)],
-            (now, time[-1]), [start, 1e-13 * sign], "DOP853", rtol=1e-12, atol=1e-13, events=reversal, dense_output=True,
+            (now, time[-1]),
+            [start, 1e-13 * sign],
+            "DOP853",
+            rtol=1e-12,
+            atol=1e-13,
+            events=reversal,
+            dense_output=True,
         )
         inside = time[(time >= now) & (time <= piece.t[-1])]
         pieces.append(np.column_stack([inside, piece.sol(inside)[0]]))

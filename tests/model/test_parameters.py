@@ -21,12 +21,16 @@ positive = st.floats(1e-4, 10)
 def test_the_thesis_synthetic_hand_lumps_to_its_published_parameters():
     hand = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
     lumped = lump(hand, TorqueDrive(gain=10), Friction(viscous=0.001))
-    assert lumped == LumpedParameters(p1=pytest.approx(0.00325), p2=0.001, p3=pytest.approx(0.04905), p4=10)
+    assert lumped == LumpedParameters(
+        p1=pytest.approx(0.00325), p2=0.001, p3=pytest.approx(0.04905), p4=10
+    )
 
 
 def test_back_emf_adds_to_the_damping_as_in_6():
     drive = VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.04)
-    lumped = lump(Hand(mass=1, com_distance=0, inertia=1), drive, Friction(viscous=2e-4, coulomb=3e-4))
+    lumped = lump(
+        Hand(mass=1, com_distance=0, inertia=1), drive, Friction(viscous=2e-4, coulomb=3e-4)
+    )
     assert lumped.p2 == pytest.approx(2e-4 + 0.04 * 0.05 / 2)
     assert lumped.p4 == pytest.approx(0.05 / 2)
     assert lumped.coulomb == 3e-4
@@ -35,7 +39,9 @@ def test_back_emf_adds_to_the_damping_as_in_6():
 @given(mass=positive, arm=positive, first=positive)
 def test_added_masses_on_one_arm_add_up(mass, arm, first):
     bare = LumpedParameters(p1=1, p2=1, p3=1, p4=1)
-    both = bare.with_added_mass(AddedMass(mass=first, arm=arm)).with_added_mass(AddedMass(mass=mass, arm=arm))
+    both = bare.with_added_mass(AddedMass(mass=first, arm=arm)).with_added_mass(
+        AddedMass(mass=mass, arm=arm)
+    )
     together = bare.with_added_mass(AddedMass(mass=first + mass, arm=arm))
     assert both.p1 == pytest.approx(together.p1)
     assert both.p3 == pytest.approx(together.p3)

@@ -1,0 +1,114 @@
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+from butterfly.errors import InputError
+from butterfly.experiment.runner import run, simulate
+from butterfly.experiment.schema import read_experiment
+from butterfly.logs.manifest import read_entry, read_manifest
+from butterfly.resources import shipped
+
+QUICKSTART = shipped("experiments/quickstart.yaml")
+
+
+@pytest.fixture
+def short(tmp_path):
+    """The quick start with two added masses, two sines and two seconds."""
+    content = yaml.safe_load(QUICKSTART.read_text())
+    content.update(
+        duration=2.0,
+        added_masses=content["added_masses"][:2],
+        excitations=content["excitations"][-2:],
+    )
+    path = tmp_path / "short.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_the_quick_start_recovers_the_simulated_robot_within_one_percent(tmp_path):
+    experiment = read_experiment(QUICKSTART)
+    result = run(experiment, tmp_path)
+    truth = experiment.plant.robot.lumped
+    found = result.estimate.parameters
+    for name in ("p1", "p2", "p3", "p4"):
+        assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=0.01)
+    assert result.summary.worst > 98
+
+
+def test_simulated_logs_are_read_back_with_what_was_done(short, tmp_path):
+    experiment = read_experiment(short)
+    manifest = read_manifest(simulate(experiment, tmp_path / "out"))
+    logs = [read_entry(manifest, entry) for entry in manifest.logs]
+    assert [(log.added_mass, log.excitation) for log in logs] == experiment.runs()
+    assert all(log.input_kind == "voltage" for log in logs)
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".mat", ".yaml"}
+
+
+def test_the_same_file_gives_the_same_logs_and_another_seed_others(short, tmp_path):
+    def angles(seed, folder):
+        short.write_text(re.sub(r"seed: \d+", f"seed: {seed}", short.read_text()))
+        manifest = read_manifest(simulate(read_experiment(short), tmp_path / folder))
+        return np.concatenate([read_entry(manifest, entry).angle for entry in manifest.logs])
+
+    np.testing.assert_array_equal(angles(1, "a"), angles(1, "b"))
+    assert not np.array_equal(angles(1, "a"), angles(2, "c"))
+
+
+def _set(content, path, value):
+    *parents, last = path.split(".")
+    for key in parents:
+        content = content[int(key) if key.isdigit() else key]
+    content[last] = value
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("plant.hand.mass", -0.1, "plant.hand.mass: got -0.1; expected a finite positive number"),
+        ("plant.hand.mas", 0.1, "plant.hand.mas: got an unknown key; expected 'mass'"),
+        (
+            "added_masses.1.mass",
+            -0.1,
+            "added_masses.1.mass: got -0.1; expected a finite non-negative",
+        ),
+        ("excitations.0.omega", 0, "excitations.0.omega: got 0"),
+        ("excitations.0.amplitude", "x", "excitations.0.amplitude: got 'x'"),
+        ("excitatons", [], "excitatons: got an unknown key; expected 'excitations'"),
+        ("plant.drive.torque", {"gain": 1}, "plant.drive: got"),
+        ("plant.clock.jitter", 0.1, "plant.clock.jitter: got 0.1; expected between 0 and half"),
+        ("plant.encoder.steps", 0, "plant.encoder.steps: got 0"),
+        ("duration", float("inf"), "duration: got inf"),
+        ("duration", -3, "duration: got -3"),
+        ("seed", -1, "seed: got -1"),
+        ("name", "a/../b", "name: got 'a/../b'"),
+        ("method", "magic", "method: got 'magic'; expected 'harmonic-balance' or 'thesis'"),
+        ("added_masses", [], "added_masses: got []"),
+    ],
+)
+def test_a_slip_in_an_experiment_is_named_with_file_field_and_value(
+    tmp_path, field, value, message
+):
+    content = yaml.safe_load(QUICKSTART.read_text())
+    _set(content, field, value)
+    path = tmp_path / "bad.yaml"
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        read_experiment(path)
+    assert str(path) in str(caught.value)
+
+
+def test_yaml_that_builds_objects_is_not_obeyed(tmp_path):
+    path = tmp_path / "evil.yaml"
+    path.write_text("name: !!python/object/apply:os.system ['true']")
+    with pytest.raises(InputError, match="valid YAML"):
+        read_experiment(path)
+
+
+def test_every_shipped_experiment_reads():
+    folder = shipped("experiments")
+    data_sets = {"real-logs.yaml"}
+    for path in folder.glob("*.yaml"):
+        if path.name not in data_sets:
+            read_experiment(path)

@@ -1,0 +1,75 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import InputError
+from butterfly.identify.thesis import (
+    ScriptedAmplitude,
+    fit_resonances,
+    fit_thesis,
+    scripted_amplitude,
+    scripted_resonance,
+)
+from butterfly.logs.log import Sine
+from butterfly.model.parameters import AddedMass
+
+STEP_5 = dict(
+    zip(
+        (AddedMass(mass=mass, arm=0.104) for mass in (0.052, 0.1205, 0.154)),
+        (4.1889, 5.7606, 6.281),
+        strict=True,
+    )
+)
+
+
+def test_the_bounded_minimum_of_102_is_the_global_one_of_the_errata():
+    values, _ = fit_resonances(STEP_5)
+    np.testing.assert_allclose(values, [0.00288, 0.0200, 0.0652], rtol=5e-3)
+
+
+def test_table_5_is_not_that_minimum():
+    def loss(p1, p2, p3):
+        total = 0.0
+        for mass, omega in STEP_5.items():
+            inertia = p1 + mass.inertia
+            model = (p3 + mass.gravity_moment) / inertia - 0.5 * (p2 / inertia) ** 2
+            total += (omega**2 - model) ** 2
+        return total
+
+    assert loss(*fit_resonances(STEP_5)[0]) < loss(0.0028, 0.0188, 0.0583)
+
+
+def test_102_has_a_degenerate_jacobian_with_three_masses():
+    _, jacobian = fit_resonances(STEP_5)
+    condition = np.linalg.cond(jacobian / np.linalg.norm(jacobian, axis=0))
+    assert condition == pytest.approx(1.7e3, rel=0.15)
+
+
+def test_100_as_printed_lies_between_the_two_largest():
+    points = [
+        ScriptedAmplitude(4.0, 40.0),
+        ScriptedAmplitude(4.5, 38.0),
+        ScriptedAmplitude(9.0, 1.0),
+    ]
+    alpha, beta = np.sqrt((38 / 40) ** 2 + 1), np.sqrt(2)
+    expected = np.sqrt((16 * alpha + 4.5**2 * beta) / (alpha + beta))
+    assert scripted_resonance(points) == pytest.approx(expected)
+
+
+def test_the_scripted_gain_is_low_by_the_square_root_of_the_decimation(sine_log):
+    for decimation in (5, 25):
+        found = scripted_amplitude(sine_log, decimation)
+        assert found.gain_db == pytest.approx(20 * np.log10(0.5 / np.sqrt(decimation)), abs=0.1)
+        assert found.omega == pytest.approx(5.0, abs=0.2)
+
+
+def test_a_mass_with_one_log_only_is_refused(sine_log):
+    with pytest.raises(InputError, match="two or more"):
+        fit_thesis([sine_log])
+
+
+def test_a_log_that_is_too_short_is_refused(sine_log):
+    short = sine_log.take(sine_log.time < 1.0)
+    with pytest.raises(InputError, match="about 30 s"):
+        scripted_amplitude(replace(short, excitation=Sine(omega=5.0, amplitude=0.2)))

@@ -1,0 +1,107 @@
+"""The reports are whole, offline and drawn; a browser looks at them where there is one."""
+
+import dataclasses
+import html
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from butterfly.experiment.runner import run
+from butterfly.experiment.schema import read_experiment
+from butterfly.logs.health import examine
+from butterfly.report.format import interval, with_error
+from butterfly.report.identification import parameter_rows, summary, write_report
+from butterfly.report.inspection import health_rows, write_inspection
+from butterfly.resources import shipped
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-extensions "
+    "--disable-background-networking --disable-component-update --disable-sync "
+    "--virtual-time-budget=10000 --enable-logging=stderr --dump-dom"
+)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    experiment = read_experiment(shipped("experiments/quickstart.yaml"))
+    brief = experiment.model_copy(
+        update={"duration": 12.0, "excitations": experiment.excitations[::2]}
+    )
+    return run(brief, tmp_path_factory.mktemp("brief")), experiment.plant.robot.lumped
+
+
+@pytest.fixture(scope="module")
+def page(simulated, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    result, truth = simulated
+    write_report(result, path, truth)
+    return path
+
+
+def test_the_page_asks_nothing_of_the_network(page):
+    markup = re.sub(r"<script>.*?</script>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", markup)
+    assert "@import" not in markup
+
+
+def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
+    text = html.unescape(page.read_text(encoding="utf-8"))
+    result, truth = simulated
+    for row in parameter_rows(result, truth):
+        for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
+            assert cell in text
+    for sentence in summary(result):
+        assert sentence in text
+    assert text.count('<tr class="pick"') == len(result.logs) == 12
+
+
+def test_a_name_with_markup_is_shown_and_not_obeyed(simulated, tmp_path):
+    result, _ = simulated
+    hostile = dataclasses.replace(result, name="<script>alert(1)</script>")
+    write_report(hostile, tmp_path / "r.html")
+    assert "<script>alert(1)</script>" not in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
+def test_a_browser_draws_every_figure_without_error_or_request(page, tmp_path):
+    command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path}", page.as_uri()]
+    seen = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)  # noqa: S603 - our own page
+    assert "CONSOLE" not in seen.stderr
+    assert seen.stdout.count('class="main-svg"') >= 2
+    assert len(re.findall(r'class="trace scatter', seen.stdout)) > 20
+    assert 'aria-selected="true"' in seen.stdout
+
+
+def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
+    clean, health = examine(sine_log)
+    rows = dict(health_rows(clean, health))
+    assert float(rows["dominant frequency"].split()[0]) == pytest.approx(5, abs=0.1)
+    assert float(rows["amplitude (71)"].split()[0]) == pytest.approx(0.1, rel=1e-2)
+    assert rows["findings"] == "none"
+    write_inspection(clean, health, tmp_path / "log.html")
+    assert "angle in rad" in (tmp_path / "log.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (2.4771657, 0.0317, "2.477"),
+        (0.0020999, 2.8e-5, "0.002100"),
+        (-0.00016051, 0.0011, "-0.00016"),
+        (123.4, 1.2, "123.4"),
+        (1234.0, 12.0, "1234"),
+        (0.5, float("nan"), "0.5"),
+        (0.0, 0.1, "0"),
+        (-1.0e-5, 0.0011, "-1e-05"),
+    ],
+)
+def test_values_are_written_to_the_second_digit_of_their_error(value, error, text):
+    assert with_error(value, error) == text
+
+
+def test_an_interval_without_limits_is_a_dash():
+    assert interval(float("nan"), 1.0, 0.1) == "–"
+    assert interval(1.0, 2.0, 0.1) == "[1.00, 2.00]"

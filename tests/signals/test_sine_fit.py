@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from butterfly.signals.sine_fit import fit_sine
+
+
+def _stamps(rng, count=4000, step=1e-2):
+    return np.cumsum(step * rng.uniform(0.5, 1.5, count))
+
+
+@settings(deadline=None)
+@given(
+    omega=st.floats(0.7, 20),
+    amplitude=st.floats(0.01, 10),
+    phase=st.floats(-3.1, 3.1),
+    offset=st.floats(-5, 5),
+)
+def test_a_noise_free_sine_with_harmonics_is_recovered_from_irregular_samples(
+    omega, amplitude, phase, offset
+):
+    time = _stamps(np.random.default_rng(0))
+    values = (
+        offset
+        + amplitude * np.cos(omega * time + phase)
+        + 0.1 * amplitude * np.sin(3 * omega * time)
+    )
+    fit = fit_sine(time, values, omega)
+    assert fit.amplitude == pytest.approx(amplitude, rel=1e-9)
+    assert np.exp(1j * fit.phase) == pytest.approx(np.exp(1j * phase), abs=1e-9)
+    assert fit.offset == pytest.approx(offset, abs=1e-9 * (1 + amplitude))
+    assert fit.distortion == pytest.approx(0.1, rel=1e-7)
+    assert fit.residual_rms < 1e-9 * (1 + amplitude + abs(offset))
+
+
+def test_standard_errors_are_those_of_repeated_experiments_and_of_the_cramer_rao_bound():
+    rng = np.random.default_rng(3)
+    omega, noise, count = 3.0, 0.05, 2000
+    time = np.arange(count) * 0.01
+    fits = []
+    for _ in range(300):
+        values = 0.4 * np.cos(omega * time + 0.7) + noise * rng.standard_normal(count)
+        fits.append(fit_sine(time, values, omega))
+    bound = noise * np.sqrt(2 / count)
+    assert np.std([f.amplitude for f in fits]) == pytest.approx(bound, rel=0.12)
+    assert np.sqrt(np.mean([f.amplitude_error**2 for f in fits])) == pytest.approx(bound, rel=0.12)
+    assert np.std([f.phase for f in fits]) == pytest.approx(bound / 0.4, rel=0.12)
+    assert np.sqrt(np.mean([f.phase_error**2 for f in fits])) == pytest.approx(
+        bound / 0.4, rel=0.12
+    )
+
+
+def test_standard_errors_hold_for_noise_that_is_correlated_over_a_second():
+    rng = np.random.default_rng(4)
+    omega, time = 3.0, np.arange(6000) * 0.01
+    fits = []
+    for _ in range(200):
+        white = rng.standard_normal(time.size + 100)
+        coloured = 0.05 * np.convolve(white, np.ones(101) / np.sqrt(101), mode="valid")
+        fits.append(fit_sine(time, 0.4 * np.cos(omega * time) + coloured, omega))
+    claimed = np.sqrt(np.mean([f.amplitude_error**2 for f in fits]))
+    assert np.std([f.amplitude for f in fits]) == pytest.approx(claimed, rel=0.25)

@@ -1,0 +1,180 @@
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from scipy.io import loadmat, savemat
+
+from butterfly import __version__
+from butterfly.cli import main
+from butterfly.logs.mat import write_mat
+from butterfly.resources import shipped
+
+
+@pytest.fixture
+def butterfly(monkeypatch, capsys):
+    """Run the command line; returns exit code, stdout and stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["butterfly", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code or 0, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def quick(tmp_path):
+    """The quick start on fewer logs, short but steady enough to fit."""
+    content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
+    content.update(duration=12.0, excitations=content["excitations"][::2])
+    path = tmp_path / "quick.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+@pytest.fixture
+def log_file(sine_log, tmp_path):
+    write_mat(sine_log, tmp_path / "log.mat")
+    return tmp_path / "log.mat"
+
+
+def _assert_one_line_error(result, *parts):
+    code, _, err = result
+    assert code == 2
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    for part in parts:
+        assert str(part) in err
+
+
+def test_the_version_is_printed(butterfly):
+    assert butterfly("--version") == (0, f"butterfly {__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", ["identify", "simulate", "run", "inspect", "manifest"])
+def test_every_command_explains_itself(butterfly, command):
+    code, out, _ = butterfly(command, "--help")
+    assert code == 0
+    assert len(out) > 400
+
+
+def test_run_prints_true_and_estimated_parameters_and_writes_a_report(butterfly, quick, tmp_path):
+    code, out, err = butterfly("run", quick, "--out", tmp_path / "out")
+    assert (code, err) == (0, "")
+    assert "0.00325" in out
+    assert "deviation" in out
+    assert (tmp_path / "out/report.html").stat().st_size > 1e6
+
+
+def test_simulated_logs_are_identified_like_any_folder(butterfly, quick, tmp_path):
+    folder = tmp_path / "logs"
+    assert butterfly("simulate", quick, "--out", folder)[0] == 0
+    code, out, _ = butterfly("identify", folder, "--against", "p1=0.004,p2=0.001,p3=0.05")
+    assert code == 0
+    assert "12 logs with 3 added masses" in out
+    assert "best p4" in out
+
+
+def test_a_folder_without_manifest_needs_an_arm_and_then_works(butterfly, quick, tmp_path):
+    butterfly("simulate", quick, "--out", tmp_path / "logs")
+    folder = tmp_path / "named"
+    folder.mkdir()
+    entries = yaml.safe_load((tmp_path / "logs/manifest.yaml").read_text())["logs"]
+    for entry in entries:
+        grams, omega = f"{1e3 * entry['added_mass']:g}", f"{entry['omega']:g}".replace(".", "_")
+        digits = f"{entry['amplitude']:g}".replace(".", "")
+        (tmp_path / "logs" / entry["file"]).rename(folder / f"Data_{grams}__{omega}__{digits}.mat")
+    _assert_one_line_error(butterfly("identify", folder), folder, "manifest.yaml", "--arm")
+    assert butterfly("identify", folder, "--arm", 0.104)[0] == 0
+    assert butterfly("manifest", folder, "--arm", 0.104)[0] == 0
+    assert butterfly("identify", folder)[0] == 0
+
+
+def test_inspect_shows_health_and_draws(butterfly, log_file, tmp_path):
+    code, out, _ = butterfly("inspect", log_file, "--plot", tmp_path / "plot.html")
+    assert code == 0
+    assert "dominant frequency" in out
+    assert "40000" in out
+    assert (tmp_path / "plot.html").stat().st_size > 1e6
+
+
+def test_inspect_repairs_what_it_is_told_to(butterfly, log_file):
+    matrix = loadmat(log_file)["D"]
+    matrix[5, 2] = np.nan
+    savemat(log_file, {"D": matrix})
+    _assert_one_line_error(butterfly("inspect", log_file), log_file, "angle", "sample 5")
+    code, out, _ = butterfly("inspect", log_file, "--repair", "non_finite")
+    assert code == 0
+    assert "1 × sample not finite" in out
+
+
+@pytest.mark.parametrize(
+    ("change", "parts"),
+    [
+        (lambda d: d[:, :2], ("D", "shape (40000, 2)")),
+        (lambda d: d[::-1], ("time", "ascending")),
+        (lambda d: d * [0, 1, 1, 1] + [2, 0, 0, 0], ("time", "never advances")),
+        (lambda d: d * [1, 0, 1, 1], ("input", "constant 0")),
+        (lambda d: d[:4], ("time", "4 samples")),
+    ],
+    ids=["shape", "unsorted", "stopped clock", "no excitation", "too short"],
+)
+def test_a_bad_log_is_one_line_with_file_field_value_and_exit_code_2(
+    butterfly, log_file, change, parts
+):
+    savemat(log_file, {"D": change(loadmat(log_file)["D"])})
+    _assert_one_line_error(butterfly("inspect", log_file), log_file, *parts)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("identify", "nowhere"),
+        ("run", "nowhere.yaml"),
+        ("simulate", "nowhere.yaml", "--out", "x"),
+        ("inspect", "nowhere.mat"),
+        ("inspect", "notes.txt"),
+        ("manifest", "nowhere", "--arm", "0.1"),
+    ],
+)
+def test_a_missing_file_is_one_line_and_exit_code_2(butterfly, arguments):
+    _assert_one_line_error(butterfly(*arguments), arguments[1])
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("p1=0.1,p2=0.1", "p3"),
+        ("p1=x,p2=1,p3=1", "got x"),
+        ("p1", "NAME=VALUE"),
+        ("p1=1,p2=1,p3=1,mass=2", "unknown parameter"),
+    ],
+)
+def test_a_slip_in_against_is_named(butterfly, quick, tmp_path, text, part):
+    butterfly("simulate", quick, "--out", tmp_path / "logs")
+    _assert_one_line_error(butterfly("identify", tmp_path / "logs", "--against", text), part)
+
+
+def test_one_added_mass_alone_is_refused_in_one_line(butterfly, quick, tmp_path):
+    content = yaml.safe_load(quick.read_text())
+    content["added_masses"] = content["added_masses"][1:2]
+    quick.write_text(yaml.safe_dump(content))
+    result = butterfly("run", quick, "--out", tmp_path / "out")
+    _assert_one_line_error(result, "common factor", "add a run")
+
+
+def test_a_report_that_cannot_be_written_is_one_line(butterfly, quick, tmp_path):
+    (tmp_path / "file").touch()
+    result = butterfly("simulate", quick, "--out", tmp_path / "file")
+    _assert_one_line_error(result, tmp_path / "file")
+
+
+def test_the_real_logs_are_identified_from_the_shipped_manifest(butterfly, logs_folder):
+    code, out, _ = butterfly("identify", "real-logs", "--root", logs_folder)
+    assert code == 0
+    assert "41 logs with 3 added masses" in out
+    assert "2.477" in out
