@@ -64,7 +64,8 @@ InputOption = Annotated[
 HoldOption = Annotated[
     Intersample,
     typer.Option(
-        "--hold", help="How the input is held between samples, for a folder without manifest."
+        "--intersample",
+        help="How the input is held between samples, for a folder without manifest.",
     ),
 ]
 ReportOption = Annotated[

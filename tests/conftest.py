@@ -7,12 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 
 from butterfly.identify.identification import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.resources import shipped
+
+# Compilation and file systems make the first example slow; CI must not fail by a new draw.
+settings.register_profile(
+    "project",
+    deadline=None,
+    derandomize=bool(os.environ.get("CI")),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("project")
 
 _CHECKOUT = Path(__file__).parents[1]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.identification import Identification, Track, identify, untracked
+from butterfly.identify.identification import Identification, identify
 from butterfly.logs.log import Intersample
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
@@ -17,6 +17,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.mat import write_mat
 from butterfly.plant.mujoco_plant import MujocoPlant
+from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
 
 
-def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> Path:  # type: ignore[type-arg]
+def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> Path:
     """Simulate every run of an experiment and write logs and manifest into ``folder``.
 
     Each run draws from its own random stream, so its log depends on the seed and its place in the
@@ -71,7 +72,7 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     return path
 
 
-def run(experiment: Experiment, folder: Path, track: Track = untracked) -> Identification:  # type: ignore[type-arg]
+def run(experiment: Experiment, folder: Path, track: Track = untracked) -> Identification:
     """Simulate an experiment into ``folder`` and identify the robot from the files written."""
     manifest = simulate(experiment, folder, track)
     return identify(read_manifest(manifest), experiment.method, track=track)

@@ -11,6 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from butterfly.identify.free_run import FitSummary, free_run
 from butterfly.model.harmonic import quasi_linear_response
+from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -58,6 +59,8 @@ def compare(
     logs: Sequence[Log],
     points: Sequence[ResponsePoint],
     equilibria: Mapping[AddedMass, float],
+    *,
+    track: Track = untracked,
 ) -> Comparison:
     """Simulate every log with ``parameters``; a p4 that is NaN is replaced by the best one.
 
@@ -71,10 +74,13 @@ def compare(
         The logs, and the steady response of each.
     equilibria
         Encoder reading in rad of the hand at rest, per added mass.
+    track
+        Shows progress.
     """
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
-        parameters = replace(parameters, p4=best_gain(parameters, logs, points, equilibria))
+        gain = best_gain(parameters, logs, points, equilibria, track=track)
+        parameters = replace(parameters, p4=gain)
     return Comparison(
         name=name,
         parameters=parameters,
@@ -88,6 +94,8 @@ def best_gain(
     logs: Sequence[Log],
     points: Sequence[ResponsePoint],
     equilibria: Mapping[AddedMass, float],
+    *,
+    track: Track = untracked,
 ) -> float:
     """Return the p4 with the highest median FIT, the other parameters held (see `compare`)."""
     unit = replace(parameters, p4=1.0)
@@ -104,7 +112,7 @@ def best_gain(
         return -float(np.median(_fits(trial, logs, equilibria)))
 
     coarse = np.linspace(-_DECADES, _DECADES, _GRID)
-    start = coarse[np.argmin([loss(x) for x in coarse])]
+    start = coarse[np.argmin([loss(x) for x in track(coarse, "Finding the best p4")])]
     width = coarse[1] - coarse[0]
     fine = minimize_scalar(loss, bounds=(start - width, start + width), method="bounded")
     return float(guess * 10**fine.x)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.thesis import DECIMATION, fit_thesis
 from butterfly.logs.health import Health, examine
 from butterfly.logs.manifest import Manifest, read_entry
+from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
 if TYPE_CHECKING:
@@ -26,11 +26,6 @@ if TYPE_CHECKING:
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.logs.log import InputKind, Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
-
-_T = TypeVar("_T")
-
-Track = Callable[[Iterable[_T], str], Iterable[_T]]
-"""Shows the progress of an iteration, given a description."""
 
 
 class Method(StrEnum):
@@ -86,18 +81,13 @@ class Identification:
         return FitSummary.of(self.fits)
 
 
-def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: ARG001
-    """Show no progress."""
-    return items
-
-
 def identify(
     manifest: Manifest,
     method: Method = Method.HARMONIC_BALANCE,
     *,
     decimation: int = DECIMATION,
     against: Mapping[str, LumpedParameters] = MappingProxyType({}),
-    track: Track = untracked,  # type: ignore[type-arg]
+    track: Track = untracked,
 ) -> Identification:
     """Read a data set and identify the robot from it.
 
@@ -129,7 +119,9 @@ def identify(
     equilibria = equilibrium_angles(points)
     if method is Method.THESIS:
         estimate = fit_thesis(recorded, decimation)
-        estimate = estimate.with_gain(best_gain(estimate.parameters, logs, points, equilibria))
+        estimate = estimate.with_gain(
+            best_gain(estimate.parameters, logs, points, equilibria, track=track)
+        )
     else:
         estimate = fit_harmonic_balance(points)
     return Identification(
@@ -146,8 +138,8 @@ def identify(
             for log in track(logs, "Simulating logs")
         ),
         comparisons=tuple(
-            compare(name, parameters, logs, points, equilibria)
-            for name, parameters in track(list(against.items()), "Comparing")
+            compare(name, parameters, logs, points, equilibria, track=track)
+            for name, parameters in against.items()
         ),
     )
 

@@ -55,7 +55,6 @@ robots = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(robots)
 def test_a_noise_free_balance_gives_back_the_robot(robot):
     estimate = fit_harmonic_balance(_points(robot))
@@ -105,7 +104,7 @@ def test_the_spread_reaches_the_cramer_rao_bound():
     assert np.all(rmse < 1.15 * bound)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(scale=st.floats(-100, 100).filter(lambda x: abs(x) > 0.01), seed=st.integers(0, 100))
 def test_the_input_s_unit_and_sign_change_p4_alone_and_the_order_of_logs_nothing(scale, seed):
     points = _points(ROBOT, noise=5e-4)

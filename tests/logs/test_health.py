@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import loadmat
 
@@ -25,7 +25,6 @@ def test_a_healthy_log_passes_unchanged(sine_log):
     assert health.jitter == pytest.approx(0, abs=1e-12)
 
 
-@settings(deadline=None, suppress_health_check=["function_scoped_fixture"])
 @given(rows=st.sets(st.integers(1, 39_998), max_size=20))
 def test_each_repeated_stamp_is_dropped_and_counted(sine_log, rows):
     time = sine_log.time.copy()

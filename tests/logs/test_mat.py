@@ -59,7 +59,7 @@ def test_the_hdf5_based_format_is_refused_with_a_way_out(tmp_path):
         read_mat(path, **KIND)
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=["function_scoped_fixture"])
+@settings(max_examples=60)
 @given(share=st.floats(0, 0.999))
 def test_a_truncated_file_is_one_typed_error_wherever_it_ends(tmp_path, sine_log, share):
     write_mat(sine_log, tmp_path / "whole.mat")
@@ -69,7 +69,7 @@ def test_a_truncated_file_is_one_typed_error_wherever_it_ends(tmp_path, sine_log
         read_mat(tmp_path / "part.mat", **KIND)
 
 
-@settings(deadline=None, max_examples=60, suppress_health_check=["function_scoped_fixture"])
+@settings(max_examples=60)
 @given(junk=st.binary(max_size=400))
 def test_any_other_bytes_are_one_typed_error(tmp_path, junk):
     (tmp_path / "junk.mat").write_bytes(junk)

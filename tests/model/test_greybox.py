@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -43,7 +43,6 @@ def test_it_converges_with_order_four():
     assert order == pytest.approx(4, abs=0.3)
 
 
-@settings(deadline=None)
 @given(coulomb=st.floats(0.01, 1.0), speed=st.floats(0.1, 5.0), step=st.floats(0.001, 0.05))
 def test_a_free_slide_stops_where_the_closed_form_says_and_stays(coulomb, speed, step):
     parameters = LumpedParameters(p1=0.1, p2=0, p3=0, p4=1, coulomb=coulomb)

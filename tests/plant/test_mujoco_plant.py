@@ -74,7 +74,7 @@ def test_with_coulomb_friction_the_swing_at_resonance_agrees_within_half_a_perce
     assert swings[0] == pytest.approx(swings[1], rel=5e-3)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(mass=st.floats(0, 1), arm=st.floats(0, 0.2), angle=st.floats(-3, 3))
 def test_a_mounted_mass_adds_exactly_its_inertia_and_gravity_moment(mass, arm, angle):
     robot = _robot()

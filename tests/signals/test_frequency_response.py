@@ -3,7 +3,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
@@ -42,7 +42,6 @@ def test_a_held_input_s_half_sample_of_delay_is_taken_out(sine_log, step):
     assert response_point(log).gain == pytest.approx(exact, rel=0.3 * (5 * step) ** 2 + 1e-5)
 
 
-@settings(deadline=None, suppress_health_check=["function_scoped_fixture"])
 @given(scale=st.floats(0.01, 100), shift=st.floats(-50, 50), offset=st.floats(-3, 3))
 def test_the_gain_follows_the_input_s_unit_and_sign_and_nothing_else(
     sine_log, scale, shift, offset

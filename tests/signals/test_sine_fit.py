@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.signals.sine_fit import fit_sine
@@ -10,7 +10,6 @@ def _stamps(rng, count=4000, step=1e-2):
     return np.cumsum(step * rng.uniform(0.5, 1.5, count))
 
 
-@settings(deadline=None)
 @given(
     omega=st.floats(0.7, 20),
     amplitude=st.floats(0.01, 10),
