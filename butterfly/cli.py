@@ -49,7 +49,7 @@ app = typer.Typer(
 )
 _console = Console()
 if not _console.is_terminal:
-    _console.width = 110  # a pipe has no width of its own, and folded numbers cannot be read back
+    _console.width = 120  # a pipe has no width of its own, and folded numbers cannot be read back
 
 ArmOption = Annotated[
     float | None,

@@ -44,6 +44,7 @@ METHOD = "harmonic balance"
 
 _LOWER = np.array([-np.inf, 0.0, -np.inf, -np.inf, 0.0, -np.inf])  # friction takes energy out
 _MAX_ITERATIONS = 60
+_EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
 _TOLERANCE = 1e-10  # relative change of the predicted angles
 
 
@@ -64,7 +65,9 @@ class _Phasors:
             omega=np.array([p.omega for p in points]),
             angle=np.array([p.angle.fundamental for p in points]),
             input=np.array([p.input for p in points]),
-            variance=np.array([np.trace(p.angle.covariance) / 2 for p in points]),
+            variance=np.array(
+                [max(np.trace(p.angle.covariance) / 2, _EXACT * p.amplitude**2) for p in points]
+            ),
             inertia=np.array([p.added_mass.inertia for p in points]),
             gravity_moment=np.array([p.added_mass.gravity_moment for p in points]),
         )
@@ -101,6 +104,7 @@ class _Solution:
     rows: NDArray[np.float64]
     residuals: NDArray[np.float64]
     on_bound: NDArray[np.bool_]
+    settled: bool
 
 
 def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
@@ -148,7 +152,7 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
         verdict=(
             sort_by_precision(solution.values, lower, upper),
             *conditioning.words(),
-            *_remarks(on_bound, checked=bool(left_out)),
+            *_remarks(on_bound, checked=bool(left_out), settled=solution.settled),
         ),
         resonances={},
     )
@@ -183,12 +187,13 @@ def _solve(phasors: _Phasors) -> _Solution:
         weights = 1.0 / (slope * np.sqrt(phasors.variance + spread))
         delay += step
         change = np.linalg.norm(rows @ (values - previous)) / np.linalg.norm(rows @ values)
-        if change < _TOLERANCE:
+        settled = bool(change < _TOLERANCE)
+        if settled:
             break
     residuals = rows @ values - wanted
     rows = rows * np.array([1, 1, 1, 1, 1, values[3]])  # of the delay itself, not of p4 times it
     values = np.array([*values[:5], delay])
-    return _Solution(values, rows, residuals, fit.active_mask != 0)
+    return _Solution(values, rows, residuals, fit.active_mask != 0, settled)
 
 
 def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -203,7 +208,7 @@ def _model_variance(errors: NDArray[np.float64], variance: NDArray[np.float64]) 
         return float(np.sum(errors**2 / (variance + common))) - freedom
 
     largest = float(np.sum(errors**2)) / freedom
-    if variance.min() > 0 and excess(0.0) <= 0:
+    if excess(0.0) <= 0:
         return 0.0
     return float(brentq(excess, 1e-12 * largest, largest * (1 + 1e-9), xtol=1e-9 * largest))
 
@@ -220,8 +225,12 @@ def _leave_one_mass_out(points: Sequence[ResponsePoint]) -> dict[AddedMass, NDAr
     return left_out
 
 
-def _remarks(on_bound: Sequence[str], *, checked: bool) -> list[str]:
+def _remarks(on_bound: Sequence[str], *, checked: bool, settled: bool) -> list[str]:
     remarks = []
+    if not settled:
+        remarks.append(
+            f"The iteration did not settle in {_MAX_ITERATIONS} rounds: do not trust the values."
+        )
     if on_bound:
         remarks.append(
             f"{', '.join(on_bound)} ended on the bound 0: friction that the data do not show, or "

@@ -21,8 +21,9 @@ def significant_digits(value: float, error: float) -> int:
     return max(math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 2, 2)
 
 
-def interval(lower: float, upper: float, error: float) -> str:
-    """Write an interval to the precision of the value it belongs to; empty if there is none."""
+def interval(lower: float, upper: float) -> str:
+    """Write an interval to the second digit of a quarter of its width; a dash if there is none."""
     if not (math.isfinite(lower) and math.isfinite(upper)):
         return "–"
+    error = (upper - lower) / 4
     return f"[{with_error(lower, error)}, {with_error(upper, error)}]"

@@ -57,8 +57,8 @@ def parameter_rows(
                 unit=UNITS[name].replace("unit", _input_unit(identification)),
                 value=with_error(value, error),
                 error=f"{error:#.2g}" if np.isfinite(error) else "–",
-                interval=interval(estimate.lower[k], estimate.upper[k], error),
-                left_out=interval(min(others), max(others), error) if others else "–",
+                interval=interval(estimate.lower[k], estimate.upper[k]),
+                left_out=interval(min(others), max(others)) if others else "–",
                 true="" if true is None else f"{true:.5g}",
                 deviation=f"{100 * (value / true - 1):+.2f} %" if true else "",
             )

@@ -144,6 +144,13 @@ def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
     assert all(fit.values[4] >= 0 for fit in fits)
 
 
+def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
+    points = _points(ROBOT, noise=5e-4)
+    assert not any("settle" in sentence for sentence in fit_harmonic_balance(points).verdict)
+    monkeypatch.setattr("butterfly.identify.harmonic_balance._MAX_ITERATIONS", 2)
+    assert any("did not settle" in sentence for sentence in fit_harmonic_balance(points).verdict)
+
+
 def test_two_added_masses_suffice_but_cannot_be_checked_by_leaving_one_out():
     estimate = fit_harmonic_balance(_points(ROBOT, masses=MASSES[:2]))
     np.testing.assert_allclose(estimate.values, _vector(ROBOT), rtol=1e-6)

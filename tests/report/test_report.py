@@ -103,5 +103,5 @@ def test_values_are_written_to_the_second_digit_of_their_error(value, error, tex
 
 
 def test_an_interval_without_limits_is_a_dash():
-    assert interval(float("nan"), 1.0, 0.1) == "–"
-    assert interval(1.0, 2.0, 0.1) == "[1.00, 2.00]"
+    assert interval(float("nan"), 1.0) == "–"
+    assert interval(1.0, 2.0) == "[1.00, 2.00]"
