@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 from rich.console import Console
@@ -12,9 +12,10 @@ from rich.progress import track
 
 from butterfly import __version__
 from butterfly.console import show_identification, show_pairs
-from butterfly.errors import ButterflyError, InputError, nearest
+from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment import runner
 from butterfly.experiment.schema import read_experiment
+from butterfly.experiment.twin import parse_parameters
 from butterfly.identify.identification import Method, identify
 from butterfly.identify.thesis import DECIMATION
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
@@ -27,7 +28,7 @@ from butterfly.logs.manifest import (
     read_manifest,
     write_manifest,
 )
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model_commands import app as model_commands
 from butterfly.report.identification import write_report
 from butterfly.report.inspection import health_rows, write_inspection
 from butterfly.resources import locate
@@ -49,7 +50,9 @@ app = typer.Typer(
 )
 _console = Console()
 if not _console.is_terminal:
-    _console.width = 120  # a pipe has no width of its own, and folded numbers cannot be read back
+    _console.width = 140  # a pipe has no width of its own, and folded numbers cannot be read back
+
+app.add_typer(model_commands, name="model")
 
 ArmOption = Annotated[
     float | None,
@@ -132,7 +135,7 @@ def identify_command(
     `butterfly identify real-logs --root LOGS --report report.html`.
     """
     manifest = _manifest(data, root, arm, input_kind, hold)
-    others = {text: _parse_parameters(text) for text in against or []}
+    others = {text: parse_parameters(text, "--against") for text in against or []}
     result = identify(manifest, method, decimation=decimation, against=others, track=_track)
     show_identification(_console, result)
     if report is not None:
@@ -271,19 +274,3 @@ def _parse_pairs(text: str, option: str) -> dict[str, str]:
     if any(len(pair) != 2 for pair in pairs):  # noqa: PLR2004 - a name and a value
         raise InputError(option, "value", text, "NAME=VALUE, separated by commas")
     return {key.strip(): value.strip() for key, value in pairs}
-
-
-def _parse_parameters(text: str) -> LumpedParameters:
-    known = LumpedParameters.__dataclass_fields__
-    values: dict[str, Any] = {"p4": float("nan")}
-    for key, value in _parse_pairs(text, "--against").items():
-        if key not in known:
-            raise InputError("--against", key, "an unknown parameter", nearest(key, known))
-        try:
-            values[key] = float(value)
-        except ValueError:
-            raise InputError("--against", key, value, "a number") from None
-    missing = {"p1", "p2", "p3"} - values.keys()
-    if missing:
-        raise InputError("--against", min(missing), "nothing", "a value")
-    return LumpedParameters(**values)

@@ -1,5 +1,6 @@
 import sys
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
@@ -55,7 +56,7 @@ def test_the_version_is_printed(butterfly):
     assert butterfly("--version") == (0, f"butterfly {__version__}\n", "")
 
 
-@pytest.mark.parametrize("command", ["identify", "simulate", "run", "inspect", "manifest"])
+@pytest.mark.parametrize("command", ["identify", "simulate", "run", "inspect", "manifest", "model"])
 def test_every_command_explains_itself(butterfly, command):
     code, out, _ = butterfly(command, "--help")
     assert code == 0
@@ -178,3 +179,32 @@ def test_the_real_logs_are_identified_from_the_shipped_manifest(butterfly, logs_
     assert code == 0
     assert "41 logs with 3 added masses" in out
     assert "2.477" in out
+
+
+def test_the_model_of_an_experiment_is_shown_and_exported(butterfly, tmp_path):
+    code, out, _ = butterfly("model", "show", "quickstart", "--added-mass", 0.05)
+    assert code == 0
+    assert "5.1306 rad/s" in out
+    assert butterfly("model", "export", "quickstart", "--out", tmp_path / "q.xml")[0] == 0
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
+    assert model.dof_damping[0] == 2e-4
+
+
+def test_the_twin_of_a_data_set_is_exported_and_moves_as_identified(butterfly, quick, tmp_path):
+    butterfly("simulate", quick, "--out", tmp_path / "logs")
+    assert butterfly("model", "export", tmp_path / "logs", "--out", tmp_path / "t.xml")[0] == 0
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
+    data = mujoco.MjData(model)
+    data.qpos[0], data.ctrl[0] = 0.5, 1.0
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((1, 1))
+    mujoco.mj_fullM(model, data, inertia)
+    assert inertia[0, 0] == pytest.approx(0.00325, rel=0.02)
+    assert data.qfrc_bias[0] == pytest.approx(0.04905 * np.sin(0.5), rel=0.02)
+    assert data.qfrc_actuator[0] == pytest.approx(0.025, rel=0.02)
+
+
+def test_what_is_neither_experiment_nor_data_set_is_refused(butterfly, tmp_path):
+    path = tmp_path / "other.yaml"
+    path.write_text("colour: blue")
+    _assert_one_line_error(butterfly("model", "show", path), path, "colour")

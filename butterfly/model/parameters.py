@@ -28,7 +28,7 @@ class Hand:
     mass
         m_p in kg.
     com_distance
-        l_c, pivot to centre of mass, in m.
+        l_c, pivot to centre of mass, in m; negative if it lies above the pivot at rest angle 0.
     inertia
         J_p about the centre of mass, in kg m^2.
     """
@@ -39,7 +39,8 @@ class Hand:
 
     def __post_init__(self) -> None:
         _require(self, "mass", self.mass, positive=True)
-        _require(self, "com_distance", self.com_distance)
+        if not math.isfinite(self.com_distance):
+            raise InputError("Hand", "com_distance", self.com_distance, "a finite number of m")
         _require(self, "inertia", self.inertia, positive=True)
 
 
@@ -191,6 +192,34 @@ class LumpedParameters:
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand carrying ``added`` (78)."""
         return replace(self, p1=self.p1 + added.inertia, p3=self.p3 + added.gravity_moment)
+
+
+def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:
+    """Find a hand of a given mass in kg that moves as ``parameters`` say, by (6) read backwards.
+
+    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay
+    is left out.
+
+    Raises
+    ------
+    InputError
+        If no such hand exists: J_p = p1 - p3^2/(m g^2) would not be positive, or a friction is
+        negative.
+    """
+    if not mass > 0:
+        raise InputError("Hand", "mass", mass, "a positive number of kg")
+    com_distance = parameters.p3 / (mass * GRAVITY)
+    inertia = parameters.p1 - mass * com_distance**2
+    if not inertia > 0:
+        least = (parameters.p3 / GRAVITY) ** 2 / parameters.p1
+        raise InputError(
+            "Hand", "mass", mass, f"more than {least:.3g} kg, for p1 and p3 to be possible"
+        )
+    return (
+        Hand(mass=mass, com_distance=com_distance, inertia=inertia),
+        TorqueDrive(gain=parameters.p4),
+        Friction(viscous=parameters.p2, coulomb=parameters.coulomb),
+    )
 
 
 def lump(hand: Hand, drive: Drive, friction: Friction) -> LumpedParameters:

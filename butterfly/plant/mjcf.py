@@ -1,17 +1,34 @@
-"""Fill the shipped MJCF model with a robot's parameters."""
+"""Write a robot's parameters into the shipped MJCF model."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 import mujoco
 
-from butterfly.model.parameters import AddedMass, Drive, Friction, Hand, VoltageDrive, lump
-from butterfly.model.parameters import LumpedParameters as Lumped
+from butterfly.model.parameters import (
+    NO_ADDED_MASS,
+    AddedMass,
+    Drive,
+    Friction,
+    Hand,
+    VoltageDrive,
+    lump,
+)
 from butterfly.resources import shipped
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from butterfly.model.parameters import LumpedParameters
+
 MODEL = "models/butterfly_hand/hand.xml"
-"""The shipped model."""
+"""The shipped mechanism."""
+
+SCENE = "models/butterfly_hand/scene.xml"
+"""Light, background and camera for pictures of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,36 +40,43 @@ class Robot:
     friction: Friction
 
     @property
-    def lumped(self) -> Lumped:
+    def lumped(self) -> LumpedParameters:
         """p1..p4 and Coulomb torque of the bare hand (6)."""
         return lump(self.hand, self.drive, self.friction)
 
 
-def compile_model(robot: Robot) -> mujoco.MjModel:
-    """Compile the MuJoCo model of a robot without added mass.
+def mjcf(robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False) -> str:
+    """Return the MJCF text of a robot, which loads in plain MuJoCo.
 
-    MuJoCo's `dcmotor` takes one constant K = sqrt(k_i k_emf) for torque and back EMF. Unequal ones
-    are rescaled exactly: with K = k_emf and R' = R k_emf/k_i the torque K/R' (v - K thd) equals
-    k_i/R (v - k_emf thd). A current-controlled drive is a plain gear.
+    Every number is written so that it reads back bit for bit.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    added
+        What it carries.
+    scene
+        Whether to add light, background and camera.
     """
-    spec = mujoco.MjSpec.from_file(str(shipped(MODEL)))
-    hand = spec.body("hand")
-    hand.mass = robot.hand.mass
-    hand.ipos = [0, 0, -robot.hand.com_distance]
-    hand.inertia = [robot.hand.inertia] * 3
-    joint = spec.joint("hinge")
-    joint.damping[0] = robot.friction.viscous
-    joint.frictionloss = robot.friction.coulomb
-    motor = spec.actuator("motor")
-    drive = robot.drive
-    if isinstance(drive, VoltageDrive) and drive.back_emf_constant > 0:
-        scale = drive.back_emf_constant / drive.torque_constant
-        constants = [drive.back_emf_constant] * 2
-        motor.set_to_dcmotor(motorconst=constants, resistance=drive.resistance * scale)
-    else:
-        motor.set_to_motor()
-        motor.gear = [drive.gain, 0, 0, 0, 0, 0]
-    return spec.compile()
+    root = _parse(shipped(MODEL))
+    hand = _named(root, "body", "hand")
+    _set_inertial(hand, robot.hand.mass, -robot.hand.com_distance, robot.hand.inertia)
+    joint = _named(root, "joint", "hinge")
+    joint.set("damping", repr(robot.friction.viscous))
+    joint.set("frictionloss", repr(robot.friction.coulomb))
+    body = _named(root, "body", "added_mass")
+    body.set("pos", f"0 0 {-added.arm!r}")
+    _set_inertial(body, added.mass, 0.0, 0.0)
+    _set_motor(_named(root, "dcmotor", "motor"), robot.drive)
+    if scene:
+        _merge(root, _parse(shipped(SCENE)))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def compile_model(robot: Robot, *, scene: bool = False) -> mujoco.MjModel:
+    """Compile the MuJoCo model of a robot without added mass (see `mount`)."""
+    return mujoco.MjModel.from_xml_string(mjcf(robot, scene=scene))
 
 
 def mount(model: mujoco.MjModel, added: AddedMass) -> None:
@@ -61,3 +85,47 @@ def mount(model: mujoco.MjModel, added: AddedMass) -> None:
     model.body_mass[body] = added.mass
     model.body_pos[body] = [0, 0, -added.arm]
     mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    builder = ElementTree.TreeBuilder(insert_comments=True)
+    return ElementTree.parse(path, ElementTree.XMLParser(target=builder)).getroot()  # noqa: S314 - our own file
+
+
+def _named(root: ElementTree.Element, tag: str, name: str) -> ElementTree.Element:
+    return next(element for element in root.iter(tag) if element.get("name") == name)
+
+
+def _set_inertial(body: ElementTree.Element, mass: float, height: float, inertia: float) -> None:
+    inertial = next(body.iter("inertial"))
+    inertial.set("pos", f"0 0 {height!r}")
+    inertial.set("mass", repr(mass))
+    inertial.set("diaginertia", " ".join([repr(inertia)] * 3))
+
+
+def _set_motor(motor: ElementTree.Element, drive: Drive) -> None:
+    """Fill in the motor; a torque drive, or a motor without back EMF, is a plain gain.
+
+    MuJoCo's dcmotor takes one constant K = sqrt(k_i k_emf) for torque and back EMF. Unequal ones
+    are rescaled exactly: with K = k_emf and R' = R k_emf/k_i the torque K/R' (v - K thd) equals
+    k_i/R (v - k_emf thd).
+    """
+    if isinstance(drive, VoltageDrive) and drive.back_emf_constant > 0:
+        scale = drive.back_emf_constant / drive.torque_constant
+        motor.set("motorconst", " ".join([repr(drive.back_emf_constant)] * 2))
+        motor.set("resistance", repr(drive.resistance * scale))
+        return
+    motor.tag = "motor"
+    motor.attrib = {"name": "motor", "joint": "hinge", "gear": repr(drive.gain)}
+
+
+def _merge(root: ElementTree.Element, scene: ElementTree.Element) -> None:
+    """Add the scene's elements to those of the mechanism, section by section."""
+    for section in scene:
+        if not isinstance(section.tag, str) or section.tag == "include":
+            continue
+        target = root.find(section.tag)
+        if target is None:
+            root.append(section)
+        else:
+            target.extend(list(section))

@@ -13,6 +13,7 @@ from butterfly.model.parameters import (
     TorqueDrive,
     VoltageDrive,
     lump,
+    unlump,
 )
 
 positive = st.floats(1e-4, 10)
@@ -55,3 +56,24 @@ def test_impossible_values_are_refused_by_name(bad):
         Friction(coulomb=bad)
     with pytest.raises(InputError, match="resistance: got"):
         VoltageDrive(resistance=bad, torque_constant=1, back_emf_constant=1)
+
+
+@given(
+    p1=positive,
+    p2=positive,
+    p3=st.floats(-1, 1),
+    p4=positive,
+    coulomb=positive,
+    share=st.floats(1.1, 100),
+)
+def test_a_hand_found_for_lumped_parameters_has_them(*, p1, p2, p3, p4, coulomb, share):
+    wanted = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, coulomb=coulomb)
+    least = (p3 / 9.81) ** 2 / p1
+    found = lump(*unlump(wanted, mass=max(share * least, 1e-3)))
+    assert vars(found) == pytest.approx(vars(wanted), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("mass", [0.0, -1.0, 0.01, math.nan])
+def test_a_hand_too_light_for_its_parameters_is_refused(mass):
+    with pytest.raises(InputError, match="mass: got"):
+        unlump(LumpedParameters(p1=0.001, p2=0, p3=0.5, p4=1), mass)

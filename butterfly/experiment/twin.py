@@ -1,0 +1,102 @@
+"""The MuJoCo twin of whatever robot a user names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import yaml
+
+from butterfly.errors import InputError, nearest
+from butterfly.experiment.schema import read_experiment
+from butterfly.files import replacing
+from butterfly.identify.identification import identify
+from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
+from butterfly.model.parameters import LumpedParameters, unlump
+from butterfly.plant.mjcf import Robot, mjcf
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from butterfly.model.parameters import AddedMass
+
+MASS = 0.3
+"""Mass in kg given to an identified hand; the motion does not tell it."""
+
+
+def twin(parameters: LumpedParameters, mass: float = MASS) -> Robot:
+    """Return a robot that moves as ``parameters`` say (see `unlump`)."""
+    hand, drive, friction = unlump(parameters, mass)
+    return Robot(hand=hand, drive=drive, friction=friction)
+
+
+def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robot:
+    """Return the robot of an experiment file, or the identified twin of a data set.
+
+    Parameters
+    ----------
+    source
+        An experiment file, a manifest, a folder with one, or the name of a shipped one.
+    root
+        Folder of the logs, if not the one that the manifest names.
+    mass
+        Mass in kg given to an identified hand.
+
+    Raises
+    ------
+    InputError
+        If ``source`` is none of these, or cannot be read.
+    """
+    path = locate(source)
+    if path.is_dir():
+        path /= MANIFEST_NAME
+    if _is_manifest(path):
+        return twin(identify(read_manifest(path, root)).estimate.parameters, mass)
+    return read_experiment(path).plant.robot
+
+
+def parse_parameters(text: str, source: str) -> LumpedParameters:
+    """Read ``p1=…,p2=…,p3=…[,p4=…][,coulomb=…][,delay=…]``; p4 is NaN if it is not given.
+
+    Raises
+    ------
+    InputError
+        Naming ``source`` and the part that is wrong.
+    """
+    known = LumpedParameters.__dataclass_fields__
+    values = {"p4": float("nan")}
+    for item in text.split(","):
+        key, separator, value = (part.strip() for part in item.partition("="))
+        if not separator:
+            raise InputError(source, "value", text, "NAME=VALUE, separated by commas")
+        if key not in known:
+            raise InputError(source, key, "an unknown parameter", nearest(key, known))
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise InputError(source, key, value, "a number") from None
+    missing = {"p1", "p2", "p3"} - values.keys()
+    if missing:
+        raise InputError(source, min(missing), "nothing", "a value")
+    return LumpedParameters(**values)
+
+
+def export(robot: Robot, added: AddedMass, path: Path) -> None:
+    """Write a robot as one MJCF file, light and camera included.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with replacing(path) as draft:
+        draft.write_text(mjcf(robot, added, scene=True), encoding="utf-8")
+
+
+def _is_manifest(path: Path) -> bool:
+    """Whether a YAML file lists logs; a file that is no YAML is left to its reader to refuse."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return False
+    return isinstance(content, dict) and "logs" in content

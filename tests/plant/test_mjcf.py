@@ -1,0 +1,97 @@
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from butterfly.errors import InputError
+from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
+from butterfly.plant.mjcf import Robot, compile_model, mjcf, mount
+from butterfly.plant.picture import Painter, RenderingError, render
+from butterfly.resources import shipped
+
+ROBOT = Robot(
+    hand=Hand(mass=0.1 + 1e-13, com_distance=1 / 30, inertia=0.003 * (1 + 1e-12)),
+    drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
+    friction=Friction(viscous=2e-4 / 3, coulomb=1e-4 / 7),
+)
+ADDED = AddedMass(mass=0.0517, arm=0.1041)
+
+
+def _trajectory(model):
+    data = mujoco.MjData(model)
+    states = []
+    for k in range(5000):
+        data.ctrl[0] = 0.4 * np.sin(4e-3 * k)
+        mujoco.mj_step(model, data)
+        states.append([data.qpos[0], data.qvel[0]])
+    return np.array(states)
+
+
+def test_an_exported_model_loads_in_plain_mujoco_and_moves_alike(tmp_path):
+    path = tmp_path / "twin.xml"
+    path.write_text(mjcf(ROBOT, ADDED, scene=True))
+    model = compile_model(ROBOT)
+    mount(model, ADDED)
+    exported = mujoco.MjModel.from_xml_path(str(path))
+    np.testing.assert_allclose(_trajectory(exported), _trajectory(model), rtol=0, atol=1e-12)
+    assert np.ptp(_trajectory(model)[:, 0]) > 0.1
+
+
+def test_the_plate_is_the_published_outline():
+    model = mujoco.MjModel.from_xml_path(str(shipped("models/butterfly_hand/hand.xml")))
+    start, count = model.mesh_vertadr[0], model.mesh_vertnum[0]
+    rotated = model.mesh_vert[start : start + count].astype(float)
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.mesh_quat[0])
+    x, y, z = (rotated @ turn.reshape(3, 3).T + model.mesh_pos[0]).T
+    radius, phi = np.hypot(x, z), np.arctan2(z, x)
+    rim = radius > 0.01
+    np.testing.assert_allclose(radius[rim], 0.1095 - 0.0405 * np.cos(2 * phi[rim]), atol=1e-6)
+    np.testing.assert_allclose(np.abs(y), 0.002, atol=1e-7)
+
+
+def test_the_shipped_scene_loads_in_plain_mujoco():
+    model = mujoco.MjModel.from_xml_path(str(shipped("models/butterfly_hand/scene.xml")))
+    assert model.cam("bench").id == 0
+    assert {model.sensor(k).name for k in range(model.nsensor)} == {"angle", "velocity", "torque"}
+
+
+def test_the_sensors_read_state_and_motor_torque():
+    model = compile_model(ROBOT)
+    data = mujoco.MjData(model)
+    data.qpos[0], data.qvel[0], data.ctrl[0] = 0.3, 2.0, 1.5
+    mujoco.mj_forward(model, data)
+    assert data.sensor("angle").data[0] == 0.3
+    assert data.sensor("velocity").data[0] == 2.0
+    torque = 0.05 / 2 * (1.5 - 0.03 * 2.0)
+    assert data.sensor("torque").data[0] == pytest.approx(torque, rel=1e-12)
+
+
+def test_a_picture_shows_the_hand_turned_and_its_mass(tmp_path):
+    try:
+        painter = Painter(ROBOT, ADDED, 200)
+    except RenderingError as error:
+        pytest.skip(str(error))
+    with painter:
+        down, turned = painter.frame(0.0), painter.frame(1.5)
+    with Painter(ROBOT, AddedMass(), 200) as bare:
+        without = bare.frame(0.0)
+
+    def pixels(image, colour):
+        """Rows of the pixels in which one channel stands out."""
+        red, blue = image[..., 0].astype(int), image[..., 2].astype(int)
+        return np.argwhere(blue - red > 50 if colour == "blue" else red - blue > 80)
+
+    height, width = np.ptp(pixels(down, "blue"), axis=0)
+    assert height > 1.5 * width
+    height, width = np.ptp(pixels(turned, "blue"), axis=0)
+    assert width > 1.3 * height
+    assert pixels(down, "orange")[:, 0].mean() > 110
+    assert pixels(without, "orange").size == 0
+    render(ROBOT, ADDED, 0.5, tmp_path / "hand.png", 100)
+    assert Image.open(tmp_path / "hand.png").size == (100, 100)
+
+
+def test_a_picture_of_an_unknown_format_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"got \.foo"):
+        render(ROBOT, ADDED, 0.5, tmp_path / "hand.foo")
