@@ -16,7 +16,7 @@ from butterfly.logs.manifest import (
     write_manifest,
 )
 from butterfly.logs.mat import write_mat
-from butterfly.plant.mujoco_plant import MujocoPlant
+from butterfly.plant.sweep import Controller, sweep
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -35,19 +35,13 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     -------
     Path of the manifest, which is written last.
     """
-    plant = MujocoPlant(experiment.plant.robot)
+    plant = experiment.plant
+    controller = Controller(duration=experiment.duration, clock=plant.clock, encoder=plant.encoder)
     runs = experiment.runs()
     seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
+    logs = sweep(plant.robot, runs, controller, seeds, track=track)
     entries = []
-    for number, (added, sine) in enumerate(track(runs, "Simulating in MuJoCo")):
-        log = plant.run(
-            sine,
-            duration=experiment.duration,
-            clock=experiment.plant.clock,
-            encoder=experiment.plant.encoder,
-            rng=np.random.default_rng(seeds[number]),
-            added_mass=added,
-        )
+    for number, (log, (added, sine)) in enumerate(zip(logs, runs, strict=True)):
         name = f"run{number:03d}_{1e3 * added.mass:g}g_{sine.omega:g}rads.mat"
         write_mat(log, folder / name)
         entries.append(

@@ -49,6 +49,16 @@ def simulate(
     return _integrate(time, p.p4 * inputs, angle, velocity, p.p1, p.p2, p.p3, p.coulomb)
 
 
+def step(
+    parameters: LumpedParameters, angle: float, velocity: float, held: float, duration: float
+) -> tuple[float, float]:
+    """Take one step of ``duration`` s with the input held, as `simulate` does in each interval."""
+    p = parameters
+    torque = p.p4 * held
+    torques = (torque, torque, torque)
+    return _advance(angle, velocity, torques, duration, p.p1, p.p2, p.p3, p.coulomb)
+
+
 @numba.njit(cache=True)
 def _acceleration(x, v, torque, sign, p1, p2, p3, coulomb):
     return (torque - p2 * v - p3 * np.sin(x) - sign * coulomb) / p1

@@ -13,6 +13,9 @@ from butterfly.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+VELOCITY_LAG = 0.006
+"""Lag in s of the velocity that the Butterfly robot's own controller records."""
+
 _SHORTEST = 0.1  # an interval is never shorter than this share of the nominal one
 
 
@@ -40,8 +43,15 @@ class Encoder:
     def read(self, angle: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
         """Return the (n,) readings in rad of (n,) true angles in rad."""
         step = 2 * np.pi / self.steps
-        noisy = angle + self.noise * rng.standard_normal(angle.size)
+        noisy = angle + self.noise * rng.standard_normal(angle.size) if self.noise else angle
         return np.asarray(step * np.round(noisy / step))
+
+    def read_one(self, angle: float, rng: np.random.Generator) -> float:
+        """Return the reading in rad of one true angle in rad."""
+        if self.noise:
+            angle += self.noise * rng.standard_normal()
+        step = math.tau / self.steps
+        return step * round(angle / step) if math.isfinite(angle) else angle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +75,35 @@ class Clock:
         if not (math.isfinite(self.jitter) and 0 <= self.jitter <= self.step / 2):
             raise InputError("Clock", "jitter", self.jitter, "between 0 and half the step, in s")
 
-    def stamps(self, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return increasing stamps in s from 0 on, about ``duration`` s of them."""
-        count = round(duration / self.step)
+    def cycles(self, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Return the (n,) lengths in s of the cycles that fill about ``duration`` s."""
+        count = max(round(duration / self.step), 1)
+        if self.jitter == 0:
+            return np.full(count, self.step)
         steps = self.step + self.jitter * rng.standard_normal(count)
-        return np.concatenate([[0.0], np.cumsum(np.maximum(steps, _SHORTEST * self.step))])
+        return np.maximum(steps, _SHORTEST * self.step)
+
+
+def filtered_difference(
+    time: NDArray[np.float64], angle: NDArray[np.float64], lag: float = VELOCITY_LAG
+) -> NDArray[np.float64]:
+    """Differentiate sampled angles as a controller does: backward difference, then a low pass.
+
+    Parameters
+    ----------
+    time, angle
+        (n,) increasing stamps in s, and angles in rad.
+    lag
+        Time constant of the first-order low pass in s. The result lags by it plus half a sample.
+
+    Returns
+    -------
+    (n,) velocity in rad/s, from 0 on.
+    """
+    steps = np.diff(time)
+    keep = np.exp(-steps / lag)
+    velocity, filtered = 0.0, [0.0]
+    for old, new in zip(keep.tolist(), (np.diff(angle) / steps).tolist(), strict=True):
+        velocity = old * velocity + (1 - old) * new
+        filtered.append(velocity)
+    return np.array(filtered)

@@ -8,16 +8,16 @@ import time
 import mujoco
 import numpy as np
 import pytest
+from mujoco.rollout import Rollout
 from scipy.io import loadmat
 
 from butterfly.identify.free_run import free_run
 from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.identification import identify
 from butterfly.logs.log import Sine
-from butterfly.model.parameters import Friction, Hand, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
 from butterfly.plant.mjcf import Robot, compile_model
-from butterfly.plant.mujoco_plant import MujocoPlant
-from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.sweep import Controller, sweep, through_wrapper
 
 
 def _seconds(function, repeats=3):
@@ -46,14 +46,16 @@ def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
     assert fit < runs
 
 
-def test_the_plant_costs_little_more_than_a_bare_mujoco_loop():
-    robot = Robot(
-        hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
-        drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.05),
-        friction=Friction(viscous=2e-4, coulomb=3e-4),
-    )
+ROBOT = Robot(
+    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
+    drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.05),
+    friction=Friction(viscous=2e-4, coulomb=3e-4),
+)
+
+
+def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
     steps = 20_000
-    model = compile_model(robot)
+    model = compile_model(ROBOT)
     data = mujoco.MjData(model)
     angle, velocity = np.zeros(steps), np.zeros(steps)
 
@@ -63,12 +65,33 @@ def test_the_plant_costs_little_more_than_a_bare_mujoco_loop():
             mujoco.mj_step(model, data)
             angle[k], velocity[k] = data.qpos[0], data.qvel[0]
 
-    plant = MujocoPlant(robot)
     sine, rng = Sine(omega=4, amplitude=0.2), np.random.default_rng(0)
 
     def driven():
-        plant.run(sine, duration=steps * 1e-3, clock=Clock(), encoder=Encoder(), rng=rng)
+        through_wrapper(ROBOT, AddedMass(), sine, Controller(duration=steps * 1e-3), rng)
 
     ratio = _seconds(bare) / _seconds(driven)
-    print(f"\nplant: {ratio:.2f} of the speed of a bare mj_step loop that logs the same columns")
+    print(f"\nmotor wrapper: {ratio:.2f} of the speed of a bare mj_step loop with the same columns")
     assert ratio > 0.6
+
+
+def test_a_sweep_costs_little_more_than_a_bare_rollout():
+    runs = [(AddedMass(), Sine(omega=2 + 0.2 * k, amplitude=0.2)) for k in range(39)]
+    duration, threads = 20.0, 2
+    model = compile_model(ROBOT)
+    workers = [mujoco.MjData(model) for _ in range(threads)]
+    start = np.zeros((39, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    time_grid = 1e-3 * np.arange(int(duration * 1e3))
+    inputs = np.array([0.2 * np.sin(sine.omega * time_grid) for _, sine in runs])[:, :, None]
+
+    def bare():
+        with Rollout(nthread=threads) as pool:
+            pool.rollout(model, workers, start, inputs)
+
+    def swept():
+        seeds = np.random.SeedSequence(0).spawn(39)
+        list(sweep(ROBOT, runs, Controller(duration=duration), seeds, threads=threads))
+
+    ratio = _seconds(bare) / _seconds(swept)
+    print(f"\nsweep of 39 runs: {ratio:.2f} of the speed of a bare rollout on {threads} threads")
+    assert ratio > 0.7

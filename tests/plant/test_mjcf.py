@@ -89,7 +89,8 @@ def test_a_picture_shows_the_hand_turned_and_its_mass(tmp_path):
     assert pixels(down, "orange")[:, 0].mean() > 110
     assert pixels(without, "orange").size == 0
     render(ROBOT, ADDED, 0.5, tmp_path / "hand.png", 100)
-    assert Image.open(tmp_path / "hand.png").size == (100, 100)
+    with Image.open(tmp_path / "hand.png") as picture:
+        assert picture.size == (100, 100)
 
 
 def test_a_picture_of_an_unknown_format_is_refused(tmp_path):

@@ -9,8 +9,9 @@ from butterfly.logs.log import InputKind, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.mjcf import Robot, compile_model, mount
-from butterfly.plant.mujoco_plant import MujocoPlant
+from butterfly.plant.motor import CommandPath
 from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.sweep import Controller, sweep, through_wrapper
 from butterfly.signals.sine_fit import fit_sine
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
@@ -26,10 +27,9 @@ def _robot(drive=MOTOR, coulomb=0.0):
 
 
 def _run(robot, *, duration=20.0, clock=STEADY, encoder=FINE, seed=0, sine=SINE):
-    rng = np.random.default_rng(seed)
-    return MujocoPlant(robot).run(
-        sine, duration=duration, clock=clock, encoder=encoder, rng=rng, added_mass=LOADED
-    )
+    controller = Controller(duration=duration, clock=clock, encoder=encoder)
+    (log,) = sweep(robot, [(LOADED, sine)], controller, [np.random.SeedSequence(seed)])
+    return log
 
 
 def _grey_box(robot, log):
@@ -98,7 +98,7 @@ def test_the_log_says_what_drove_it_and_what_it_carried():
     assert _run(_robot(TorqueDrive(gain=0.02)), duration=1.0).input_kind is InputKind.TORQUE
     assert log.added_mass == LOADED
     assert log.excitation == SINE
-    np.testing.assert_array_equal(log.input, 0.5 * np.sin(4 * log.time))
+    np.testing.assert_allclose(log.input, 0.5 * np.sin(4 * log.time), atol=1e-15)
 
 
 def test_a_seed_fixes_everything():
@@ -118,8 +118,7 @@ def test_the_encoder_reads_whole_steps_around_the_true_angle():
 
 
 def test_the_clock_has_the_jitter_it_was_given():
-    stamps = Clock(step=1e-3, jitter=2e-4).stamps(50.0, np.random.default_rng(0))
-    steps = np.diff(stamps)
+    steps = Clock(step=1e-3, jitter=2e-4).cycles(50.0, np.random.default_rng(0))
     assert steps.min() > 0
     assert steps.mean() == pytest.approx(1e-3, rel=5e-3)
     assert steps.std() == pytest.approx(2e-4, rel=0.02)
@@ -143,3 +142,33 @@ def test_a_run_of_no_length_is_refused(duration):
 def test_impossible_sensors_are_refused(build):
     with pytest.raises(InputError):
         build()
+
+
+def test_the_compiled_loop_and_the_wrapper_give_the_same_logs():
+    robot = _robot(coulomb=5e-4)
+    masses = [AddedMass(mass=0.03 * k, arm=0.104) for k in range(3)]
+    runs = [(mass, Sine(omega=w, amplitude=0.3)) for mass in masses for w in (2.0, 4.5, 9.0)] * 2
+    controller = Controller(
+        duration=3.0,
+        clock=Clock(step=0.0025),
+        encoder=FINE,
+        path=CommandPath(limit=0.25, resolution=0.01),
+    )
+    seeds = np.random.SeedSequence(0).spawn(len(runs))
+    logs = list(sweep(robot, runs, controller, seeds, threads=2))
+    assert len(logs) == 18
+    for log, (mass, sine), seed in zip(logs, runs, seeds, strict=True):
+        single = through_wrapper(robot, mass, sine, controller, np.random.default_rng(seed))
+        assert (log.added_mass, log.excitation) == (mass, sine)
+        np.testing.assert_allclose(log.time, single.time, atol=1e-12)
+        np.testing.assert_allclose(log.input, single.input, atol=1e-12)
+        np.testing.assert_allclose(log.angle, single.angle, atol=1e-10)
+
+
+def test_any_number_of_threads_gives_the_same_logs():
+    runs = [(AddedMass(), Sine(omega=w, amplitude=0.3)) for w in (2.0, 3.0, 4.0, 5.0)]
+    controller = Controller(duration=2.0, encoder=Encoder(noise=1e-3))
+    seeds = np.random.SeedSequence(0).spawn(4)
+    one, three = (list(sweep(_robot(), runs, controller, seeds, threads=k)) for k in (1, 3))
+    for first, second in zip(one, three, strict=True):
+        np.testing.assert_array_equal(first.angle, second.angle)
