@@ -36,6 +36,8 @@ from butterfly.resources import locate
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from butterfly.experiment.schema import Experiment
+
 _T = TypeVar("_T")
 
 EXIT_BAD_INPUT = 2
@@ -155,7 +157,9 @@ def simulate_command(
     The logs have the form of the real ones (.mat with a matrix D of columns t, u, q, dq), so that
     `butterfly identify OUT` treats them alike.
     """
-    manifest = runner.simulate(read_experiment(locate(experiment)), out, _track)
+    plan = read_experiment(locate(experiment))
+    _warn_of_wide_swings(plan)
+    manifest = runner.simulate(plan, out, _track)
     typer.echo(f"Logs: {manifest}")
 
 
@@ -178,6 +182,7 @@ def run_command(
     Example: `butterfly run experiments/quickstart.yaml`
     """
     plan = read_experiment(locate(experiment))
+    _warn_of_wide_swings(plan)
     folder = out or Path("results") / plan.name
     result = runner.run(plan, folder, _track)
     truth = plan.plant.robot.lumped
@@ -240,6 +245,16 @@ def manifest_command(
         manifest = manifest.model_copy(update={"root": "."})
     write_manifest(manifest, path)
     typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")
+
+
+def _warn_of_wide_swings(plan: Experiment) -> None:
+    for added, sine, swing in plan.wide_swings():
+        typer.secho(
+            f"warning: {added}, {sine.omega:g} rad/s: predicted to swing {swing:.2g} rad; "
+            "a smaller amplitude keeps to small angles",
+            fg="yellow",
+            err=True,
+        )
 
 
 def main() -> None:

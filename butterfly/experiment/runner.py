@@ -41,16 +41,18 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
     logs = sweep(plant.robot, runs, controller, seeds, track=track)
     entries = []
-    for number, (log, (added, sine)) in enumerate(zip(logs, runs, strict=True)):
-        name = f"run{number:03d}_{1e3 * added.mass:g}g_{sine.omega:g}rads.mat"
+    for number, (log, (added, _)) in enumerate(zip(logs, runs, strict=True)):
+        sine = log.excitation
+        what = f"{sine.omega:g}rads" if sine else "signal"
+        name = f"run{number:03d}_{1e3 * added.mass:g}g_{what}.mat"
         write_mat(log, folder / name)
         entries.append(
             LogEntry(
                 file=name,
                 added_mass=added.mass,
                 arm=added.arm,
-                omega=sine.omega,
-                amplitude=sine.amplitude,
+                omega=sine.omega if sine else None,
+                amplitude=sine.amplitude if sine else None,
             )
         )
     manifest = Manifest(

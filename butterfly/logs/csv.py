@@ -12,8 +12,10 @@ from butterfly.errors import InputError, nearest
 from butterfly.logs.log import SAMPLED, Log
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
 DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: the columns carry the names of the fields of `Log`."""
@@ -43,6 +45,19 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties:
             raise InputError(path, f"columns.{field}", "an unknown field", nearest(field, SAMPLED))
     for field in DEFAULT_COLUMNS.keys() - mapping.keys():
         raise InputError(path, f"columns.{field}", "nothing", "the name of a column")
+    values = read_columns(path, mapping.values())
+    arrays: dict[str, Any] = dict(zip(mapping, values, strict=True))
+    return Log(**arrays, source=str(path), **properties)
+
+
+def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
+    """Read numeric columns of a CSV file by their names.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no CSV, or a column is absent or not numeric.
+    """
     try:
         table = csv.read_csv(path)
     except FileNotFoundError:
@@ -50,8 +65,7 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties:
     except (pyarrow.ArrowInvalid, OSError) as error:
         reason = " ".join(str(error).split())
         raise InputError(path, "content", f"unreadable ({reason})", "CSV with a header") from None
-    arrays: dict[str, Any] = {field: _numeric(path, table, name) for field, name in mapping.items()}
-    return Log(**arrays, source=str(path), **properties)
+    return [_numeric(path, table, name) for name in names]
 
 
 def _numeric(path: Path, table: pyarrow.Table, name: str) -> np.ndarray[Any, Any]:

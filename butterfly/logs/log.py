@@ -49,6 +49,10 @@ class Sine:
             if not (np.isfinite(value) and value > 0):
                 raise InputError("excitation", name, value, "a finite positive number")
 
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        return np.asarray(self.amplitude * np.sin(self.omega * time))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import yaml
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
@@ -41,14 +41,28 @@ class LogEntry(StrictModel):
     arm
         In m; the data set's own ``arm`` if not given.
     omega, amplitude
-        Of the sine that was commanded, in rad/s and in units of the input.
+        Of the sine that was commanded, in rad/s and in units of the input; neither for any other
+        input.
     """
 
     file: str
     added_mass: Annotated[float, Field(ge=0)]
     arm: Annotated[float, Field(ge=0)] | None = None
-    omega: Annotated[float, Field(gt=0)]
-    amplitude: Annotated[float, Field(gt=0)]
+    omega: Annotated[float, Field(gt=0)] | None = None
+    amplitude: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _a_whole_sine(self) -> LogEntry:
+        if (self.omega is None) != (self.amplitude is None):
+            raise ValueError("omega and amplitude together, or neither")
+        return self
+
+    @property
+    def excitation(self) -> Sine | None:
+        """The sine that was commanded, if it was one."""
+        if self.omega is None or self.amplitude is None:
+            return None
+        return Sine(omega=self.omega, amplitude=self.amplitude)
 
 
 class Manifest(StrictModel):
@@ -141,7 +155,7 @@ def manifest_from_names(
         )
     if not entries:
         raise InputError(folder, "path", "no .mat or .csv file", "a folder of logs")
-    entries.sort(key=lambda entry: (entry.added_mass, entry.omega))
+    entries.sort(key=lambda entry: (entry.added_mass, entry.omega or 0.0))
     return Manifest(
         name=folder.resolve().name,
         root=str(folder.resolve()),
@@ -178,7 +192,7 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
         "input_kind": manifest.input,
         "intersample": manifest.intersample,
         "added_mass": AddedMass(mass=entry.added_mass, arm=arm),
-        "excitation": Sine(omega=entry.omega, amplitude=entry.amplitude),
+        "excitation": entry.excitation,
     }
     return read_log(path, columns=manifest.columns, **properties)
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import j1, jv
 
+_SMALLEST_SWING = 1e-6  # rad
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
@@ -73,6 +75,31 @@ def quasi_linear_response(
         + p.coulomb * coulomb_describing_function(amplitude)
     )
     return np.asarray(p.p4 * np.exp(-1j * w * p.delay) / denominator)
+
+
+def predicted_swing(parameters: LumpedParameters, omega: float, amplitude: float) -> float:
+    """Return the steady amplitude in rad that a sine will drive the joint to, by harmonic balance.
+
+    Where several are possible (a pendulum's resonance bends over) it is the largest. Zero if
+    Coulomb friction holds the joint, infinite if no swing below pi balances the drive.
+
+    Parameters
+    ----------
+    parameters
+        Of the hand with its added mass.
+    omega, amplitude
+        Of the input, in rad/s and units of the input.
+    """
+    swings = np.linspace(_SMALLEST_SWING, np.pi, 4096)
+    excess = swings / np.abs(quasi_linear_response(parameters, omega, swings)) - abs(amplitude)
+    falls_short = np.flatnonzero(excess < 0)
+    if falls_short.size == 0:
+        return 0.0
+    last = int(falls_short[-1])
+    if last == swings.size - 1:
+        return math.inf
+    share = excess[last] / (excess[last] - excess[last + 1])
+    return float(swings[last] + share * (swings[last + 1] - swings[last]))
 
 
 def resonance_frequency(parameters: LumpedParameters) -> float:

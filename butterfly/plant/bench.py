@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample, Log
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.plant.sensors import Clock, filtered_difference
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from butterfly.logs.log import Sine
+    from numpy.typing import NDArray
+
     from butterfly.plant.motor import Motor, Reading
 
     ControlLaw = Callable[[Reading], float]
+    Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 class Bench:
@@ -48,15 +48,7 @@ class Bench:
     def __exit__(self, *_: object) -> None:
         self._motor.stop()
 
-    def run(
-        self,
-        law: ControlLaw,
-        duration: float,
-        *,
-        added_mass: AddedMass = NO_ADDED_MASS,
-        excitation: Sine | None = None,
-        source: str = "bench",
-    ) -> Log:
+    def run(self, law: ControlLaw, duration: float, **about: Any) -> Log:  # noqa: ANN401
         """Read, let the law decide, command, wait for the next cycle; and so on.
 
         Parameters
@@ -65,8 +57,9 @@ class Bench:
             From a reading to a command, V or units of torque.
         duration
             In s.
-        added_mass, excitation, source
-            What the log is to say about the run.
+        about
+            What the log is to say about the run: its fields ``added_mass``, ``excitation`` and
+            ``source``.
 
         Returns
         -------
@@ -79,12 +72,26 @@ class Bench:
         InputError
             If ``duration`` is not positive, or law or joint yield a value that is not finite.
         """
-        if not (math.isfinite(duration) and duration > 0):
-            raise InputError("bench", "duration", duration, "a finite positive number of s")
-        cycles = self._clock.cycles(duration, self._rng).tolist()
+        return self._record(law, self._clock.cycles(duration, self._rng), about)
+
+    def play(self, signal: Signal, duration: float, **about: Any) -> Log:  # noqa: ANN401
+        """Command a signal of time, sampled at the cycles' planned stamps (see `run`).
+
+        Parameters
+        ----------
+        signal
+            From (n,) stamps in s to (n,) commands.
+        duration, about
+            As in `run`.
+        """
+        cycles = self._clock.cycles(duration, self._rng)
+        commands = iter(signal(np.concatenate([[0.0], np.cumsum(cycles)])).tolist())
+        return self._record(lambda _: next(commands), cycles, about)
+
+    def _record(self, law: ControlLaw, cycles: NDArray[np.float64], about: dict[str, Any]) -> Log:
         motor = self._motor
         stamps, commands, angles = [], [], []
-        for cycle in [*cycles, 0.0]:
+        for cycle in [*cycles.tolist(), 0.0]:
             reading = motor.read()
             stamps.append(reading.time)
             angles.append(reading.angle)
@@ -93,7 +100,7 @@ class Bench:
                 motor.wait(cycle)
         time, angle = np.array(stamps), np.array(angles)
         if not np.isfinite(angle).all():
-            raise InputError(source, "angle", "a joint that diverged", "smaller commands")
+            raise InputError("bench", "angle", "a joint that diverged", "smaller commands")
         return Log(
             time=time,
             input=np.array(commands),
@@ -101,7 +108,5 @@ class Bench:
             velocity=filtered_difference(time, angle),
             input_kind=motor.input_kind,
             intersample=Intersample.ZERO_ORDER_HOLD,
-            added_mass=added_mass,
-            excitation=excitation,
-            source=source,
+            **about,
         )

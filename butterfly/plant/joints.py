@@ -31,10 +31,15 @@ class MujocoJoint:
     ----------
     robot, added
         The robot and what it carries.
+    angle
+        In rad, at which it starts, at rest.
     """
 
-    def __init__(self, robot: Robot, added: AddedMass = NO_ADDED_MASS) -> None:
+    def __init__(
+        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+    ) -> None:
         self._drive = robot.drive
+        self._initial = angle
         self._model = compile_model(robot)
         mount(self._model, added)
         self._data = mujoco.MjData(self._model)
@@ -53,6 +58,7 @@ class MujocoJoint:
     def reset(self) -> None:
         """Go back to rest."""
         mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[0] = self._initial
 
     def advance(self, command: float, duration: float) -> None:
         """Step MuJoCo through ``duration`` s in equal steps of at most `LONGEST_STEP`."""
@@ -73,12 +79,17 @@ class GreyBoxJoint:
     ----------
     robot, added
         The robot and what it carries.
+    angle
+        In rad, at which it starts, at rest.
     """
 
-    def __init__(self, robot: Robot, added: AddedMass = NO_ADDED_MASS) -> None:
+    def __init__(
+        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+    ) -> None:
         self._drive = robot.drive
+        self._initial = angle
         self._parameters = robot.lumped.with_added_mass(added)
-        self._angle = self._velocity = 0.0
+        self._angle, self._velocity = angle, 0.0
 
     @property
     def input_kind(self) -> InputKind:
@@ -92,7 +103,7 @@ class GreyBoxJoint:
 
     def reset(self) -> None:
         """Go back to rest."""
-        self._angle = self._velocity = 0.0
+        self._angle, self._velocity = self._initial, 0.0
 
     def advance(self, command: float, duration: float) -> None:
         """Integrate through ``duration`` s in equal steps of at most `LONGEST_STEP`."""

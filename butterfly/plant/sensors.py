@@ -75,9 +75,21 @@ class Clock:
         if not (math.isfinite(self.jitter) and 0 <= self.jitter <= self.step / 2):
             raise InputError("Clock", "jitter", self.jitter, "between 0 and half the step, in s")
 
+    def count(self, duration: float) -> int:
+        """Return how many cycles fill about ``duration`` s, at least one.
+
+        Raises
+        ------
+        InputError
+            If ``duration`` is not a finite positive number.
+        """
+        if not (math.isfinite(duration) and duration > 0):
+            raise InputError("Clock", "duration", duration, "a finite positive number of s")
+        return max(round(duration / self.step), 1)
+
     def cycles(self, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return the (n,) lengths in s of the cycles that fill about ``duration`` s."""
-        count = max(round(duration / self.step), 1)
+        count = self.count(duration)
         if self.jitter == 0:
             return np.full(count, self.step)
         steps = self.step + self.jitter * rng.standard_normal(count)

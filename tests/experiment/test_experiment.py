@@ -112,3 +112,52 @@ def test_every_shipped_experiment_reads():
     for path in folder.glob("*.yaml"):
         if path.name not in data_sets:
             read_experiment(path)
+
+
+def test_other_inputs_than_sines_are_simulated_and_said_not_to_be_sines(short, tmp_path):
+    (tmp_path / "input.csv").write_text("t,volts\n0,0.1\n1,-0.1\n")
+    content = yaml.safe_load(short.read_text())
+    content["excitations"] = []
+    content["signals"] = [
+        {"multisine": {"base": 0.5, "harmonics": [3, 5, 8], "peak": 0.2}},
+        {"free_decay": {"angle": 0.5}},
+        {"file": {"path": "input.csv", "time": "t", "values": "volts"}},
+    ]
+    short.write_text(yaml.safe_dump(content))
+    manifest = read_manifest(simulate(read_experiment(short), tmp_path / "out"))
+    logs = [read_entry(manifest, entry) for entry in manifest.logs]
+    assert len(logs) == 6
+    assert all(log.excitation is None for log in logs)
+    assert logs[1].angle[0] == pytest.approx(0.5, abs=1e-3)
+    assert set(logs[2].input) == {0.1, -0.1}
+
+
+@pytest.mark.parametrize(
+    ("signals", "message"),
+    [
+        ([{"chirp": {}, "prbs": {}}], "signals.0.chirp.start: got nothing"),
+        ([{}], "signals.0: got {}; expected exactly one of the keys stepped_sine"),
+        ([{"file": {"path": "nowhere.csv"}}], "nowhere.csv: path: got no such file"),
+        (
+            [{"prbs": {"amplitude": 1, "bit": 0.1, "register": 99}}],
+            "signals.0.prbs.register: got 99",
+        ),
+        ([], "at least one of the keys excitations and signals"),
+    ],
+)
+def test_a_slip_in_a_signal_is_named(short, signals, message):
+    content = yaml.safe_load(short.read_text())
+    content.update(excitations=[], signals=signals)
+    short.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=re.escape(message)):
+        read_experiment(short)
+
+
+def test_sines_that_will_swing_wide_are_found_beforehand(short):
+    content = yaml.safe_load(short.read_text())
+    content["excitations"] = [{"omega": 3.9, "amplitude": 0.5}, {"omega": 20, "amplitude": 0.1}]
+    short.write_text(yaml.safe_dump(content))
+    (run,) = [run for run in read_experiment(short).wide_swings() if run[0].mass == 0]
+    assert run[1].omega == 3.9
+    assert run[2] > 1.0
+    assert read_experiment(QUICKSTART).wide_swings() == []

@@ -5,15 +5,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from butterfly.model.greybox import simulate
 from butterfly.model.harmonic import (
     coulomb_describing_function,
     frequency_response,
     gravity_amplitude_slope,
     gravity_describing_function,
+    predicted_swing,
     quasi_linear_response,
     resonance_frequency,
 )
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.sine_fit import fit_sine
 
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
 
@@ -83,3 +86,24 @@ def test_the_resonance_is_where_the_gain_peaks(p2, p3):
     near = np.array([0.99, 1.0, 1.01]) * peak
     gains = np.abs(frequency_response(parameters, near))
     assert peak == 0 or gains[1] >= gains.max() * (1 - 1e-12)
+
+
+@pytest.mark.parametrize(("omega", "amplitude"), [(2.0, 0.2), (3.5, 0.15), (6.0, 0.3), (9.0, 0.5)])
+@pytest.mark.parametrize("coulomb", [0.0, 5e-4])
+def test_the_predicted_swing_is_the_simulated_one(omega, amplitude, coulomb):
+    joint = LumpedParameters(p1=0.00325, p2=0.0014, p3=0.04905, p4=0.025, coulomb=coulomb)
+    time = np.arange(0, 80, 5e-3)
+    instants = np.column_stack([time[:-1], time[:-1] + 2.5e-3, time[1:]])
+    angle, _ = simulate(joint, time, amplitude * np.sin(omega * instants), 0.0)
+    steady = fit_sine(time[time > 60], angle[time > 60], omega)
+    assert predicted_swing(joint, omega, amplitude) == pytest.approx(steady.amplitude, rel=0.03)
+
+
+def test_a_drive_that_friction_holds_is_predicted_not_to_swing():
+    joint = LumpedParameters(p1=0.003, p2=0.001, p3=0.05, p4=0.025, coulomb=0.01)
+    assert predicted_swing(joint, 3.0, 0.2) == 0.0
+
+
+def test_a_drive_beyond_all_balance_is_predicted_to_swing_without_bound():
+    joint = LumpedParameters(p1=0.003, p2=0.001, p3=0.05, p4=0.025)
+    assert predicted_swing(joint, 1.0, 100.0) == np.inf

@@ -1,0 +1,253 @@
+"""Inputs to drive a joint with, besides the plain sine (`butterfly.logs.log.Sine`)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import chirp, max_len_seq
+
+from butterfly.errors import InputError
+from butterfly.logs.log import Sine
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
+_CLIP = 0.9  # share of the peak at which a round clips
+_LONGEST_REGISTER = 20  # bits; a sequence of a million
+
+
+def _require_positive(source: object, **values: float) -> None:
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(type(source).__name__, name, value, "a finite positive number")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteppedSine:
+    """One sine after another, without a jump in phase.
+
+    Parameters
+    ----------
+    omegas, amplitudes
+        In rad/s and units of the input, one each for every step.
+    dwell
+        Length of each step in s; the last one goes on.
+    """
+
+    omegas: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    dwell: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, dwell=self.dwell)
+        if not self.omegas or len(self.omegas) != len(self.amplitudes):
+            lengths = f"{len(self.omegas)} omegas and {len(self.amplitudes)} amplitudes"
+            raise InputError("SteppedSine", "amplitudes", lengths, "one amplitude for each omega")
+        for omega, amplitude in zip(self.omegas, self.amplitudes, strict=True):
+            _require_positive(self, omegas=omega, amplitudes=amplitude)
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        step = np.clip((time / self.dwell).astype(np.intp), 0, len(self.omegas) - 1)
+        omegas = np.array(self.omegas)
+        starts = np.concatenate([[0.0], np.cumsum(omegas[:-1] * self.dwell)])
+        phase = starts[step] + omegas[step] * (time - step * self.dwell)
+        return np.asarray(np.array(self.amplitudes)[step] * np.sin(phase))
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Harmonics of one base frequency: amplitudes 1, phases free."""
+
+    harmonics: tuple[int, ...]
+    phases: NDArray[np.float64]
+
+    def over_a_period(self, points: int) -> NDArray[np.float64]:
+        spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
+        spectrum[list(self.harmonics)] = 0.5 * points * np.exp(1j * self.phases)
+        return np.fft.irfft(spectrum, points)
+
+    def clipped(self, points: int) -> _Lines:
+        """Take the phases of the signal with its peaks cut off (Van der Ouderaa et al., 1988)."""
+        signal = self.over_a_period(points)
+        peak = _CLIP * np.abs(signal).max()
+        spectrum = np.fft.rfft(np.clip(signal, -peak, peak))
+        return _Lines(self.harmonics, np.angle(spectrum[list(self.harmonics)]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multisine:
+    """Equal sines at harmonics of one base frequency, phases chosen for a low crest factor.
+
+    Parameters
+    ----------
+    base
+        Base frequency in rad/s; the period is 2 pi/base.
+    harmonics
+        Which multiples of it are present.
+    peak
+        Largest absolute value, in units of the input.
+    seed
+        Of the random phases from which the optimisation starts.
+    """
+
+    base: float
+    harmonics: tuple[int, ...]
+    peak: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, base=self.base, peak=self.peak)
+        if not self.harmonics or min(self.harmonics) < 1:
+            raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
+        if len(set(self.harmonics)) != len(self.harmonics):
+            raise InputError("Multisine", "harmonics", self.harmonics, "each harmonic once")
+
+    @cached_property
+    def _lines(self) -> _Lines:
+        phases = np.random.default_rng(self.seed).uniform(-np.pi, np.pi, len(self.harmonics))
+        lines = _Lines(self.harmonics, phases)
+        candidates = [lines]
+        for _ in range(_CLIPPINGS):
+            candidates.append(candidates[-1].clipped(self._points))
+        return min(candidates, key=lambda line: np.abs(line.over_a_period(self._points)).max())
+
+    @property
+    def _points(self) -> int:
+        return 16 * max(self.harmonics)
+
+    @property
+    def crest_factor(self) -> float:
+        """Peak over root mean square; sqrt(2) for a sine."""
+        signal = self._lines.over_a_period(self._points)
+        return float(np.abs(signal).max() / np.sqrt(np.mean(signal**2)))
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        scale = self.peak / np.abs(self._lines.over_a_period(self._points)).max()
+        angles = np.outer(time, self.base * np.array(self.harmonics)) + self._lines.phases
+        return np.asarray(scale * np.cos(angles).sum(axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chirp:
+    """A sine whose frequency rises, or falls, in proportion to time.
+
+    Parameters
+    ----------
+    start, stop
+        Frequencies in rad/s at time 0 and at ``duration``.
+    duration
+        Of the sweep in s; the frequency goes on changing after it.
+    amplitude
+        In units of the input.
+    """
+
+    start: float
+    stop: float
+    duration: float
+    amplitude: float
+
+    def __post_init__(self) -> None:
+        _require_positive(
+            self, start=self.start, stop=self.stop, duration=self.duration, amplitude=self.amplitude
+        )
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        start, stop = self.start / math.tau, self.stop / math.tau
+        return np.asarray(self.amplitude * chirp(time, start, self.duration, stop, phi=-90))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prbs:
+    """A pseudo-random binary sequence of maximal length.
+
+    Parameters
+    ----------
+    amplitude
+        The input is plus or minus this.
+    bit
+        Shortest time between two switches in s.
+    register
+        Length of the shift register; the sequence repeats after 2^register - 1 bits.
+    """
+
+    amplitude: float
+    bit: float
+    register: int = 10
+
+    def __post_init__(self) -> None:
+        _require_positive(self, amplitude=self.amplitude, bit=self.bit)
+        if not 2 <= self.register <= _LONGEST_REGISTER:  # noqa: PLR2004 - of one bit it is constant
+            raise InputError("Prbs", "register", self.register, f"from 2 to {_LONGEST_REGISTER}")
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        bits = max_len_seq(self.register)[0]
+        index = np.floor(time / self.bit * (1 + 1e-12)).astype(np.intp) % bits.size
+        return np.asarray(self.amplitude * (2.0 * bits[index] - 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeDecay:
+    """No input: let go at an angle.
+
+    Parameters
+    ----------
+    angle
+        In rad.
+    """
+
+    angle: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.angle) and self.angle != 0):
+            raise InputError("FreeDecay", "angle", self.angle, "a finite angle other than 0")
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (n,) zeros."""
+        return np.zeros_like(time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Any input, as a table that is held from each instant to the next; 0 before the first.
+
+    Parameters
+    ----------
+    time, values
+        Instants in s, increasing, and the input from each on.
+    """
+
+    time: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.time or len(self.time) != len(self.values):
+            lengths = f"{len(self.time)} instants and {len(self.values)} values"
+            raise InputError("Table", "values", lengths, "one value for each instant")
+        if not np.isfinite([*self.time, *self.values]).all():
+            raise InputError("Table", "values", "a value that is not finite", "finite numbers")
+        if any(after <= before for before, after in pairwise(self.time)):
+            raise InputError("Table", "time", "instants out of order", "increasing instants")
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        index = np.searchsorted(self.time, time, side="right") - 1
+        return np.where(index >= 0, np.array(self.values)[np.maximum(index, 0)], 0.0)
+
+
+Excitation = Sine | SteppedSine | Multisine | Chirp | Prbs | FreeDecay | Table
+"""Anything that can drive a sweep."""
+
+
+def initial_angle(excitation: Excitation) -> float:
+    """Return the angle in rad at which a run with ``excitation`` starts, at rest."""
+    return excitation.angle if isinstance(excitation, FreeDecay) else 0.0
