@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import track
 
 from butterfly import __version__
-from butterfly.console import show_identification, show_pairs
+from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment import runner
 from butterfly.experiment.schema import read_experiment
@@ -32,13 +30,10 @@ from butterfly.model_commands import app as model_commands
 from butterfly.report.identification import write_report
 from butterfly.report.inspection import health_rows, write_inspection
 from butterfly.resources import locate
+from butterfly.view_commands import video_command, view_command
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from butterfly.experiment.schema import Experiment
-
-_T = TypeVar("_T")
 
 EXIT_BAD_INPUT = 2
 
@@ -50,11 +45,9 @@ app = typer.Typer(
     help="Simulate and identify the Butterfly robot's hand: MuJoCo, grey-box model, real logs.",
     epilog="Start with: `butterfly run quickstart`",
 )
-_console = Console()
-if not _console.is_terminal:
-    _console.width = 140  # a pipe has no width of its own, and folded numbers cannot be read back
-
 app.add_typer(model_commands, name="model")
+app.command("view")(view_command)
+app.command("video")(video_command)
 
 ArmOption = Annotated[
     float | None,
@@ -76,13 +69,6 @@ HoldOption = Annotated[
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
 ]
-
-
-def _track(items: Iterable[_T], description: str) -> Iterable[_T]:
-    """Show a progress bar on terminals; elsewhere it would only litter the output."""
-    return track(
-        items, description, console=_console, transient=True, disable=not _console.is_terminal
-    )
 
 
 @app.callback(invoke_without_command=True)
@@ -138,8 +124,8 @@ def identify_command(
     """
     manifest = _manifest(data, root, arm, input_kind, hold)
     others = {text: parse_parameters(text, "--against") for text in against or []}
-    result = identify(manifest, method, decimation=decimation, against=others, track=_track)
-    show_identification(_console, result)
+    result = identify(manifest, method, decimation=decimation, against=others, track=show_progress)
+    show_identification(result)
     if report is not None:
         write_report(result, report)
         typer.echo(f"Report: {report}")
@@ -159,7 +145,7 @@ def simulate_command(
     """
     plan = read_experiment(locate(experiment))
     _warn_of_wide_swings(plan)
-    manifest = runner.simulate(plan, out, _track)
+    manifest = runner.simulate(plan, out, show_progress)
     typer.echo(f"Logs: {manifest}")
 
 
@@ -184,9 +170,9 @@ def run_command(
     plan = read_experiment(locate(experiment))
     _warn_of_wide_swings(plan)
     folder = out or Path("results") / plan.name
-    result = runner.run(plan, folder, _track)
+    result = runner.run(plan, folder, show_progress)
     truth = plan.plant.robot.lumped
-    show_identification(_console, result, truth)
+    show_identification(result, truth)
     report = folder / "report.html"
     write_report(result, report, truth)
     typer.echo(f"Report: {report}")
@@ -219,7 +205,7 @@ def inspect_command(
     recorded = read_log(log, pairs, input_kind=InputKind.VOLTAGE)
     clean, health = examine(recorded, DEFAULT_REPAIRS | frozenset(repair or ()))
     typer.echo(log)
-    show_pairs(_console, health_rows(clean, health))
+    show_pairs(health_rows(clean, health))
     if plot is not None:
         write_inspection(clean, health, plot)
         typer.echo(f"Plot: {plot}")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import track
 from rich.table import Table
 
 from butterfly.report.identification import parameter_rows, summary
@@ -13,23 +15,35 @@ from butterfly.report.identification import parameter_rows, summary
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rich.console import Console
-
     from butterfly.identify.identification import Identification
     from butterfly.model.parameters import LumpedParameters
 
 
-def show_pairs(console: Console, pairs: Iterable[tuple[str, str]]) -> None:
+_T = TypeVar("_T")
+
+CONSOLE = Console()
+"""Where tables and progress bars go."""
+
+if not CONSOLE.is_terminal:
+    CONSOLE.width = 140  # a pipe has no width of its own, and folded numbers cannot be read back
+
+
+def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
+    """Show a progress bar on terminals; elsewhere it would only litter the output."""
+    return track(
+        items, description, console=CONSOLE, transient=True, disable=not CONSOLE.is_terminal
+    )
+
+
+def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
     """Print names and texts as a table without header."""
     table = Table(show_header=False, box=SIMPLE_HEAD)
     for name, text in pairs:
         table.add_row(name, text)
-    console.print(table)
+    CONSOLE.print(table)
 
 
-def show_identification(
-    console: Console, result: Identification, truth: LumpedParameters | None = None
-) -> None:
+def show_identification(result: Identification, truth: LumpedParameters | None = None) -> None:
     """Print parameters (beside the true ones if known), verdict, and FIT of other parameters."""
     table = Table(title=f"{result.name}: {result.estimate.method}", box=SIMPLE_HEAD)
     headers = ["", "estimate", "std error", "95 % interval", "one mass left out", "unit"]
@@ -44,13 +58,13 @@ def show_identification(
         table.add_row(
             row.symbol, *known, row.value, row.error, row.interval, row.left_out, row.unit
         )
-    console.print(table)
+    CONSOLE.print(table)
     for mass, omega in result.estimate.resonances.items():
         typer.echo(f"Resonance by (100) with {mass}: {omega:.4f} rad/s")
     for sentence in summary(result):
         typer.echo(sentence)
     if result.comparisons:
-        console.print(_comparison_table(result))
+        CONSOLE.print(_comparison_table(result))
 
 
 def _comparison_table(result: Identification) -> Table:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from butterfly.console import show_pairs
 from butterfly.experiment.twin import MASS, export, robot_of
@@ -64,7 +63,7 @@ def show_command(
         "p4": f"{loaded.p4:.6g} N m per unit of input",
         "resonance": f"{resonance_frequency(loaded):.5g} rad/s",
     }
-    show_pairs(Console(), rows.items())
+    show_pairs(rows.items())
 
 
 @app.command("render")

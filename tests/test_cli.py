@@ -56,7 +56,9 @@ def test_the_version_is_printed(butterfly):
     assert butterfly("--version") == (0, f"butterfly {__version__}\n", "")
 
 
-@pytest.mark.parametrize("command", ["identify", "simulate", "run", "inspect", "manifest", "model"])
+@pytest.mark.parametrize(
+    "command", ["identify", "simulate", "run", "inspect", "manifest", "model", "view", "video"]
+)
 def test_every_command_explains_itself(butterfly, command):
     code, out, _ = butterfly(command, "--help")
     assert code == 0
@@ -208,3 +210,17 @@ def test_what_is_neither_experiment_nor_data_set_is_refused(butterfly, tmp_path)
     path = tmp_path / "other.yaml"
     path.write_text("colour: blue")
     _assert_one_line_error(butterfly("model", "show", path), path, "colour")
+
+
+def test_a_run_that_does_not_exist_cannot_be_filmed(butterfly, tmp_path):
+    result = butterfly("video", "quickstart", "--run", 24, "--out", tmp_path / "x.gif")
+    _assert_one_line_error(result, "--run", "got 24", "from 0 to 23")
+
+
+def test_a_sine_that_will_swing_wide_is_warned_about(butterfly, quick, tmp_path):
+    content = yaml.safe_load(quick.read_text())
+    content.update(duration=0.1, excitations=[{"omega": 3.9, "amplitude": 0.9}])
+    quick.write_text(yaml.safe_dump(content))
+    code, _, err = butterfly("simulate", quick, "--out", tmp_path / "logs")
+    assert code == 0
+    assert "warning: 0 g at 104 mm, 3.9 rad/s: predicted to swing" in err

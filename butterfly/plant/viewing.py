@@ -1,0 +1,198 @@
+"""Watch a run: in MuJoCo's own viewer, in a browser, or as a film."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from mujoco.studio import launch_web, viewer_protocol, web_viewer
+from mujoco.studio.web import web_server
+from PIL import Image
+
+from butterfly.errors import InputError
+from butterfly.files import replacing
+from butterfly.plant.excitations import initial_angle
+from butterfly.plant.mjcf import mjcf
+from butterfly.plant.picture import Painter, RenderingError
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from butterfly.model.parameters import AddedMass
+    from butterfly.plant.excitations import Excitation
+    from butterfly.plant.mjcf import Robot
+
+LOOPBACK = "127.0.0.1"
+"""The only address at which the browser's viewer is served: it asks nobody who they are."""
+
+_FRAME = 0.01  # s of rest between two frames
+_PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up
+_PILLOW = (".gif", ".webp")
+_FFMPEG = (".mp4",)
+
+
+def watch(
+    robot: Robot, added: AddedMass, excitation: Excitation, *, web: bool = False, port: int = 0
+) -> None:
+    """Run the robot in a viewer, in real time, until the viewer is closed or Ctrl-C is pressed.
+
+    Parameters
+    ----------
+    robot, added, excitation
+        What is run.
+    web
+        Serve the viewer to a browser on this machine instead of opening a window.
+    port
+        Of the browser's viewer; 0 picks a free one.
+
+    Raises
+    ------
+    RenderingError
+        If a window is wanted and there is no display.
+    """
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, added, scene=True))
+    data = mujoco.MjData(model)
+    data.qpos[0] = initial_angle(excitation)
+    pace = _RealTime(excitation)
+    if not web:
+        _run_in_window(model, data, pace)
+        return
+    config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
+    with _loopback_only(), launch_web.launch(config) as handle:
+        model, data = handle.sync(model, data)
+        while handle.is_running():
+            pace.catch_up(model, data)
+            model, data = handle.sync()
+
+
+class _RealTime:
+    """Steps a driven model as fast as the clock on the wall runs."""
+
+    def __init__(self, excitation: Excitation) -> None:
+        self._excitation = excitation
+        self._origin = -math.inf
+
+    def catch_up(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Step up to now, after a frame's rest; a pause or a reset sets a new now."""
+        time.sleep(_FRAME)
+        behind = time.monotonic() - self._origin - data.time
+        if not abs(behind) < _PAUSE:
+            self._origin = time.monotonic() - data.time
+        while data.time < time.monotonic() - self._origin:
+            data.ctrl[0] = self._excitation.sample(np.array([data.time]))[0]
+            mujoco.mj_step(model, data)
+
+
+def film(
+    robot: Robot,
+    added: AddedMass,
+    times: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    path: Path,
+    *,
+    fps: int = 30,
+    size: int = 480,
+    track: Track = untracked,
+) -> None:
+    """Draw a recorded motion as a film, in the format of the file's ending.
+
+    Parameters
+    ----------
+    robot, added
+        What is drawn.
+    times, angles
+        (n,) instants in s and angles in rad.
+    path
+        .gif, .webp, or .mp4 (needs the extra ``video``).
+    fps, size
+        Frames per second; width and height in pixels.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If the ending is none of these, the extra is missing, or the file cannot be written.
+    RenderingError
+        If MuJoCo finds no way to draw.
+    """
+    save = _saver(path)
+    instants = np.arange(times[0], times[-1], 1 / fps)
+    with Painter(robot, added, size) as painter:
+        frames = [
+            painter.frame(float(angle))
+            for angle in track(np.interp(instants, times, angles).tolist(), "Drawing frames")
+        ]
+    with replacing(path) as draft:
+        save(draft, frames, fps)
+
+
+def _saver(path: Path) -> Callable[[Path, list[NDArray[np.uint8]], int], None]:
+    ending = path.suffix.lower()
+    if ending in _PILLOW:
+        return _save_with_pillow
+    if ending not in _FFMPEG:
+        raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")
+    if find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None:
+        raise InputError(path, "file name", ending, ".gif or .webp, or the extra 'video' installed")
+    return _save_with_ffmpeg
+
+
+def _save_with_pillow(path: Path, frames: list[NDArray[np.uint8]], fps: int) -> None:
+    first, *rest = [Image.fromarray(frame) for frame in frames]
+    first.save(path, save_all=True, append_images=rest, duration=1000 / fps, loop=0)
+
+
+def _save_with_ffmpeg(path: Path, frames: list[NDArray[np.uint8]], fps: int) -> None:
+    import imageio.v3 as iio  # noqa: PLC0415 - an extra, which need not be there
+
+    iio.imwrite(path, np.stack(frames), fps=fps, macro_block_size=None)
+
+
+@contextmanager
+def _loopback_only() -> Iterator[None]:
+    """Bind the browser's viewer to loopback; MuJoCo 4 itself binds every interface."""
+    modules: list[tuple[Any, str]] = [
+        (web_server, "bind_public_socket"),
+        (web_viewer, "_print_url_banner"),
+    ]
+    originals = [getattr(module, name) for module, name in modules]
+
+    def bind(_: str, port: int = 0) -> object:
+        return originals[0](LOOPBACK, port)
+
+    def announce(_: str, port: int) -> None:
+        sys.stdout.write(f"Viewer: http://{LOOPBACK}:{port}/ (Ctrl-C to stop)\n")
+        sys.stdout.flush()
+
+    for (module, name), replacement in zip(modules, (bind, announce), strict=True):
+        setattr(module, name, replacement)
+    try:
+        yield
+    finally:
+        for (module, name), original in zip(modules, originals, strict=True):
+            setattr(module, name, original)
+
+
+def _run_in_window(model: mujoco.MjModel, data: mujoco.MjData, pace: _RealTime) -> None:
+    linux = sys.platform == "linux"
+    if linux and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        raise RenderingError("no display for a viewer: use --web, or butterfly video")
+    from mujoco import viewer  # noqa: PLC0415 - needs the window system when it is imported
+
+    with viewer.launch_passive(model, data) as handle:
+        while handle.is_running():
+            with handle.lock():
+                pace.catch_up(model, data)
+            handle.sync()

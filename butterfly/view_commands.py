@@ -1,0 +1,82 @@
+"""`butterfly view` and `butterfly video`: watch a run of an experiment."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from butterfly.console import show_progress
+from butterfly.errors import InputError
+from butterfly.experiment.schema import Experiment, read_experiment
+from butterfly.plant.sensors import Clock
+from butterfly.plant.sweep import Controller, sweep
+from butterfly.plant.viewing import film, watch
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from butterfly.model.parameters import AddedMass
+    from butterfly.plant.excitations import Excitation
+
+ExperimentArgument = Annotated[
+    Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
+]
+RunOption = Annotated[
+    int, typer.Option("--run", min=0, help="Which run of it: added masses times inputs, from 0 on.")
+]
+
+
+def view_command(
+    *,
+    experiment: ExperimentArgument,
+    number: RunOption = 0,
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve the viewer to a browser on this machine only.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Of the browser's viewer; 0 picks a free one.")
+    ] = 0,
+) -> None:
+    """Watch a run in MuJoCo's viewer, in real time; `--web` needs no display."""
+    plan = read_experiment(locate(experiment))
+    added, excitation = _chosen(plan, number, experiment)
+    with suppress(KeyboardInterrupt):
+        watch(plan.plant.robot, added, excitation, web=web, port=port)
+
+
+def video_command(
+    *,
+    experiment: ExperimentArgument,
+    out: Annotated[Path, typer.Option(help="Film to write: .mp4 (extra video), .gif, .webp.")],
+    number: RunOption = 0,
+    seconds: Annotated[
+        float, typer.Option(min=0.1, help="Length; no longer than the experiment's runs.")
+    ] = 8.0,
+    fps: Annotated[int, typer.Option(min=1, max=120, help="Frames per second.")] = 25,
+    size: Annotated[
+        int, typer.Option(min=16, max=4096, help="Width and height in pixels, even for .mp4.")
+    ] = 480,
+) -> None:
+    """Draw a run as a film; needs no display where EGL is installed."""
+    plan = read_experiment(locate(experiment))
+    robot = plan.plant.robot
+    added, excitation = _chosen(plan, number, experiment)
+    length = min(seconds, plan.duration)
+    (log,) = sweep(
+        robot,
+        [(added, excitation)],
+        Controller(duration=length, clock=Clock()),
+        [np.random.SeedSequence(plan.seed)],
+    )
+    film(robot, added, log.time, log.angle, out, fps=fps, size=size, track=show_progress)
+    typer.echo(f"Film: {out}")
+
+
+def _chosen(plan: Experiment, number: int, source: Path) -> tuple[AddedMass, Excitation]:
+    runs = plan.runs()
+    if number >= len(runs):
+        raise InputError(source, "--run", number, f"a number from 0 to {len(runs) - 1}")
+    return runs[number]

@@ -1,0 +1,108 @@
+import gc
+import re
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from butterfly.errors import InputError
+from butterfly.logs.log import Sine
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
+from butterfly.plant.mjcf import Robot
+from butterfly.plant.picture import Painter, RenderingError
+from butterfly.plant.viewing import film, watch
+
+ROBOT = Robot(
+    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
+    drive=TorqueDrive(gain=1.0),
+    friction=Friction(),
+)
+ADDED = AddedMass(mass=0.05, arm=0.104)
+TIMES = np.array([0.0, 1.0])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _can_draw():
+    try:
+        Painter(ROBOT, ADDED, 32).__exit__()
+    except RenderingError as error:
+        pytest.skip(str(error))
+
+
+def _mass_column(picture):
+    """Mean column of the orange pixels: where the added mass is."""
+    pixels = np.asarray(picture.convert("RGB")).astype(int)
+    return np.argwhere(pixels[..., 0] - pixels[..., 2] > 60)[:, 1].mean()
+
+
+@pytest.mark.parametrize("ending", [".gif", ".webp"])
+def test_a_film_shows_the_motion_at_the_frames_per_second_asked_for(tmp_path, ending):
+    path = tmp_path / f"hand{ending}"
+    film(ROBOT, ADDED, TIMES, np.array([-0.8, 0.8]), path, fps=10, size=120)
+    with Image.open(path) as picture:
+        columns = [_mass_column(frame) for frame in ImageSequence.Iterator(picture)]
+        assert picture.info["duration"] == 100
+    assert len(columns) == 10
+    assert np.all(np.diff(columns) > 0)
+
+
+# imageio-ffmpeg leaves the pipes to its encoder to be closed by the garbage collector.
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_an_mp4_holds_the_same_frames(tmp_path):
+    iio = pytest.importorskip("imageio.v3", reason="the extra 'video' is not installed")
+    path = tmp_path / "hand.mp4"
+    film(ROBOT, ADDED, TIMES, np.array([-0.8, 0.8]), path, fps=10, size=128)
+    frames = iio.imread(path)
+    gc.collect()
+    assert frames.shape == (10, 128, 128, 3)
+    columns = [_mass_column(Image.fromarray(frame)) for frame in frames]
+    assert np.all(np.diff(columns) > 0)
+
+
+def test_an_unknown_film_format_is_refused_before_anything_is_drawn(tmp_path):
+    with pytest.raises(InputError, match=r"got \.avi; expected \.mp4, \.gif or \.webp"):
+        film(ROBOT, ADDED, TIMES, TIMES, tmp_path / "hand.avi")
+
+
+def test_without_a_display_the_viewer_says_what_else_there_is(monkeypatch):
+    if sys.platform != "linux":
+        pytest.skip("other systems always have a display")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(RenderingError, match="--web"):
+        watch(ROBOT, ADDED, Sine(omega=3.0, amplitude=0.1))
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs Linux's list of sockets")
+def test_the_browser_s_viewer_is_served_on_loopback_and_nowhere_else(tmp_path):
+    command = [
+        sys.executable,
+        "-c",
+        "from butterfly.cli import main; main()",
+        "view",
+        "quickstart",
+        "--web",
+    ]
+    with subprocess.Popen(  # noqa: S603 - our own command
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path
+    ) as viewer:
+        try:
+            line = viewer.stdout.readline()
+            port = int(re.search(r"http://127\.0\.0\.1:(\d+)/", line)[1])
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=30) as page:
+                assert page.status == 200
+            listening = [
+                row.split()[1]
+                for table in ("tcp", "tcp6")
+                for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+                if row.split()[3] == "0A" and row.split()[1].endswith(f":{port:04X}")
+            ]
+            assert listening == [f"0100007F:{port:04X}"]
+        finally:
+            viewer.terminate()
