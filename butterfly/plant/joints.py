@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -24,7 +25,32 @@ def kind_of(drive: Drive) -> InputKind:
     return InputKind.VOLTAGE if isinstance(drive, VoltageDrive) else InputKind.TORQUE
 
 
-class MujocoJoint:
+class _DrivenJoint(ABC):
+    """What both simulated joints have in common: a drive, and rest at an angle to start from."""
+
+    def __init__(self, robot: Robot, initial_angle: float) -> None:
+        self._drive = robot.drive
+        self._initial = initial_angle
+
+    @property
+    def input_kind(self) -> InputKind:
+        """What the command means."""
+        return kind_of(self._drive)
+
+    def current(self, command: float) -> float:
+        """Armature current in A (4) under ``command``; NaN for a torque drive, which hides it."""
+        if not isinstance(self._drive, VoltageDrive):
+            return math.nan
+        back_emf = self._drive.back_emf_constant * self.velocity
+        return (command - back_emf) / self._drive.resistance
+
+    @property
+    @abstractmethod
+    def velocity(self) -> float:
+        """True velocity in rad/s."""
+
+
+class MujocoJoint(_DrivenJoint):
     """The robot in MuJoCo.
 
     Parameters
@@ -38,22 +64,21 @@ class MujocoJoint:
     def __init__(
         self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> None:
-        self._drive = robot.drive
-        self._initial = angle
+        super().__init__(robot, angle)
         self._model = compile_model(robot)
         mount(self._model, added)
         self._data = mujoco.MjData(self._model)
         self._options = self._model.opt
 
     @property
-    def input_kind(self) -> InputKind:
-        """What the command means."""
-        return kind_of(self._drive)
-
-    @property
     def angle(self) -> float:
         """True angle in rad."""
         return float(self._data.qpos[0])
+
+    @property
+    def velocity(self) -> float:
+        """True velocity in rad/s."""
+        return float(self._data.qvel[0])
 
     def reset(self) -> None:
         """Go back to rest."""
@@ -67,12 +92,8 @@ class MujocoJoint:
         self._options.timestep = duration / count
         mujoco.mj_step(self._model, self._data, nstep=count)
 
-    def current(self, command: float) -> float:
-        """Armature current in A (4), for a voltage drive."""
-        return _current(self._drive, command, float(self._data.qvel[0]))
 
-
-class GreyBoxJoint:
+class GreyBoxJoint(_DrivenJoint):
     """The same robot by the grey-box equation (5), with set-valued Coulomb friction.
 
     Parameters
@@ -86,44 +107,31 @@ class GreyBoxJoint:
     def __init__(
         self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> None:
-        self._drive = robot.drive
-        self._initial = angle
+        super().__init__(robot, angle)
         self._parameters = robot.lumped.with_added_mass(added)
-        self._angle, self._velocity = angle, 0.0
-
-    @property
-    def input_kind(self) -> InputKind:
-        """What the command means."""
-        return kind_of(self._drive)
+        self._state = (angle, 0.0)
 
     @property
     def angle(self) -> float:
         """True angle in rad."""
-        return self._angle
+        return self._state[0]
+
+    @property
+    def velocity(self) -> float:
+        """True velocity in rad/s."""
+        return self._state[1]
 
     def reset(self) -> None:
         """Go back to rest."""
-        self._angle, self._velocity = self._initial, 0.0
+        self._state = (self._initial, 0.0)
 
     def advance(self, command: float, duration: float) -> None:
         """Integrate through ``duration`` s in equal steps of at most `LONGEST_STEP`."""
         count = steps_of(duration)
         for _ in range(count):
-            self._angle, self._velocity = step(
-                self._parameters, self._angle, self._velocity, command, duration / count
-            )
-
-    def current(self, command: float) -> float:
-        """Armature current in A (4), for a voltage drive."""
-        return _current(self._drive, command, self._velocity)
+            self._state = step(self._parameters, *self._state, command, duration / count)
 
 
 def steps_of(duration: float) -> int:
     """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
     return max(math.ceil(duration / LONGEST_STEP * (1 - 1e-9)), 1)
-
-
-def _current(drive: Drive, command: float, velocity: float) -> float:
-    if not isinstance(drive, VoltageDrive):
-        return math.nan
-    return (command - drive.back_emf_constant * velocity) / drive.resistance

@@ -22,12 +22,14 @@ from butterfly.plant.sensors import Clock, Encoder, filtered_difference
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.mjcf import Robot
+
+    _Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
 
 _BATCH = 16  # runs simulated between two reports of progress, which bounds the memory they take
 
@@ -87,28 +89,12 @@ def sweep(
         for (added, excitation), rng in track(jobs, "Simulating in MuJoCo"):
             yield through_wrapper(robot, added, excitation, controller, rng)
         return
-    model = compile_model(robot)
-    substeps = steps_of(controller.clock.step)
-    model.opt.timestep = controller.clock.step / substeps
     batches = [jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)]
-    workers = [mujoco.MjData(model) for _ in range(threads or os.cpu_count() or 1)]
-    with Rollout(nthread=len(workers)) as pool:
-
-        def roll_out(
-            models: list[mujoco.MjModel],
-            angles: NDArray[np.float64],
-            held: NDArray[np.float64],
-        ) -> NDArray[np.float64]:
-            """Return the (runs, cycles + 1) angles under (runs, cycles) held commands."""
-            controls = np.repeat(held, substeps, axis=1)[:, :, None]
-            size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-            start = np.zeros((len(models), size))
-            start[:, 1] = angles  # the state is time, angle, velocity
-            states, _ = pool.rollout(models, workers, start, controls)
-            return np.column_stack([angles, states[:, substeps - 1 :: substeps, 1]])
-
+    workers = threads or os.cpu_count() or 1
+    with Rollout(nthread=workers) as pool:
+        loop = _CompiledLoop(robot, controller, pool, workers)
         for batch in track(batches, "Simulating in MuJoCo"):
-            yield from _together(batch, model, controller, robot, roll_out)
+            yield from loop.logs(batch)
 
 
 def through_wrapper(
@@ -131,36 +117,51 @@ def _about(added: AddedMass, excitation: Excitation) -> dict[str, Any]:
     return {"added_mass": added, "excitation": sine, "source": "MuJoCo"}
 
 
-def _together(
-    batch: Sequence[tuple[tuple[AddedMass, Excitation], np.random.Generator]],
-    model: mujoco.MjModel,
-    controller: Controller,
-    robot: Robot,
-    roll_out: Callable[..., NDArray[np.float64]],
-) -> Iterator[Log]:
-    """Simulate a batch of runs on a regular clock."""
-    count = controller.clock.count(controller.duration)
-    time = np.asarray(controller.clock.step * np.arange(count + 1), dtype=np.float64)
-    excitations = [excitation for (_, excitation), _ in batch]
-    inputs = np.array([controller.path.shape_all(each.sample(time)) for each in excitations])
-    models = [_loaded(model, added) for (added, _), _ in batch]
-    angles = roll_out(models, np.array(list(map(initial_angle, excitations))), inputs[:, :-1])
-    if not np.isfinite(angles).all():
-        raise InputError("MuJoCo", "angle", "a joint that diverged", "smaller commands")
-    for ((added, excitation), rng), command, true in zip(batch, inputs, angles, strict=True):
-        angle = controller.encoder.read(true, rng)
-        yield Log(
-            time=time,
-            input=command,
-            angle=angle,
-            velocity=filtered_difference(time, angle),
-            input_kind=kind_of(robot.drive),
-            intersample=Intersample.ZERO_ORDER_HOLD,
-            **_about(added, excitation),
-        )
+class _CompiledLoop:
+    """Simulates batches of runs on a regular clock in MuJoCo's own threads."""
 
+    def __init__(self, robot: Robot, controller: Controller, pool: Rollout, workers: int) -> None:
+        self._drive = robot.drive
+        self._controller = controller
+        self._pool = pool
+        self._model = compile_model(robot)
+        self._substeps = steps_of(controller.clock.step)
+        self._model.opt.timestep = controller.clock.step / self._substeps
+        self._data = [mujoco.MjData(self._model) for _ in range(workers)]
 
-def _loaded(model: mujoco.MjModel, added: AddedMass) -> mujoco.MjModel:
-    loaded = copy.copy(model)
-    mount(loaded, added)
-    return loaded
+    def logs(self, batch: Sequence[_Job]) -> Iterator[Log]:
+        """Simulate a batch, and yield its logs in order."""
+        controller = self._controller
+        count = controller.clock.count(controller.duration)
+        time = np.asarray(controller.clock.step * np.arange(count + 1), dtype=np.float64)
+        excitations = [excitation for (_, excitation), _ in batch]
+        inputs = np.array([controller.path.shape_all(each.sample(time)) for each in excitations])
+        start = np.array([initial_angle(each) for each in excitations])
+        angles = self._roll_out([added for (added, _), _ in batch], start, inputs[:, :-1])
+        if not np.isfinite(angles).all():
+            raise InputError("MuJoCo", "angle", "a joint that diverged", "smaller commands")
+        for ((added, excitation), rng), command, true in zip(batch, inputs, angles, strict=True):
+            angle = controller.encoder.read(true, rng)
+            yield Log(
+                time=time,
+                input=command,
+                angle=angle,
+                velocity=filtered_difference(time, angle),
+                input_kind=kind_of(self._drive),
+                intersample=Intersample.ZERO_ORDER_HOLD,
+                **_about(added, excitation),
+            )
+
+    def _roll_out(
+        self, added: list[AddedMass], start: NDArray[np.float64], held: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the (runs, cycles + 1) angles under (runs, cycles) held commands."""
+        models = [copy.copy(self._model) for _ in added]
+        for model, mass in zip(models, added, strict=True):
+            mount(model, mass)
+        controls = np.repeat(held, self._substeps, axis=1)[:, :, None]
+        size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        states = np.zeros((len(added), size))
+        states[:, 1] = start  # a state is time, angle, velocity
+        reached, _ = self._pool.rollout(models, self._data, states, controls)
+        return np.column_stack([start, reached[:, self._substeps - 1 :: self._substeps, 1]])

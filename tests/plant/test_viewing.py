@@ -2,6 +2,8 @@ import gc
 import re
 import subprocess
 import sys
+import time
+import urllib.error
 import urllib.request
 from pathlib import Path
 
@@ -79,6 +81,19 @@ def test_without_a_display_the_viewer_says_what_else_there_is(monkeypatch):
         watch(ROBOT, ADDED, Sine(omega=3.0, amplitude=0.1))
 
 
+def _status(url, patience=30.0):
+    """Status of a page whose server has been announced but may still be starting."""
+    deadline = time.monotonic() + patience
+    while True:
+        try:
+            with urllib.request.urlopen(url, timeout=patience) as page:  # noqa: S310 - loopback
+                return page.status
+        except urllib.error.URLError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)
+
+
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs Linux's list of sockets")
 def test_the_browser_s_viewer_is_served_on_loopback_and_nowhere_else(tmp_path):
     command = [
@@ -95,8 +110,7 @@ def test_the_browser_s_viewer_is_served_on_loopback_and_nowhere_else(tmp_path):
         try:
             line = viewer.stdout.readline()
             port = int(re.search(r"http://127\.0\.0\.1:(\d+)/", line)[1])
-            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=30) as page:
-                assert page.status == 200
+            assert _status(f"http://127.0.0.1:{port}/") == 200
             listening = [
                 row.split()[1]
                 for table in ("tcp", "tcp6")
