@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numba
@@ -12,8 +13,12 @@ if TYPE_CHECKING:
 
     from butterfly.model.parameters import LumpedParameters
 
+State = tuple[float, float, float]
+"""Angle in rad, velocity in rad/s, and torque of the motor in N m (a state only with a lag)."""
+
 _MAX_REVERSALS = 8  # reversals of the velocity that one step may hold before it is cut short
 _REFINEMENTS = 3  # secant corrections of the instant at which the velocity vanishes
+_LAG_STEPS = 16  # least number of steps in one time constant of the armature
 
 
 def simulate(
@@ -26,8 +31,10 @@ def simulate(
     """Integrate (5) with Coulomb friction over ``time``, one RK4 step per interval.
 
     A step in which the velocity changes sign is split where it vanishes; the joint then sticks
-    while the other torques stay within +-T_c and slips on otherwise, so no regularisation
-    parameter enters. Fourth-order accurate between reversals.
+    while the other torques stay within +-T_c and slips on from the instant at which they do not,
+    so no regularisation parameter enters. Fourth-order accurate between reversals. With an
+    armature's time constant, each interval is divided into steps of at most a sixteenth of it, and
+    the current starts at 0.
 
     Parameters
     ----------
@@ -45,89 +52,135 @@ def simulate(
     angle, velocity
         (n,) each, in rad and rad/s.
     """
-    p = parameters
-    return _integrate(time, p.p4 * inputs, angle, velocity, p.p1, p.p2, p.p3, p.coulomb)
+    return _integrate(time, parameters.p4 * inputs, (angle, velocity, 0.0), _constants(parameters))
 
 
-def step(
-    parameters: LumpedParameters, angle: float, velocity: float, held: float, duration: float
-) -> tuple[float, float]:
-    """Take one step of ``duration`` s with the input held, as `simulate` does in each interval."""
-    p = parameters
-    torque = p.p4 * held
-    torques = (torque, torque, torque)
-    return _advance(angle, velocity, torques, duration, p.p1, p.p2, p.p3, p.coulomb)
+def step(parameters: LumpedParameters, state: State, held: float, duration: float) -> State:
+    """Return the state after ``duration`` s with the input held, as `simulate` finds it."""
+    torque = parameters.p4 * held
+    return _interval(state, (torque, torque, torque), duration, _constants(parameters))
 
 
-@numba.njit(cache=True)
-def _acceleration(x, v, torque, sign, p1, p2, p3, coulomb):
-    return (torque - p2 * v - p3 * np.sin(x) - sign * coulomb) / p1
+def _constants(p: LumpedParameters) -> tuple[float, float, float, float, float, float]:
+    """Return p1, friction alone, back EMF, time constant, p3, T_c."""
+    return (p.p1, p.p2 - p.back_emf, p.back_emf, p.time_constant, p.p3, p.coulomb)
 
 
 @numba.njit(cache=True)
-def _torque_at(torques, fraction):
-    """Evaluate the quadratic through the torques at fractions 0, 1/2 and 1 of the interval."""
-    start, middle, end = torques
+def _rates(x, v, motor, drive, sign, constants):
+    """Return acceleration, and rate of the motor's torque, when sliding in the direction sign."""
+    p1, friction, back_emf, lag, p3, coulomb = constants
+    torque = drive - back_emf * v
+    rate = 0.0
+    if lag > 0.0:
+        rate = (torque - motor) / lag
+        torque = motor
+    return (torque - friction * v - p3 * np.sin(x) - sign * coulomb) / p1, rate
+
+
+@numba.njit(cache=True)
+def _drive_at(drives, fraction):
+    """Evaluate the quadratic through the drives at fractions 0, 1/2 and 1 of the interval."""
+    start, middle, end = drives
     bend = 2.0 * (start - 2.0 * middle + end)
     return start + fraction * (end - start - bend + bend * fraction)
 
 
 @numba.njit(cache=True)
-def _rk4(x, v, torques, begin, share, h, sign, p1, p2, p3, coulomb):
+def _rk4(state, drives, begin, share, h, sign, constants):
     """Take one RK4 step over ``share`` of the interval h, sliding in the direction ``sign``."""
+    x, v, m = state
     dt = share * h
-    t0 = _torque_at(torques, begin)
-    t1 = _torque_at(torques, begin + 0.5 * share)
-    t2 = _torque_at(torques, begin + share)
-    a1 = _acceleration(x, v, t0, sign, p1, p2, p3, coulomb)
+    d0 = _drive_at(drives, begin)
+    d1 = _drive_at(drives, begin + 0.5 * share)
+    d2 = _drive_at(drives, begin + share)
+    a1, r1 = _rates(x, v, m, d0, sign, constants)
     v2 = v + 0.5 * dt * a1
-    a2 = _acceleration(x + 0.5 * dt * v, v2, t1, sign, p1, p2, p3, coulomb)
+    a2, r2 = _rates(x + 0.5 * dt * v, v2, m + 0.5 * dt * r1, d1, sign, constants)
     v3 = v + 0.5 * dt * a2
-    a3 = _acceleration(x + 0.5 * dt * v2, v3, t1, sign, p1, p2, p3, coulomb)
+    a3, r3 = _rates(x + 0.5 * dt * v2, v3, m + 0.5 * dt * r2, d1, sign, constants)
     v4 = v + dt * a3
-    a4 = _acceleration(x + dt * v3, v4, t2, sign, p1, p2, p3, coulomb)
-    x_new = x + dt / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
-    v_new = v + dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-    return x_new, v_new
+    a4, r4 = _rates(x + dt * v3, v4, m + dt * r3, d2, sign, constants)
+    return (
+        x + dt / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4),
+        v + dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
+        m + dt / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4),
+    )
 
 
 @numba.njit(cache=True)
-def _advance(x, v, torques, h, p1, p2, p3, coulomb):
+def _rest(state, drives, begin, h, constants):
+    """Return the state at the interval's end when the joint sticks from fraction ``begin`` on."""
+    x, _, m = state
+    lag = constants[3]
+    if lag > 0.0:
+        target = _drive_at(drives, 0.5 * (1.0 + begin))
+        m = target + (m - target) * math.exp(-(1.0 - begin) * h / lag)
+    return x, 0.0, m
+
+
+@numba.njit(cache=True)
+def _advance(state, drives, h, constants):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
+    lag, p3, coulomb = constants[3], constants[4], constants[5]
     begin = 0.0
     for _ in range(_MAX_REVERSALS):
-        share = 1.0 - begin
+        x, v, m = state
         sign = np.sign(v)
-        if v == 0.0:
-            net = _torque_at(torques, begin) - p3 * np.sin(x)
+        if v == 0.0 and coulomb > 0.0:
+            load = p3 * np.sin(x)
+            net = (m if lag > 0.0 else _drive_at(drives, begin)) - load
             if abs(net) <= coulomb:
-                return x, 0.0  # stuck until the interval ends
+                rest = _rest(state, drives, begin, h, constants)
+                final = (rest[2] if lag > 0.0 else _drive_at(drives, 1.0)) - load
+                if abs(final) <= coulomb:
+                    return rest
+                loose = (coulomb * np.sign(final) - net) / (final - net)
+                begin += loose * (1.0 - begin)
+                state = (x, v, m + loose * (rest[2] - m))
+                net = final
             sign = np.sign(net)
-        x_new, v_new = _rk4(x, v, torques, begin, share, h, sign, p1, p2, p3, coulomb)
-        if coulomb == 0.0 or v_new * sign >= 0.0:
-            return x_new, v_new
+        share = 1.0 - begin
+        after = _rk4(state, drives, begin, share, h, sign, constants)
+        if coulomb == 0.0 or after[1] * sign >= 0.0:
+            return after
         if v == 0.0:
-            return x, 0.0  # pushed back at once: friction holds the joint
+            break  # pushed back at once: friction holds the joint
         upper = share
-        share *= v / (v - v_new)
+        share *= v / (v - after[1])
         for _ in range(_REFINEMENTS):
-            x_new, v_new = _rk4(x, v, torques, begin, share, h, sign, p1, p2, p3, coulomb)
-            share = min(share * v / (v - v_new), upper)
-        x, v = x_new, 0.0
+            after = _rk4(state, drives, begin, share, h, sign, constants)
+            share = min(share * v / (v - after[1]), upper)
+        state = (after[0], 0.0, after[2])
         begin += share
-    return x, 0.0
+    return _rest(state, drives, begin, h, constants)
 
 
 @numba.njit(cache=True)
-def _integrate(time, torques, x, v, p1, p2, p3, coulomb):
+def _interval(state, drives, h, constants):
+    """Return the state at the end of one interval, in steps that the armature's lag allows."""
+    lag = constants[3]
+    count = 1
+    if lag > 0.0:
+        count = max(1, math.ceil(_LAG_STEPS * h / lag))
+    for k in range(count):
+        part = (
+            _drive_at(drives, k / count),
+            _drive_at(drives, (k + 0.5) / count),
+            _drive_at(drives, (k + 1) / count),
+        )
+        state = _advance(state, part, h / count, constants)
+    return state
+
+
+@numba.njit(cache=True)
+def _integrate(time, drives, state, constants):
     n = time.size
     angle = np.empty(n)
     velocity = np.empty(n)
-    angle[0] = x
-    velocity[0] = v
+    angle[0], velocity[0] = state[0], state[1]
     for k in range(n - 1):
-        step = (torques[k, 0], torques[k, 1], torques[k, 2])
-        x, v = _advance(x, v, step, time[k + 1] - time[k], p1, p2, p3, coulomb)
-        angle[k + 1] = x
-        velocity[k + 1] = v
+        row = (drives[k, 0], drives[k, 1], drives[k, 2])
+        state = _interval(state, row, time[k + 1] - time[k], constants)
+        angle[k + 1], velocity[k + 1] = state[0], state[1]
     return angle, velocity

@@ -51,8 +51,7 @@ def frequency_response(parameters: LumpedParameters, omega: ArrayLike) -> NDArra
         Frequencies in rad/s, any shape.
     """
     p, w = parameters, np.asarray(omega, dtype=np.float64)
-    denominator = p.p3 - p.p1 * w**2 + 1j * p.p2 * w
-    return np.asarray(p.p4 * np.exp(-1j * w * p.delay) / denominator)
+    return _input_gain(p, w) / (p.p3 - p.p1 * w**2 + _damping(p, w))
 
 
 def quasi_linear_response(
@@ -68,13 +67,20 @@ def quasi_linear_response(
         Frequencies in rad/s and angle amplitudes in rad, shapes that broadcast.
     """
     p, w = parameters, np.asarray(omega, dtype=np.float64)
-    denominator = (
-        -p.p1 * w**2
-        + 1j * p.p2 * w
-        + p.p3 * gravity_describing_function(amplitude)
-        + p.coulomb * coulomb_describing_function(amplitude)
-    )
-    return np.asarray(p.p4 * np.exp(-1j * w * p.delay) / denominator)
+    stiffness = p.p3 * gravity_describing_function(amplitude) - p.p1 * w**2
+    friction = p.coulomb * coulomb_describing_function(amplitude)
+    return _input_gain(p, w) / (stiffness + friction + _damping(p, w))
+
+
+def _input_gain(p: LumpedParameters, w: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Torque at standstill over input: gain, delay, and the armature's lag."""
+    return np.asarray(p.p4 * np.exp(-1j * w * p.delay) / (1 + 1j * w * p.time_constant))
+
+
+def _damping(p: LumpedParameters, w: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Torque over angle of friction and of the back EMF, the latter behind the armature's lag."""
+    lagged = p.back_emf / (1 + 1j * w * p.time_constant)
+    return np.asarray(1j * w * (p.p2 - p.back_emf + lagged))
 
 
 def predicted_swing(parameters: LumpedParameters, omega: float, amplitude: float) -> float:

@@ -46,7 +46,7 @@ class Hand:
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageDrive:
-    """A DC motor fed with a voltage, armature inductance neglected (4).
+    """A DC motor fed with a voltage (4).
 
     Parameters
     ----------
@@ -56,16 +56,20 @@ class VoltageDrive:
         k_i in N m/A.
     back_emf_constant
         k_emf in V s/rad; equal to k_i in SI units for a lossless motor.
+    inductance
+        L in H; 0 lets the current follow at once, as (5) does.
     """
 
     resistance: float
     torque_constant: float
     back_emf_constant: float
+    inductance: float = 0.0
 
     def __post_init__(self) -> None:
         _require(self, "resistance", self.resistance, positive=True)
         _require(self, "torque_constant", self.torque_constant, positive=True)
         _require(self, "back_emf_constant", self.back_emf_constant)
+        _require(self, "inductance", self.inductance)
 
     @property
     def gain(self) -> float:
@@ -76,6 +80,11 @@ class VoltageDrive:
     def damping(self) -> float:
         """The back-EMF's share k_emf k_i / R of p2, in N m s/rad (6)."""
         return self.back_emf_constant * self.gain
+
+    @property
+    def time_constant(self) -> float:
+        """Time L/R in s in which the current follows the voltage."""
+        return self.inductance / self.resistance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +105,11 @@ class TorqueDrive:
     @property
     def damping(self) -> float:
         """A current loop adds no damping."""
+        return 0.0
+
+    @property
+    def time_constant(self) -> float:
+        """A current loop is taken to be fast."""
         return 0.0
 
 
@@ -180,6 +194,11 @@ class LumpedParameters:
         T_c in N m.
     delay
         From recorded input to torque, in s.
+    back_emf
+        The back EMF's share k_emf k_i/R of p2, in N m s/rad; it counts only with the next.
+    time_constant
+        Of the armature, L/R in s: the motor's torque p4 v - back_emf thd then follows with this
+        lag. 0 is the reduced model (5).
     """
 
     p1: float
@@ -188,6 +207,8 @@ class LumpedParameters:
     p4: float
     coulomb: float = 0.0
     delay: float = 0.0
+    back_emf: float = 0.0
+    time_constant: float = 0.0
 
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand carrying ``added`` (78)."""
@@ -230,4 +251,6 @@ def lump(hand: Hand, drive: Drive, friction: Friction) -> LumpedParameters:
         p3=hand.mass * GRAVITY * hand.com_distance,
         p4=drive.gain,
         coulomb=friction.coulomb,
+        back_emf=drive.damping,
+        time_constant=drive.time_constant,
     )

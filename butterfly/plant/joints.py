@@ -20,6 +20,9 @@ LONGEST_STEP = 1e-3
 """Longest step in s: RK4's error is then 1.5e-11 rad over 70 s of small swings."""
 
 
+_LAG_STEPS = 16  # least number of steps in one time constant of the armature
+
+
 def kind_of(drive: Drive) -> InputKind:
     """Tell what a drive's command means."""
     return InputKind.VOLTAGE if isinstance(drive, VoltageDrive) else InputKind.TORQUE
@@ -69,6 +72,9 @@ class MujocoJoint(_DrivenJoint):
         mount(self._model, added)
         self._data = mujoco.MjData(self._model)
         self._options = self._model.opt
+        lag = robot.drive.time_constant
+        self._has_current = lag > 0
+        self._longest = min(LONGEST_STEP, lag / _LAG_STEPS) if lag > 0 else LONGEST_STEP
 
     @property
     def angle(self) -> float:
@@ -86,11 +92,23 @@ class MujocoJoint(_DrivenJoint):
         self._data.qpos[0] = self._initial
 
     def advance(self, command: float, duration: float) -> None:
-        """Step MuJoCo through ``duration`` s in equal steps of at most `LONGEST_STEP`."""
-        count = steps_of(duration)
+        """Step MuJoCo through ``duration`` s in equal steps that the armature's lag allows."""
+        count = steps_of(duration, self._longest)
         self._data.ctrl[0] = command
         self._options.timestep = duration / count
-        mujoco.mj_step(self._model, self._data, nstep=count)
+        if not self._has_current:
+            mujoco.mj_step(self._model, self._data, nstep=count)
+            return
+        # The callback is process-wide, and must not be there while another model is compiled.
+        mujoco.set_mjcb_act_dyn(_current_rate)
+        try:
+            mujoco.mj_step(self._model, self._data, nstep=count)
+        finally:
+            mujoco.set_mjcb_act_dyn(None)
+
+    def current(self, command: float) -> float:
+        """Armature current in A (4); a state of the simulation if there is an inductance."""
+        return float(self._data.act[0]) if self._has_current else super().current(command)
 
 
 class GreyBoxJoint(_DrivenJoint):
@@ -109,7 +127,7 @@ class GreyBoxJoint(_DrivenJoint):
     ) -> None:
         super().__init__(robot, angle)
         self._parameters = robot.lumped.with_added_mass(added)
-        self._state = (angle, 0.0)
+        self._state = (angle, 0.0, 0.0)
 
     @property
     def angle(self) -> float:
@@ -123,15 +141,29 @@ class GreyBoxJoint(_DrivenJoint):
 
     def reset(self) -> None:
         """Go back to rest."""
-        self._state = (self._initial, 0.0)
+        self._state = (self._initial, 0.0, 0.0)
 
     def advance(self, command: float, duration: float) -> None:
         """Integrate through ``duration`` s in equal steps of at most `LONGEST_STEP`."""
         count = steps_of(duration)
         for _ in range(count):
-            self._state = step(self._parameters, *self._state, command, duration / count)
+            self._state = step(self._parameters, self._state, command, duration / count)
+
+    def current(self, command: float) -> float:
+        """Armature current in A (4); a state of the simulation if there is an inductance."""
+        drive = self._drive
+        if isinstance(drive, VoltageDrive) and drive.time_constant > 0:
+            return self._state[2] / drive.torque_constant
+        return super().current(command)
 
 
-def steps_of(duration: float) -> int:
-    """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
-    return max(math.ceil(duration / LONGEST_STEP * (1 - 1e-9)), 1)
+def _current_rate(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> float:
+    """Return di/dt = (v - R i - k_emf thd)/L (4)."""
+    resistance, back_emf_constant, inductance = model.actuator_dynprm[index, :3].tolist()
+    voltage, velocity, current = data.ctrl[index], data.actuator_velocity[index], data.act[index]
+    return float((voltage - resistance * current - back_emf_constant * velocity) / inductance)
+
+
+def steps_of(duration: float, longest: float = LONGEST_STEP) -> int:
+    """Count the equal steps of at most ``longest`` s that make up ``duration`` s."""
+    return max(math.ceil(duration / longest * (1 - 1e-9)), 1)

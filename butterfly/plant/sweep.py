@@ -55,9 +55,9 @@ def sweep(
 ) -> Iterator[Log]:
     """Simulate each run from rest, hanging down, its excitation applied through a zero-order hold.
 
-    On a regular clock the runs share MuJoCo's compiled loop and its threads; on a jittered one, or
-    with a delayed command, each goes through the motor wrapper. Both give the same log to within
-    rounding.
+    On a regular clock the runs share MuJoCo's compiled loop and its threads; on a jittered one,
+    with a delayed command, or with a motor whose current is a state, each goes through the motor
+    wrapper. Both give the same log to within rounding.
 
     Parameters
     ----------
@@ -85,7 +85,8 @@ def sweep(
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
-    if controller.clock.jitter > 0 or controller.path.delay > 0:
+    irregular = controller.clock.jitter > 0 or controller.path.delay > 0
+    if irregular or robot.drive.time_constant > 0:
         for (added, excitation), rng in track(jobs, "Simulating in MuJoCo"):
             yield through_wrapper(robot, added, excitation, controller, rng)
         return

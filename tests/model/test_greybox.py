@@ -110,3 +110,22 @@ def test_with_coulomb_friction_it_equals_an_integrator_that_stops_at_each_revers
         now, start = piece.t[-1], piece.y[0, -1]
     expected = np.concatenate(pieces)
     np.testing.assert_allclose(np.interp(expected[:, 0], time, angle), expected[:, 1], atol=1e-7)
+
+
+def test_a_joint_breaks_loose_at_the_instant_at_which_the_drive_exceeds_friction():
+    """A ramp from rest: x = k (t - t0)^3 / 6 p1 from t0 = T_c/k on, whatever the steps."""
+    parameters = LumpedParameters(p1=0.1, p2=0, p3=0, p4=1, coulomb=0.2)
+    for step in (0.3, 0.13, 0.017):
+        time = np.arange(0, 2, step)
+        middles = (time[1:] + time[:-1]) / 2
+        ramp = 0.37 * np.column_stack([time[:-1], middles, time[1:]])
+        angle, _ = simulate(parameters, time, ramp, 0.0)
+        free = np.maximum(time - 0.2 / 0.37, 0.0)
+        np.testing.assert_allclose(angle, 0.37 * free**3 / 0.6, atol=1e-12)
+
+
+def test_an_input_that_starts_from_zero_moves_a_joint_without_friction_at_once():
+    parameters = LumpedParameters(p1=0.1, p2=0, p3=0, p4=1)
+    time = np.array([0.0, 1.0])
+    angle, _ = simulate(parameters, time, np.array([[0.0, 0.5, 1.0]]), 0.0)
+    assert angle[-1] == pytest.approx(1 / 0.6)

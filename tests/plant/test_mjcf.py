@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
 from butterfly.errors import InputError
+from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
 from butterfly.plant.mjcf import Robot, compile_model, mjcf, mount
 from butterfly.plant.picture import Painter, RenderingError, render
@@ -96,3 +99,25 @@ def test_a_picture_shows_the_hand_turned_and_its_mass(tmp_path):
 def test_a_picture_of_an_unknown_format_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"got \.foo"):
         render(ROBOT, ADDED, 0.5, tmp_path / "hand.foo")
+
+
+@pytest.mark.parametrize(("integrator", "order"), [("RK4", 4), ("EULER", 1), ("IMPLICITFAST", 1)])
+def test_each_integrator_of_mujoco_converges_with_its_order(integrator, order):
+    """Why the model asks for RK4."""
+    smooth = replace(ROBOT, friction=Friction(viscous=2e-4))
+    model = compile_model(smooth)
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+
+    def final(step):
+        model.opt.timestep = step
+        data = mujoco.MjData(model)
+        data.qpos[0], data.ctrl[0] = 0.5, 0.3
+        for _ in range(round(5 / step)):
+            mujoco.mj_step(model, data)
+        return data.qpos[0]
+
+    instants = np.arange(0, 5.0005, 1e-3)
+    held = np.full((instants.size - 1, 3), 0.3)
+    exact = simulate(smooth.lumped, instants, held, 0.5)[0][-1]
+    coarse, fine = (abs(final(step) - exact) for step in (0.02, 0.01))
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.2)

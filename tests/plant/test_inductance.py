@@ -1,0 +1,135 @@
+"""The armature's current as a state, against an independent integrator of (2)-(4)."""
+
+import math
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from butterfly.model.harmonic import frequency_response
+from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
+from butterfly.plant.bench import Bench
+from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.mjcf import Robot, mjcf
+from butterfly.plant.motor import SimulatedMotor
+from butterfly.plant.sensors import Clock, Encoder
+from butterfly.signals.sine_fit import fit_sine
+
+FINE = Encoder(steps=2**45)
+ADDED = AddedMass(mass=0.05, arm=0.104)
+CLOCK = Clock(step=0.01)
+
+
+def _robot(time_constant, back_emf=0.03, coulomb=0.0):
+    drive = VoltageDrive(
+        resistance=2, torque_constant=0.05, back_emf_constant=back_emf, inductance=2 * time_constant
+    )
+    friction = Friction(viscous=2e-4, coulomb=coulomb)
+    return Robot(
+        hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003), drive=drive, friction=friction
+    )
+
+
+def _run(joint, duration=10.0, clock=CLOCK):
+    with Bench(SimulatedMotor(joint, encoder=FINE), clock=clock) as bench:
+        return bench.play(lambda time: 0.5 * np.sin(4 * time), duration)
+
+
+def _reference(robot, log):
+    """Angle at the log's stamps, each held voltage integrated on its own to 1e-13."""
+    loaded, drive = robot.lumped.with_added_mass(ADDED), robot.drive
+
+    def rhs(_, state, voltage):
+        x, v, i = state
+        torque = drive.torque_constant * i - robot.friction.viscous * v - loaded.p3 * math.sin(x)
+        back = drive.back_emf_constant * v
+        return [v, torque / loaded.p1, (voltage - drive.resistance * i - back) / drive.inductance]
+
+    state, angles = [0.0, 0.0, 0.0], [0.0]
+    for start, end, voltage in zip(log.time, log.time[1:], log.input, strict=False):
+        solution = solve_ivp(
+            rhs, (start, end), state, "DOP853", args=(voltage,), rtol=1e-13, atol=1e-15
+        )
+        state = solution.y[:, -1]
+        angles.append(state[0])
+    return np.array(angles)
+
+
+@pytest.mark.parametrize("joint", [MujocoJoint, GreyBoxJoint])
+@pytest.mark.parametrize("back_emf", [0.03, 0.0])
+@pytest.mark.parametrize(("cycle", "duration"), [(0.01, 10.0), (0.001, 2.0)])
+def test_the_angle_is_right_to_1e_8_at_a_time_constant_of_1_ms(joint, back_emf, cycle, duration):
+    robot = _robot(1e-3, back_emf)
+    log = _run(joint(robot, ADDED), duration, Clock(step=cycle))
+    np.testing.assert_allclose(log.angle, _reference(robot, log), atol=1e-8)
+    assert np.ptp(log.angle) > 0.1
+
+
+@pytest.mark.parametrize("joint", [MujocoJoint, GreyBoxJoint])
+def test_a_vanishing_inductance_is_the_reduced_model(joint):
+    limit = _run(joint(_robot(0.0), ADDED)).angle
+    gaps = [np.abs(_run(joint(_robot(te), ADDED)).angle - limit).max() for te in (4e-3, 2e-3, 1e-3)]
+    assert gaps[0] / gaps[1] == pytest.approx(2, abs=0.1)
+    assert gaps[1] / gaps[2] == pytest.approx(2, abs=0.1)
+
+
+def test_the_current_read_is_the_state_and_obeys_the_armature():
+    for joint in (MujocoJoint, GreyBoxJoint):
+        motor = SimulatedMotor(joint(_robot(0.01, back_emf=0.0)), encoder=FINE)
+        motor.start()
+        motor.command(1.0)
+        assert motor.read().current == 0.0
+        motor.wait(0.005)
+        assert motor.read().current == pytest.approx(0.5 * (1 - math.exp(-0.5)), rel=1e-6)
+
+
+def test_with_coulomb_friction_both_joints_still_agree():
+    robot = _robot(2e-3, coulomb=5e-4)
+    first, second = (
+        _run(joint(robot, ADDED), duration=4.0).angle for joint in (MujocoJoint, GreyBoxJoint)
+    )
+    assert np.abs(first - second).max() < 2e-3
+
+
+def test_the_frequency_response_has_the_armature_s_lag():
+    robot = replace(_robot(0.02), hand=Hand(mass=0.01, com_distance=0.0, inertia=0.003))
+    clock = Clock(step=1e-3)
+    with Bench(SimulatedMotor(GreyBoxJoint(robot), encoder=FINE), clock=clock) as bench:
+        log = bench.play(lambda time: 0.05 * np.sin(9 * time), 40.0)
+    rows = log.time > 40 - 10 * 2 * np.pi / 9
+    angle, voltage = (
+        fit_sine(log.time[rows], x[rows], 9.0).fundamental for x in (log.angle, log.input)
+    )
+    hold = np.exp(-0.5j * 9 * 1e-3)
+    assert angle / (voltage * hold) == pytest.approx(
+        complex(frequency_response(robot.lumped, 9.0)), rel=1e-4
+    )
+
+
+def test_two_robots_with_inductance_do_not_disturb_each_other():
+    slow, fast = (MujocoJoint(_robot(te), ADDED) for te in (5e-3, 1e-3))
+    together = [], []
+    for _ in range(100):
+        for joint, angles in zip((slow, fast), together, strict=True):
+            joint.advance(0.4, 0.005)
+            angles.append(joint.angle)
+    for te, angles in zip((5e-3, 1e-3), together, strict=True):
+        alone = MujocoJoint(_robot(te), ADDED)
+        for angle in angles:
+            alone.advance(0.4, 0.005)
+            assert alone.angle == angle
+
+
+def test_an_exported_robot_with_inductance_loads_in_plain_mujoco_with_a_current():
+    for back_emf in (0.03, 0.0):
+        model = mujoco.MjModel.from_xml_string(mjcf(_robot(1e-3, back_emf), ADDED))
+        assert model.na == 1
+        data = mujoco.MjData(model)
+        data.ctrl[0] = 0.2
+        for _ in range(100):
+            mujoco.mj_step(model, data)
+        reduced = GreyBoxJoint(_robot(0.0, back_emf), ADDED)
+        reduced.advance(0.2, 0.1)
+        assert data.qpos[0] == pytest.approx(reduced.angle, rel=0.05)
