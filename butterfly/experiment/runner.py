@@ -36,7 +36,13 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     Path of the manifest, which is written last.
     """
     plant = experiment.plant
-    controller = Controller(duration=experiment.duration, clock=plant.clock, encoder=plant.encoder)
+    controller = Controller(
+        duration=experiment.duration,
+        clock=plant.clock,
+        encoder=plant.encoder,
+        path=plant.path,
+        faults=plant.faults,
+    )
     runs = experiment.runs()
     seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
     logs = sweep(plant.robot, runs, controller, seeds, track=track)

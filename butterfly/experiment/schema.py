@@ -23,7 +23,8 @@ from butterfly.plant.excitations import (
     Table,
 )
 from butterfly.plant.mjcf import Robot
-from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.motor import CommandPath
+from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.yaml_input import StrictModel, read_yaml
 
 SMALL_SWING = 1.0
@@ -58,6 +59,8 @@ class PlantSpec(StrictModel):
     friction: Friction = Friction()
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
+    path: CommandPath = CommandPath()
+    faults: Faults = Faults()
 
     @property
     def robot(self) -> Robot:

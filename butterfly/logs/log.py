@@ -101,8 +101,8 @@ class Log:
         values = {name: getattr(self, name) for name in SAMPLED}
         return {name: np.asarray(value) for name, value in values.items() if value is not None}
 
-    def take(self, rows: NDArray[np.bool_]) -> Log:
-        """Return the log of the samples selected by the (n,) mask ``rows``."""
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Log:
+        """Return the log of the samples selected by a mask, or by their numbers."""
         time, inputs, angle = self.time[rows], self.input[rows], self.angle[rows]
         velocity = None if self.velocity is None else self.velocity[rows]
         return replace(self, time=time, input=inputs, angle=angle, velocity=velocity)

@@ -172,7 +172,7 @@ class SimulatedMotor:
 
     def read(self) -> Reading:
         """Read the encoder; see `Motor`."""
-        angle = self._encoder.read_one(self._joint.angle, self._rng)
+        angle = self._encoder.read_one(self._time, self._joint.angle, self._rng)
         return Reading(self._time, angle, self._joint.current(self._applied))
 
     def wait(self, duration: float) -> None:

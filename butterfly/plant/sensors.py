@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.plant.noise import BandLimitedNoise  # noqa: TC001 - the schema reads annotations
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
 
 VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""
@@ -29,10 +32,13 @@ class Encoder:
         Per turn.
     noise
         Standard deviation in rad of white noise added before rounding to a step.
+    band_limited
+        Simulink's noise, added too; None for none.
     """
 
     steps: int = 32768
     noise: float = 0.0
+    band_limited: BandLimitedNoise | None = None
 
     def __post_init__(self) -> None:
         if self.steps < 1:
@@ -40,18 +46,55 @@ class Encoder:
         if not (math.isfinite(self.noise) and self.noise >= 0):
             raise InputError("Encoder", "noise", self.noise, "a finite non-negative number of rad")
 
-    def read(self, angle: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return the (n,) readings in rad of (n,) true angles in rad."""
+    def read(
+        self, time: NDArray[np.float64], angle: NDArray[np.float64], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Return the (n,) readings in rad of (n,) true angles in rad at (n,) instants in s."""
+        if self.noise:
+            angle = angle + self.noise * rng.standard_normal(angle.size)
+        if self.band_limited is not None:
+            angle = angle + self.band_limited.sample(time)
         step = 2 * np.pi / self.steps
-        noisy = angle + self.noise * rng.standard_normal(angle.size) if self.noise else angle
-        return np.asarray(step * np.round(noisy / step))
+        return np.asarray(step * np.round(angle / step))
 
-    def read_one(self, angle: float, rng: np.random.Generator) -> float:
+    def read_one(self, time: float, angle: float, rng: np.random.Generator) -> float:
         """Return the reading in rad of one true angle in rad."""
         if self.noise:
             angle += self.noise * rng.standard_normal()
+        if self.band_limited is not None:
+            angle += float(self.band_limited.sample(np.array([time]))[0])
         step = math.tau / self.steps
         return step * round(angle / step) if math.isfinite(angle) else angle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faults:
+    """What goes wrong between the controller and the file.
+
+    Parameters
+    ----------
+    dropped
+        Share of samples that are lost.
+    duplicated
+        Share of samples that are written twice.
+    """
+
+    dropped: float = 0.0
+    duplicated: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("dropped", "duplicated"):
+            share = getattr(self, name)
+            if not 0 <= share < 1:
+                raise InputError("Faults", name, share, "a share from 0 to below 1")
+
+    def apply(self, log: Log, rng: np.random.Generator) -> Log:
+        """Return the log as it is written: samples lost at random, and others repeated."""
+        if self.dropped == self.duplicated == 0:
+            return log
+        draws = rng.uniform(size=(2, log.time.size))
+        copies = np.where(draws[0] < self.dropped, 0, np.where(draws[1] < self.duplicated, 2, 1))
+        return log.take(np.repeat(np.arange(log.time.size), copies))
 
 
 @dataclass(frozen=True, kw_only=True)

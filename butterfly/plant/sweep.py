@@ -18,7 +18,7 @@ from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import MujocoJoint, kind_of, steps_of
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import CommandPath, SimulatedMotor
-from butterfly.plant.sensors import Clock, Encoder, filtered_difference
+from butterfly.plant.sensors import Clock, Encoder, Faults, filtered_difference
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -36,12 +36,13 @@ _BATCH = 16  # runs simulated between two reports of progress, which bounds the 
 
 @dataclass(frozen=True, kw_only=True)
 class Controller:
-    """What applies the excitations: clock, encoder, command path, and duration of a run in s."""
+    """What applies the excitations and records: its parts, and the duration of a run in s."""
 
     duration: float
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
     path: CommandPath = CommandPath()
+    faults: Faults = Faults()
 
 
 def sweep(
@@ -85,13 +86,20 @@ def sweep(
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
+    logs = _simulated(robot, jobs, controller, threads or os.cpu_count() or 1, track)
+    for log, rng in zip(logs, generators, strict=True):
+        yield controller.faults.apply(log, rng)
+
+
+def _simulated(
+    robot: Robot, jobs: Sequence[_Job], controller: Controller, workers: int, track: Track
+) -> Iterator[Log]:
     irregular = controller.clock.jitter > 0 or controller.path.delay > 0
     if irregular or robot.drive.time_constant > 0:
         for (added, excitation), rng in track(jobs, "Simulating in MuJoCo"):
             yield through_wrapper(robot, added, excitation, controller, rng)
         return
     batches = [jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)]
-    workers = threads or os.cpu_count() or 1
     with Rollout(nthread=workers) as pool:
         loop = _CompiledLoop(robot, controller, pool, workers)
         for batch in track(batches, "Simulating in MuJoCo"):
@@ -142,7 +150,7 @@ class _CompiledLoop:
         if not np.isfinite(angles).all():
             raise InputError("MuJoCo", "angle", "a joint that diverged", "smaller commands")
         for ((added, excitation), rng), command, true in zip(batch, inputs, angles, strict=True):
-            angle = controller.encoder.read(true, rng)
+            angle = controller.encoder.read(time, true, rng)
             yield Log(
                 time=time,
                 input=command,

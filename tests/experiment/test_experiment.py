@@ -8,6 +8,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.runner import run, simulate
 from butterfly.experiment.schema import read_experiment
 from butterfly.logs.manifest import read_entry, read_manifest
+from butterfly.plant.sensors import Faults
 from butterfly.resources import shipped
 
 QUICKSTART = shipped("experiments/quickstart.yaml")
@@ -161,3 +162,16 @@ def test_sines_that_will_swing_wide_are_found_beforehand(short):
     assert run[1].omega == 3.9
     assert run[2] > 1.0
     assert read_experiment(QUICKSTART).wide_swings() == []
+
+
+def test_lost_and_repeated_samples_are_counted_and_leave_the_estimate_right(tmp_path):
+    experiment = read_experiment(QUICKSTART)
+    plant = experiment.plant.model_copy(update={"faults": Faults(dropped=0.005, duplicated=0.002)})
+    brief = {"plant": plant, "duration": 40.0, "excitations": experiment.excitations[::2]}
+    result = run(experiment.model_copy(update=brief), tmp_path)
+    assert all(health.duplicate_stamps > 20 for health in result.health)
+    assert any(health.gaps > 0 for health in result.health)
+    truth = experiment.plant.robot.lumped
+    for name in ("p1", "p2", "p3", "p4"):
+        found = getattr(result.estimate.parameters, name)
+        assert found == pytest.approx(getattr(truth, name), rel=0.01)
