@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +15,6 @@ from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from butterfly.logs.health import Health
     from butterfly.logs.log import Log
 
@@ -58,6 +58,7 @@ def write_inspection(log: Log, health: Health, path: Path) -> None:
     middles = (log.time[1:] + log.time[:-1]) / 2
     figure = log_figure(log.time, columns, (middles, 1e3 * np.diff(log.time)))
     findings = "; ".join(health.findings) or "no findings"
-    figure.update_layout(title=f"{log.source}: {findings}", template="plotly_white")
+    title = f"{escape(Path(log.source).name)}<br><sup>{escape(findings)}</sup>"
+    figure.update_layout(title=title, template="plotly_white")
     with replacing(path) as draft:
         figure.write_html(draft, include_plotlyjs=True)
