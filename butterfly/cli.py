@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from butterfly import __version__
+from butterfly.arguments import parse_pairs, parse_parameters
 from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment import runner
 from butterfly.experiment.schema import read_experiment
-from butterfly.experiment.twin import parse_parameters
 from butterfly.identify.identification import Method, identify
 from butterfly.identify.thesis import DECIMATION
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
@@ -201,7 +201,7 @@ def inspect_command(
 
     Example: `butterfly inspect Data_52__8__002.mat --plot log.html`
     """
-    pairs = None if columns is None else _parse_pairs(columns, "--columns")
+    pairs = None if columns is None else parse_pairs(columns, "--columns")
     recorded = read_log(log, pairs, input_kind=InputKind.VOLTAGE)
     clean, health = examine(recorded, DEFAULT_REPAIRS | frozenset(repair or ()))
     typer.echo(log)
@@ -268,10 +268,3 @@ def _manifest(
             "a manifest, or --arm and files named by the pattern",
         )
     return manifest_from_names(path, arm=arm, input_kind=input_kind, intersample=hold)
-
-
-def _parse_pairs(text: str, option: str) -> dict[str, str]:
-    pairs = [item.split("=", 1) for item in text.split(",")]
-    if any(len(pair) != 2 for pair in pairs):  # noqa: PLR2004 - a name and a value
-        raise InputError(option, "value", text, "NAME=VALUE, separated by commas")
-    return {key.strip(): value.strip() for key, value in pairs}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,27 @@ class InputError(ButterflyError, ValueError):
 
 class IdentifiabilityError(ButterflyError):
     """The data cannot determine what was asked for, however good they are."""
+
+
+def require_number(source: str, *, positive: bool = False, unit: str = "", **values: float) -> None:
+    """Raise InputError unless each value is finite and not negative (or strictly positive).
+
+    Parameters
+    ----------
+    source
+        What the values belong to.
+    positive
+        Whether 0 is refused too.
+    unit
+        Named in the message, if given.
+    values
+        By field.
+    """
+    sign = "positive" if positive else "non-negative"
+    for field, value in values.items():
+        if not (math.isfinite(value) and (value > 0 or (value == 0 and not positive))):
+            expected = f"a finite {sign} number" + (f" of {unit}" if unit else "")
+            raise InputError(source, field, value, expected)
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

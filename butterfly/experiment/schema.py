@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
@@ -12,7 +12,7 @@ from butterfly.identify.identification import Method
 from butterfly.logs.csv import read_columns
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.harmonic import predicted_swing
-from butterfly.model.parameters import AddedMass, Drive, Friction, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.excitations import (
     Chirp,
     Excitation,
@@ -31,24 +31,30 @@ SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
 
 
-class DriveSpec(StrictModel):
-    """A voltage-fed motor or a torque-controlled one: exactly one of the two."""
+class OneOf(StrictModel):
+    """Several optional keys of which exactly one must be given."""
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> OneOf:
+        if len(self._given()) != 1:
+            raise ValueError("exactly one of the keys " + ", ".join(type(self).model_fields))
+        return self
+
+    def _given(self) -> list[Any]:
+        values = (getattr(self, name) for name in type(self).model_fields)
+        return [value for value in values if value is not None]
+
+    @property
+    def chosen(self) -> Any:  # noqa: ANN401 - as different as the keys
+        """The value of the one key that was given."""
+        return self._given()[0]
+
+
+class DriveSpec(OneOf):
+    """A voltage-fed motor or a torque-controlled one."""
 
     voltage: VoltageDrive | None = None
     torque: TorqueDrive | None = None
-
-    @model_validator(mode="after")
-    def _one_of_them(self) -> DriveSpec:
-        if (self.voltage is None) == (self.torque is None):
-            raise ValueError("exactly one of the keys voltage and torque")
-        return self
-
-    @property
-    def chosen(self) -> Drive:
-        """The drive that is described."""
-        drive = self.voltage or self.torque
-        assert drive is not None  # noqa: S101 - the validator saw to it
-        return drive
 
 
 class PlantSpec(StrictModel):
@@ -76,8 +82,8 @@ class TableFile(StrictModel):
     values: str = "input"
 
 
-class SignalSpec(StrictModel):
-    """An input other than a plain sine: exactly one of these."""
+class SignalSpec(OneOf):
+    """An input other than a plain sine; a file must be read by `load` before it is one."""
 
     stepped_sine: SteppedSine | None = None
     multisine: Multisine | None = None
@@ -86,15 +92,6 @@ class SignalSpec(StrictModel):
     free_decay: FreeDecay | None = None
     table: Table | None = None
     file: TableFile | None = None
-
-    @model_validator(mode="after")
-    def _one_of_them(self) -> SignalSpec:
-        if len(self._given()) != 1:
-            raise ValueError("exactly one of the keys " + ", ".join(type(self).model_fields))
-        return self
-
-    def _given(self) -> list[str]:
-        return [name for name in type(self).model_fields if getattr(self, name) is not None]
 
     def load(self, folder: Path) -> SignalSpec:
         """Return the spec with a file, which is relative to ``folder``, read into a table.
@@ -109,11 +106,6 @@ class SignalSpec(StrictModel):
         time, values = read_columns(folder / self.file.path, [self.file.time, self.file.values])
         table = Table(time=tuple(time.tolist()), values=tuple(values.tolist()))
         return SignalSpec(table=table)
-
-    @property
-    def excitation(self) -> Excitation:
-        """The input that is described; a file must have been read by `load`."""
-        return getattr(self, self._given()[0])  # type: ignore[no-any-return]
 
 
 class Experiment(StrictModel):
@@ -155,7 +147,7 @@ class Experiment(StrictModel):
 
     def runs(self) -> list[tuple[AddedMass, Excitation]]:
         """List what each run carries and is driven with."""
-        inputs = [*self.excitations, *(signal.excitation for signal in self.signals)]
+        inputs = [*self.excitations, *(signal.chosen for signal in self.signals)]
         return list(product(self.added_masses, inputs))
 
     def wide_swings(self) -> list[tuple[AddedMass, Sine, float]]:

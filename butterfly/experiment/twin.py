@@ -6,19 +6,18 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from butterfly.errors import InputError, nearest
 from butterfly.experiment.schema import read_experiment
 from butterfly.files import replacing
 from butterfly.identify.identification import identify
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
-from butterfly.model.parameters import LumpedParameters, unlump
+from butterfly.model.parameters import unlump
 from butterfly.plant.mjcf import Robot, mjcf
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from butterfly.model.parameters import AddedMass
+    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 MASS = 0.3
 """Mass in kg given to an identified hand; the motion does not tell it."""
@@ -53,32 +52,6 @@ def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robo
     if _is_manifest(path):
         return twin(identify(read_manifest(path, root)).estimate.parameters, mass)
     return read_experiment(path).plant.robot
-
-
-def parse_parameters(text: str, source: str) -> LumpedParameters:
-    """Read ``p1=…,p2=…,p3=…[,p4=…][,coulomb=…][,delay=…]``; p4 is NaN if it is not given.
-
-    Raises
-    ------
-    InputError
-        Naming ``source`` and the part that is wrong.
-    """
-    known = LumpedParameters.__dataclass_fields__
-    values = {"p4": float("nan")}
-    for item in text.split(","):
-        key, separator, value = (part.strip() for part in item.partition("="))
-        if not separator:
-            raise InputError(source, "value", text, "NAME=VALUE, separated by commas")
-        if key not in known:
-            raise InputError(source, key, "an unknown parameter", nearest(key, known))
-        try:
-            values[key] = float(value)
-        except ValueError:
-            raise InputError(source, key, value, "a number") from None
-    missing = {"p1", "p2", "p3"} - values.keys()
-    if missing:
-        raise InputError(source, min(missing), "nothing", "a value")
-    return LumpedParameters(**values)
 
 
 def export(robot: Robot, added: AddedMass, path: Path) -> None:

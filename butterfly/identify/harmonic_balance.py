@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.covariance import cluster_covariance
@@ -133,7 +133,7 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
     by_log = solution.rows.reshape(2, len(points), -1).swapaxes(0, 1)
     covariance, freedom = cluster_covariance(by_log, solution.residuals.reshape(2, -1).T)
     left_out = _leave_one_mass_out(points)
-    reach = student_t.ppf(0.5 + CONFIDENCE / 2, freedom)
+    reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2)
     error = np.sqrt(np.diag(covariance))
     candidates = np.array([solution.values, *left_out.values()])
     lower = np.minimum(solution.values - reach * error, candidates.min(axis=0))

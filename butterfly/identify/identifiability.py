@@ -39,11 +39,11 @@ class Conditioning:
     weakest: tuple[str, ...]
 
     @classmethod
-    def of(cls, rows: NDArray[np.float64]) -> Conditioning:
-        """Judge the (m, 6) rows of a regression on `PARAMETERS`."""
+    def of(cls, rows: NDArray[np.float64], names: tuple[str, ...] = PARAMETERS) -> Conditioning:
+        """Judge the (m, n) rows of a regression on the n parameters ``names``."""
         _, singular, right = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), full_matrices=False)
         share = np.abs(right[-1]) / np.abs(right[-1]).max()
-        weakest = tuple(np.array(PARAMETERS)[share > _INVOLVED].tolist())
+        weakest = tuple(np.array(names)[share > _INVOLVED].tolist())
         with np.errstate(divide="ignore"):
             return cls(number=float(singular[0] / singular[-1]), weakest=weakest)
 

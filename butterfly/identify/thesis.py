@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
 from butterfly.identify.estimate import PARAMETERS, ParameterEstimate
+from butterfly.identify.identifiability import Conditioning
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
 
@@ -157,7 +158,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
     (p1, p2, p3), jacobian = fit_resonances(resonances)
     values = np.array([p1, p2, p3, np.nan, 0.0, 0.0])
     unknown = np.full(6, np.nan)
-    singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
+    condition = Conditioning.of(jacobian, PARAMETERS[:3]).number
     bounds = zip(PARAMETERS, (p1, p2, p3), UPPER_BOUNDS, strict=False)
     on_bound = tuple(n for n, value, top in bounds if value > 0.999 * top or value < 1e-9 * top)
     return ParameterEstimate(
@@ -167,9 +168,9 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
         lower=unknown,
         upper=unknown,
         left_out={},
-        condition=float(singular[0] / singular[-1]),
+        condition=condition,
         on_bound=on_bound,
-        verdict=_verdict(len(resonances), float(singular[0] / singular[-1]), on_bound),
+        verdict=_verdict(len(resonances), condition, on_bound),
         resonances=resonances,
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_number
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
 if TYPE_CHECKING:
@@ -44,10 +44,7 @@ class Sine:
     amplitude: float
 
     def __post_init__(self) -> None:
-        for name in ("omega", "amplitude"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InputError("excitation", name, value, "a finite positive number")
+        require_number("excitation", positive=True, omega=self.omega, amplitude=self.amplitude)
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
 State = tuple[float, float, float]
 """Angle in rad, velocity in rad/s, and torque of the motor in N m (a state only with a lag)."""
 
+LAG_STEPS = 16
+"""Least number of steps in one time constant of the armature."""
+
 _MAX_REVERSALS = 8  # reversals of the velocity that one step may hold before it is cut short
 _REFINEMENTS = 3  # secant corrections of the instant at which the velocity vanishes
-_LAG_STEPS = 16  # least number of steps in one time constant of the armature
 
 
 def simulate(
@@ -162,7 +164,7 @@ def _interval(state, drives, h, constants):
     lag = constants[3]
     count = 1
     if lag > 0.0:
-        count = max(1, math.ceil(_LAG_STEPS * h / lag))
+        count = max(1, math.ceil(LAG_STEPS * h / lag))
     for k in range(count):
         part = (
             _drive_at(drives, k / count),

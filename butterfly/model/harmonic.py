@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import j1, jv
 
-_SMALLEST_SWING = 1e-6  # rad
-
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from butterfly.model.parameters import LumpedParameters
+
+_SMALLEST_SWING = 1e-6  # rad
 
 
 def gravity_describing_function(amplitude: ArrayLike) -> NDArray[np.float64]:

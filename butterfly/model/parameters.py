@@ -5,18 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_number
 
 GRAVITY = 9.81
 """Acceleration due to gravity in m/s^2, the thesis's value (61)."""
-
-
-def _require(source: object, field: str, value: float, *, positive: bool = False) -> None:
-    """Raise InputError unless ``value`` is finite and not negative (or strictly positive)."""
-    limit_held = value > 0 if positive else value >= 0
-    if not (math.isfinite(value) and limit_held):
-        sign = "positive" if positive else "non-negative"
-        raise InputError(type(source).__name__, field, value, f"a finite {sign} number")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +30,10 @@ class Hand:
     inertia: float
 
     def __post_init__(self) -> None:
-        _require(self, "mass", self.mass, positive=True)
+        require_number("Hand", positive=True, mass=self.mass)
         if not math.isfinite(self.com_distance):
             raise InputError("Hand", "com_distance", self.com_distance, "a finite number of m")
-        _require(self, "inertia", self.inertia, positive=True)
+        require_number("Hand", positive=True, inertia=self.inertia)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +58,17 @@ class VoltageDrive:
     inductance: float = 0.0
 
     def __post_init__(self) -> None:
-        _require(self, "resistance", self.resistance, positive=True)
-        _require(self, "torque_constant", self.torque_constant, positive=True)
-        _require(self, "back_emf_constant", self.back_emf_constant)
-        _require(self, "inductance", self.inductance)
+        require_number(
+            "VoltageDrive",
+            positive=True,
+            resistance=self.resistance,
+            torque_constant=self.torque_constant,
+        )
+        require_number(
+            "VoltageDrive",
+            back_emf_constant=self.back_emf_constant,
+            inductance=self.inductance,
+        )
 
     @property
     def gain(self) -> float:
@@ -100,7 +99,7 @@ class TorqueDrive:
     gain: float
 
     def __post_init__(self) -> None:
-        _require(self, "gain", self.gain, positive=True)
+        require_number("TorqueDrive", positive=True, gain=self.gain)
 
     @property
     def damping(self) -> float:
@@ -132,8 +131,7 @@ class Friction:
     coulomb: float = 0.0
 
     def __post_init__(self) -> None:
-        _require(self, "viscous", self.viscous)
-        _require(self, "coulomb", self.coulomb)
+        require_number("Friction", viscous=self.viscous, coulomb=self.coulomb)
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
@@ -152,8 +150,7 @@ class AddedMass:
     arm: float = 0.0
 
     def __post_init__(self) -> None:
-        _require(self, "mass", self.mass)
-        _require(self, "arm", self.arm)
+        require_number("AddedMass", mass=self.mass, arm=self.arm)
 
     @property
     def inertia(self) -> float:

@@ -98,15 +98,33 @@ class Bench:
             commands.append(motor.command(law(reading)))
             if cycle > 0:
                 motor.wait(cycle)
-        time, angle = np.array(stamps), np.array(angles)
-        if not np.isfinite(angle).all():
-            raise InputError("bench", "angle", "a joint that diverged", "smaller commands")
-        return Log(
-            time=time,
-            input=np.array(commands),
-            angle=angle,
-            velocity=filtered_difference(time, angle),
-            input_kind=motor.input_kind,
-            intersample=Intersample.ZERO_ORDER_HOLD,
-            **about,
-        )
+        columns = np.array(stamps), np.array(commands), np.array(angles)
+        return recorded(*columns, input_kind=motor.input_kind, **about)
+
+
+def recorded(
+    time: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    *,
+    source: str = "bench",
+    **about: Any,  # noqa: ANN401 - the other fields of Log
+) -> Log:
+    """Make the log of a controller that held each input until the next (zero-order hold).
+
+    Raises
+    ------
+    InputError
+        If an angle is not finite.
+    """
+    if not np.isfinite(angle).all():
+        raise InputError(source, "angle", "a joint that diverged", "smaller commands")
+    return Log(
+        time=time,
+        input=inputs,
+        angle=angle,
+        velocity=filtered_difference(time, angle),
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        source=source,
+        **about,
+    )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import chirp, max_len_seq
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_number
 from butterfly.logs.log import Sine
 
 if TYPE_CHECKING:
@@ -20,12 +20,6 @@ if TYPE_CHECKING:
 _CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
 _CLIP = 0.9  # share of the peak at which a round clips
 _LONGEST_REGISTER = 20  # bits; a sequence of a million
-
-
-def _require_positive(source: object, **values: float) -> None:
-    for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(type(source).__name__, name, value, "a finite positive number")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,12 +39,12 @@ class SteppedSine:
     dwell: float
 
     def __post_init__(self) -> None:
-        _require_positive(self, dwell=self.dwell)
+        require_number("SteppedSine", positive=True, dwell=self.dwell)
         if not self.omegas or len(self.omegas) != len(self.amplitudes):
             lengths = f"{len(self.omegas)} omegas and {len(self.amplitudes)} amplitudes"
             raise InputError("SteppedSine", "amplitudes", lengths, "one amplitude for each omega")
         for omega, amplitude in zip(self.omegas, self.amplitudes, strict=True):
-            _require_positive(self, omegas=omega, amplitudes=amplitude)
+            require_number("SteppedSine", positive=True, omegas=omega, amplitudes=amplitude)
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
@@ -103,7 +97,7 @@ class Multisine:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _require_positive(self, base=self.base, peak=self.peak)
+        require_number("Multisine", positive=True, base=self.base, peak=self.peak)
         if not self.harmonics or min(self.harmonics) < 1:
             raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
         if len(set(self.harmonics)) != len(self.harmonics):
@@ -155,8 +149,13 @@ class Chirp:
     amplitude: float
 
     def __post_init__(self) -> None:
-        _require_positive(
-            self, start=self.start, stop=self.stop, duration=self.duration, amplitude=self.amplitude
+        require_number(
+            "Chirp",
+            positive=True,
+            start=self.start,
+            stop=self.stop,
+            duration=self.duration,
+            amplitude=self.amplitude,
         )
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -184,7 +183,7 @@ class Prbs:
     register: int = 10
 
     def __post_init__(self) -> None:
-        _require_positive(self, amplitude=self.amplitude, bit=self.bit)
+        require_number("Prbs", positive=True, amplitude=self.amplitude, bit=self.bit)
         if not 2 <= self.register <= _LONGEST_REGISTER:  # noqa: PLR2004 - of one bit it is constant
             raise InputError("Prbs", "register", self.register, f"from 2 to {_LONGEST_REGISTER}")
 

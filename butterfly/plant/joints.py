@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import mujoco
 
 from butterfly.logs.log import InputKind
-from butterfly.model.greybox import step
+from butterfly.model.greybox import LAG_STEPS, step
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
 from butterfly.plant.mjcf import compile_model, mount
 
@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
 LONGEST_STEP = 1e-3
 """Longest step in s: RK4's error is then 1.5e-11 rad over 70 s of small swings."""
-
-
-_LAG_STEPS = 16  # least number of steps in one time constant of the armature
 
 
 def kind_of(drive: Drive) -> InputKind:
@@ -74,7 +71,7 @@ class MujocoJoint(_DrivenJoint):
         self._options = self._model.opt
         lag = robot.drive.time_constant
         self._has_current = lag > 0
-        self._longest = min(LONGEST_STEP, lag / _LAG_STEPS) if lag > 0 else LONGEST_STEP
+        self._longest = min(LONGEST_STEP, lag / LAG_STEPS) if lag > 0 else LONGEST_STEP
 
     @property
     def angle(self) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_number
 from butterfly.plant.sensors import Encoder
 
 if TYPE_CHECKING:
@@ -73,10 +73,7 @@ class CommandPath:
     def __post_init__(self) -> None:
         if not self.limit > 0:
             raise InputError("CommandPath", "limit", self.limit, "a positive number")
-        for name in ("resolution", "delay"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError("CommandPath", name, value, "a finite non-negative number")
+        require_number("CommandPath", resolution=self.resolution, delay=self.delay)
 
     def shape(self, value: float) -> float:
         """Return the command that leaves the path: rounded, then saturated."""

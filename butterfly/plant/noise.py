@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,14 +38,8 @@ class BandLimitedNoise:
     seed: int = 23341
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.power) and self.power >= 0):
-            raise InputError(
-                "BandLimitedNoise", "power", self.power, "a finite number, not negative"
-            )
-        if not (math.isfinite(self.sample_time) and self.sample_time > 0):
-            raise InputError(
-                "BandLimitedNoise", "sample_time", self.sample_time, "a positive number"
-            )
+        require_number("BandLimitedNoise", power=self.power)
+        require_number("BandLimitedNoise", positive=True, unit="s", sample_time=self.sample_time)
         if not 0 <= self.seed < 2**32:
             raise InputError("BandLimitedNoise", "seed", self.seed, "from 0 to 2^32 - 1")
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_number
 from butterfly.plant.noise import BandLimitedNoise  # noqa: TC001 - the schema reads annotations
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ class Encoder:
     def __post_init__(self) -> None:
         if self.steps < 1:
             raise InputError("Encoder", "steps", self.steps, "a positive number of steps per turn")
-        if not (math.isfinite(self.noise) and self.noise >= 0):
-            raise InputError("Encoder", "noise", self.noise, "a finite non-negative number of rad")
+        require_number("Encoder", unit="rad", noise=self.noise)
 
     def read(
         self, time: NDArray[np.float64], angle: NDArray[np.float64], rng: np.random.Generator
@@ -113,8 +112,7 @@ class Clock:
     jitter: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.step) and self.step > 0):
-            raise InputError("Clock", "step", self.step, "a finite positive number of s")
+        require_number("Clock", positive=True, unit="s", step=self.step)
         if not (math.isfinite(self.jitter) and 0 <= self.jitter <= self.step / 2):
             raise InputError("Clock", "jitter", self.jitter, "between 0 and half the step, in s")
 
@@ -126,8 +124,7 @@ class Clock:
         InputError
             If ``duration`` is not a finite positive number.
         """
-        if not (math.isfinite(duration) and duration > 0):
-            raise InputError("Clock", "duration", duration, "a finite positive number of s")
+        require_number("Clock", positive=True, unit="s", duration=duration)
         return max(round(duration / self.step), 1)
 
     def cycles(self, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:

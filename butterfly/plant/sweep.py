@@ -11,14 +11,13 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
-from butterfly.errors import InputError
-from butterfly.logs.log import Intersample, Log, Sine
-from butterfly.plant.bench import Bench
+from butterfly.logs.log import Sine
+from butterfly.plant.bench import Bench, recorded
 from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import MujocoJoint, kind_of, steps_of
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import CommandPath, SimulatedMotor
-from butterfly.plant.sensors import Clock, Encoder, Faults, filtered_difference
+from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.mjcf import Robot
 
@@ -147,19 +147,10 @@ class _CompiledLoop:
         inputs = np.array([controller.path.shape_all(each.sample(time)) for each in excitations])
         start = np.array([initial_angle(each) for each in excitations])
         angles = self._roll_out([added for (added, _), _ in batch], start, inputs[:, :-1])
-        if not np.isfinite(angles).all():
-            raise InputError("MuJoCo", "angle", "a joint that diverged", "smaller commands")
         for ((added, excitation), rng), command, true in zip(batch, inputs, angles, strict=True):
             angle = controller.encoder.read(time, true, rng)
-            yield Log(
-                time=time,
-                input=command,
-                angle=angle,
-                velocity=filtered_difference(time, angle),
-                input_kind=kind_of(self._drive),
-                intersample=Intersample.ZERO_ORDER_HOLD,
-                **_about(added, excitation),
-            )
+            about = _about(added, excitation)
+            yield recorded(time, command, angle, input_kind=kind_of(self._drive), **about)
 
     def _roll_out(
         self, added: list[AddedMass], start: NDArray[np.float64], held: NDArray[np.float64]

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import math
-import os
-import sys
 import time
-from contextlib import contextmanager
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from mujoco.studio import launch_web, viewer_protocol, web_viewer
-from mujoco.studio.web import web_server
 from PIL import Image
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
+from butterfly.plant import has_display
 from butterfly.plant.excitations import initial_angle
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.picture import Painter, RenderingError
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -32,9 +28,6 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.excitations import Excitation
     from butterfly.plant.mjcf import Robot
-
-LOOPBACK = "127.0.0.1"
-"""The only address at which the browser's viewer is served: it asks nobody who they are."""
 
 _FRAME = 0.01  # s of rest between two frames
 _PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up
@@ -68,12 +61,9 @@ def watch(
     if not web:
         _run_in_window(model, data, pace)
         return
-    config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
-    with _loopback_only(), launch_web.launch(config) as handle:
-        model, data = handle.sync(model, data)
-        while handle.is_running():
-            pace.catch_up(model, data)
-            model, data = handle.sync()
+    from butterfly.plant import browser  # noqa: PLC0415 - slow to import, and seldom wanted
+
+    browser.serve(model, data, pace.catch_up, port)
 
 
 class _RealTime:
@@ -160,34 +150,8 @@ def _save_with_ffmpeg(path: Path, frames: list[NDArray[np.uint8]], fps: int) -> 
     iio.imwrite(path, np.stack(frames), fps=fps, macro_block_size=None)
 
 
-@contextmanager
-def _loopback_only() -> Iterator[None]:
-    """Bind the browser's viewer to loopback; MuJoCo 4 itself binds every interface."""
-    modules: list[tuple[Any, str]] = [
-        (web_server, "bind_public_socket"),
-        (web_viewer, "_print_url_banner"),
-    ]
-    originals = [getattr(module, name) for module, name in modules]
-
-    def bind(_: str, port: int = 0) -> object:
-        return originals[0](LOOPBACK, port)
-
-    def announce(_: str, port: int) -> None:
-        sys.stdout.write(f"Viewer: http://{LOOPBACK}:{port}/ (Ctrl-C to stop)\n")
-        sys.stdout.flush()
-
-    for (module, name), replacement in zip(modules, (bind, announce), strict=True):
-        setattr(module, name, replacement)
-    try:
-        yield
-    finally:
-        for (module, name), original in zip(modules, originals, strict=True):
-            setattr(module, name, original)
-
-
 def _run_in_window(model: mujoco.MjModel, data: mujoco.MjData, pace: _RealTime) -> None:
-    linux = sys.platform == "linux"
-    if linux and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+    if not has_display():
         raise RenderingError("no display for a viewer: use --web, or butterfly video")
     from mujoco import viewer  # noqa: PLC0415 - needs the window system when it is imported
 

@@ -1,0 +1,43 @@
+"""Values that the command line takes as NAME=VALUE, separated by commas."""
+
+from __future__ import annotations
+
+from butterfly.errors import InputError, nearest
+from butterfly.model.parameters import LumpedParameters
+
+
+def parse_pairs(text: str, option: str) -> dict[str, str]:
+    """Split NAME=VALUE pairs.
+
+    Raises
+    ------
+    InputError
+        Naming ``option``, if a pair has no ``=``.
+    """
+    pairs = [item.partition("=") for item in text.split(",")]
+    if not all(separator for _, separator, _ in pairs):
+        raise InputError(option, "value", text, "NAME=VALUE, separated by commas")
+    return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def parse_parameters(text: str, option: str) -> LumpedParameters:
+    """Read ``p1=…,p2=…,p3=…[,p4=…][,coulomb=…][,delay=…]``; p4 is NaN if it is not given.
+
+    Raises
+    ------
+    InputError
+        Naming ``option`` and the part that is wrong.
+    """
+    known = LumpedParameters.__dataclass_fields__
+    values = {"p4": float("nan")}
+    for name, value in parse_pairs(text, option).items():
+        if name not in known:
+            raise InputError(option, name, "an unknown parameter", nearest(name, known))
+        try:
+            values[name] = float(value)
+        except ValueError:
+            raise InputError(option, name, value, "a number") from None
+    missing = {"p1", "p2", "p3"} - values.keys()
+    if missing:
+        raise InputError(option, min(missing), "nothing", "a value")
+    return LumpedParameters(**values)
