@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated
 
@@ -52,10 +53,10 @@ def show_command(
     carried = AddedMass(mass=added, arm=arm)
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
-        "hand": f"{robot.hand.mass:.6g} kg, {robot.hand.inertia:.6g} kg m² about a centre of mass "
-        f"{robot.hand.com_distance:.6g} m below the pivot",
-        "drive": ", ".join(f"{key} {value:.6g}" for key, value in vars(robot.drive).items()),
-        "friction": f"{robot.friction.viscous:.6g} N m s/rad, {robot.friction.coulomb:.6g} N m",
+        "hand": _numbers(robot.hand),
+        "drive": _numbers(robot.drive),
+        "friction": _numbers(robot.friction) or "none",
+        "clutch": _numbers(robot.clutch) if robot.clutch else "rigid",
         "added mass": str(carried),
         "p1": f"{loaded.p1:.6g} kg m²",
         "p2": f"{loaded.p2:.6g} N m s/rad",
@@ -64,6 +65,15 @@ def show_command(
         "resonance": f"{resonance_frequency(loaded):.5g} rad/s",
     }
     show_pairs(rows.items())
+
+
+def _numbers(part: object) -> str:
+    """Name the numbers of one part that are not at their defaults (SI units)."""
+    return ", ".join(
+        f"{field.name} {getattr(part, field.name):.6g}"
+        for field in fields(part)  # type: ignore[arg-type]
+        if getattr(part, field.name) != field.default
+    )
 
 
 @app.command("render")

@@ -11,8 +11,9 @@ from pydantic import Field, model_validator
 from butterfly.identify.identification import Method
 from butterfly.logs.csv import read_columns
 from butterfly.logs.log import InputKind, Sine
+from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
-from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.excitations import (
     Chirp,
     Excitation,
@@ -22,7 +23,7 @@ from butterfly.plant.excitations import (
     SteppedSine,
     Table,
 )
-from butterfly.plant.mjcf import Robot
+from butterfly.plant.mjcf import Clutch, Robot
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.yaml_input import StrictModel, read_yaml
@@ -63,6 +64,7 @@ class PlantSpec(StrictModel):
     hand: Hand
     drive: DriveSpec
     friction: Friction = Friction()
+    clutch: Clutch | None = None
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
     path: CommandPath = CommandPath()
@@ -71,7 +73,14 @@ class PlantSpec(StrictModel):
     @property
     def robot(self) -> Robot:
         """The robot that is described."""
-        return Robot(hand=self.hand, drive=self.drive.chosen, friction=self.friction)
+        return Robot(
+            hand=self.hand, drive=self.drive.chosen, friction=self.friction, clutch=self.clutch
+        )
+
+    @model_validator(mode="after")
+    def _possible(self) -> PlantSpec:
+        assert self.robot  # noqa: S101 - raises if the parts do not fit each other
+        return self
 
 
 class TableFile(StrictModel):

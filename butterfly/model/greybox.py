@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
+from butterfly.model.torques import Constants, State, friction_level, pull, rates
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.model.parameters import LumpedParameters
 
-State = tuple[float, float, float]
-"""Angle in rad, velocity in rad/s, and torque of the motor in N m (a state only with a lag)."""
-
-LAG_STEPS = 16
-"""Least number of steps in one time constant of the armature."""
-
+_LAG_STEPS = 16  # least number of steps in one time constant of the armature
+_BRISTLE_STEPS = 4  # the same in one time constant of the bristles
 _MAX_REVERSALS = 8  # reversals of the velocity that one step may hold before it is cut short
 _REFINEMENTS = 3  # secant corrections of the instant at which the velocity vanishes
 
@@ -30,13 +28,13 @@ def simulate(
     angle: float,
     velocity: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Integrate (5) with Coulomb friction over ``time``, one RK4 step per interval.
+    """Integrate the equation of `LumpedParameters` over ``time``, one RK4 step per interval.
 
     A step in which the velocity changes sign is split where it vanishes; the joint then sticks
-    while the other torques stay within +-T_c and slips on from the instant at which they do not,
-    so no regularisation parameter enters. Fourth-order accurate between reversals. With an
-    armature's time constant, each interval is divided into steps of at most a sixteenth of it, and
-    the current starts at 0.
+    while the other torques stay within what friction holds, and slips on from the instant at which
+    they do not, so no regularisation parameter enters. Fourth-order accurate between reversals.
+    Each interval is divided into steps short enough for the armature's lag and for the bristles;
+    current and bristles start at 0.
 
     Parameters
     ----------
@@ -54,30 +52,30 @@ def simulate(
     angle, velocity
         (n,) each, in rad and rad/s.
     """
-    return _integrate(time, parameters.p4 * inputs, (angle, velocity, 0.0), _constants(parameters))
+    start = (angle, velocity, 0.0, 0.0)
+    return _integrate(time, parameters.p4 * inputs, start, Constants.of(parameters))
 
 
-def step(parameters: LumpedParameters, state: State, held: float, duration: float) -> State:
-    """Return the state after ``duration`` s with the input held, as `simulate` finds it."""
-    torque = parameters.p4 * held
-    return _interval(state, (torque, torque, torque), duration, _constants(parameters))
-
-
-def _constants(p: LumpedParameters) -> tuple[float, float, float, float, float, float]:
-    """Return p1, friction alone, back EMF, time constant, p3, T_c."""
-    return (p.p1, p.p2 - p.back_emf, p.back_emf, p.time_constant, p.p3, p.coulomb)
+def step(constants: Constants, state: State, torque: float, duration: float) -> State:
+    """Return the state after ``duration`` s as `simulate` finds it, p4 times the input held."""
+    return _interval(state, (torque, torque, torque), duration, constants)
 
 
 @numba.njit(cache=True)
-def _rates(x, v, motor, drive, sign, constants):
-    """Return acceleration, and rate of the motor's torque, when sliding in the direction sign."""
-    p1, friction, back_emf, lag, p3, coulomb = constants
-    torque = drive - back_emf * v
-    rate = 0.0
-    if lag > 0.0:
-        rate = (torque - motor) / lag
-        torque = motor
-    return (torque - friction * v - p3 * np.sin(x) - sign * coulomb) / p1, rate
+def least_steps(c, v, h):
+    """Count the steps that lag and bristles ask for in h s at a velocity of v rad/s."""
+    count = 1
+    if c.lag > 0.0:
+        count = max(count, math.ceil(_LAG_STEPS * h / c.lag))
+    if c.bristle_stiffness > 0.0:
+        damping = (c.viscous + c.bristle_damping) / c.p1
+        fastest = max(
+            c.bristle_stiffness * abs(v) / friction_level(v, c),
+            damping,
+            math.sqrt(c.bristle_stiffness / c.p1),
+        )
+        count = max(count, math.ceil(_BRISTLE_STEPS * h * fastest))
+    return count
 
 
 @numba.njit(cache=True)
@@ -89,100 +87,101 @@ def _drive_at(drives, fraction):
 
 
 @numba.njit(cache=True)
-def _rk4(state, drives, begin, share, h, sign, constants):
+def _rk4(state, drives, begin, share, h, sign, c):
     """Take one RK4 step over ``share`` of the interval h, sliding in the direction ``sign``."""
-    x, v, m = state
+    x, v, m, z = state
     dt = share * h
+    half = 0.5 * dt
     d0 = _drive_at(drives, begin)
     d1 = _drive_at(drives, begin + 0.5 * share)
     d2 = _drive_at(drives, begin + share)
-    a1, r1 = _rates(x, v, m, d0, sign, constants)
-    v2 = v + 0.5 * dt * a1
-    a2, r2 = _rates(x + 0.5 * dt * v, v2, m + 0.5 * dt * r1, d1, sign, constants)
-    v3 = v + 0.5 * dt * a2
-    a3, r3 = _rates(x + 0.5 * dt * v2, v3, m + 0.5 * dt * r2, d1, sign, constants)
+    a1, m1, z1 = rates(state, d0, sign, c)
+    v2 = v + half * a1
+    a2, m2, z2 = rates((x + half * v, v2, m + half * m1, z + half * z1), d1, sign, c)
+    v3 = v + half * a2
+    a3, m3, z3 = rates((x + half * v2, v3, m + half * m2, z + half * z2), d1, sign, c)
     v4 = v + dt * a3
-    a4, r4 = _rates(x + dt * v3, v4, m + dt * r3, d2, sign, constants)
+    a4, m4, z4 = rates((x + dt * v3, v4, m + dt * m3, z + dt * z3), d2, sign, c)
+    sixth = dt / 6.0
     return (
-        x + dt / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4),
-        v + dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
-        m + dt / 6.0 * (r1 + 2.0 * r2 + 2.0 * r3 + r4),
+        x + sixth * (v + 2.0 * v2 + 2.0 * v3 + v4),
+        v + sixth * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
+        m + sixth * (m1 + 2.0 * m2 + 2.0 * m3 + m4),
+        z + sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4),
     )
 
 
 @numba.njit(cache=True)
-def _rest(state, drives, begin, h, constants):
+def _rest(state, drives, begin, h, c):
     """Return the state at the interval's end when the joint sticks from fraction ``begin`` on."""
-    x, _, m = state
-    lag = constants[3]
-    if lag > 0.0:
+    x, _, m, z = state
+    if c.lag > 0.0:
         target = _drive_at(drives, 0.5 * (1.0 + begin))
-        m = target + (m - target) * math.exp(-(1.0 - begin) * h / lag)
-    return x, 0.0, m
+        m = target + (m - target) * math.exp(-(1.0 - begin) * h / c.lag)
+    return x, 0.0, m, z
 
 
 @numba.njit(cache=True)
-def _advance(state, drives, h, constants):
+def _advance(state, drives, h, c):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
-    lag, p3, coulomb = constants[3], constants[4], constants[5]
+    holding = c.coulomb + c.stribeck
+    if c.bristle_stiffness > 0.0 or holding == 0.0:
+        return _rk4(state, drives, 0.0, 1.0, h, 0.0, c)
     begin = 0.0
     for _ in range(_MAX_REVERSALS):
-        x, v, m = state
+        x, v, m, z = state
         sign = np.sign(v)
-        if v == 0.0 and coulomb > 0.0:
-            load = p3 * np.sin(x)
-            net = (m if lag > 0.0 else _drive_at(drives, begin)) - load
-            if abs(net) <= coulomb:
-                rest = _rest(state, drives, begin, h, constants)
-                final = (rest[2] if lag > 0.0 else _drive_at(drives, 1.0)) - load
-                if abs(final) <= coulomb:
+        if v == 0.0:
+            load = pull(x, c)
+            net = (m if c.lag > 0.0 else _drive_at(drives, begin)) + load
+            if abs(net) <= holding:
+                rest = _rest(state, drives, begin, h, c)
+                final = (rest[2] if c.lag > 0.0 else _drive_at(drives, 1.0)) + load
+                if abs(final) <= holding:
                     return rest
-                loose = (coulomb * np.sign(final) - net) / (final - net)
+                loose = (holding * np.sign(final) - net) / (final - net)
                 begin += loose * (1.0 - begin)
-                state = (x, v, m + loose * (rest[2] - m))
+                state = (x, v, m + loose * (rest[2] - m), z)
                 net = final
             sign = np.sign(net)
         share = 1.0 - begin
-        after = _rk4(state, drives, begin, share, h, sign, constants)
-        if coulomb == 0.0 or after[1] * sign >= 0.0:
+        after = _rk4(state, drives, begin, share, h, sign, c)
+        if after[1] * sign >= 0.0:
             return after
         if v == 0.0:
             break  # pushed back at once: friction holds the joint
         upper = share
         share *= v / (v - after[1])
         for _ in range(_REFINEMENTS):
-            after = _rk4(state, drives, begin, share, h, sign, constants)
+            after = _rk4(state, drives, begin, share, h, sign, c)
             share = min(share * v / (v - after[1]), upper)
-        state = (after[0], 0.0, after[2])
+        state = (after[0], 0.0, after[2], after[3])
         begin += share
-    return _rest(state, drives, begin, h, constants)
+    return _rest(state, drives, begin, h, c)
 
 
 @numba.njit(cache=True)
-def _interval(state, drives, h, constants):
-    """Return the state at the end of one interval, in steps that the armature's lag allows."""
-    lag = constants[3]
-    count = 1
-    if lag > 0.0:
-        count = max(1, math.ceil(LAG_STEPS * h / lag))
+def _interval(state, drives, h, c):
+    """Return the state at the end of one interval, in steps that lag and bristles allow."""
+    count = least_steps(c, state[1], h)
     for k in range(count):
         part = (
             _drive_at(drives, k / count),
             _drive_at(drives, (k + 0.5) / count),
             _drive_at(drives, (k + 1) / count),
         )
-        state = _advance(state, part, h / count, constants)
+        state = _advance(state, part, h / count, c)
     return state
 
 
 @numba.njit(cache=True)
-def _integrate(time, drives, state, constants):
+def _integrate(time, drives, state, c):
     n = time.size
     angle = np.empty(n)
     velocity = np.empty(n)
     angle[0], velocity[0] = state[0], state[1]
     for k in range(n - 1):
         row = (drives[k, 0], drives[k, 1], drives[k, 2])
-        state = _interval(state, row, time[k + 1] - time[k], constants)
+        state = _interval(state, row, time[k + 1] - time[k], c)
         angle[k + 1], velocity[k + 1] = state[0], state[1]
     return angle, velocity

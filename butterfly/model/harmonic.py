@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import j1, jv
+from scipy.special import dawsn, j1, jv
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -59,6 +59,8 @@ def quasi_linear_response(
 ) -> NDArray[np.complex128]:
     """Ratio of the angle's to the input's fundamental when the angle swings with ``amplitude``.
 
+    The swing is taken to be about angle 0; bias, offset and bristles are left out.
+
     Parameters
     ----------
     parameters
@@ -68,8 +70,41 @@ def quasi_linear_response(
     """
     p, w = parameters, np.asarray(omega, dtype=np.float64)
     stiffness = p.p3 * gravity_describing_function(amplitude) - p.p1 * w**2
-    friction = p.coulomb * coulomb_describing_function(amplitude)
+    if p.cogging:
+        swing = p.cogging_periods * np.asarray(amplitude)
+        slope = p.cogging * p.cogging_periods * math.cos(p.cogging_phase)
+        stiffness = stiffness - slope * gravity_describing_function(swing)
+    friction = _friction_gain(p, w, np.asarray(amplitude, dtype=np.float64))
     return _input_gain(p, w) / (stiffness + friction + _damping(p, w))
+
+
+def drag_describing_function(omega: ArrayLike, amplitude: ArrayLike) -> NDArray[np.complex128]:
+    """Gain j 8 a w^2/(3 pi) of ``|thd| thd`` on an angle of amplitude a in rad, in rad/s^2."""
+    w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
+    return np.asarray(8j * a * w**2 / (3 * np.pi))
+
+
+def stribeck_describing_function(
+    omega: ArrayLike, amplitude: ArrayLike, velocity: float
+) -> NDArray[np.complex128]:
+    """Gain of ``sgn(thd) exp(-(thd/v_s)^2)`` on a sinusoidal angle of amplitude a in rad, in 1/rad.
+
+    With b = a w/v_s it is j 4/(pi a) D(b)/b, D Dawson's integral.
+    """
+    a = np.asarray(amplitude, dtype=np.float64)
+    b = a * np.asarray(omega, dtype=np.float64) / velocity
+    return np.asarray(coulomb_describing_function(a) * dawsn(b) / b)
+
+
+def _friction_gain(
+    p: LumpedParameters, w: NDArray[np.float64], a: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Torque over angle of the friction that is not viscous."""
+    return np.asarray(
+        p.coulomb * coulomb_describing_function(a)
+        + p.stribeck * stribeck_describing_function(w, a, p.stribeck_velocity)
+        + p.drag * drag_describing_function(w, a)
+    )
 
 
 def _input_gain(p: LumpedParameters, w: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from butterfly.errors import InputError, require_number
+from butterfly.model.friction import Friction, FrictionTerms
 
 GRAVITY = 9.81
 """Acceleration due to gravity in m/s^2, the thesis's value (61)."""
@@ -20,20 +21,30 @@ class Hand:
     mass
         m_p in kg.
     com_distance
-        l_c, pivot to centre of mass, in m; negative if it lies above the pivot at rest angle 0.
+        l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
+        above the pivot at angle 0.
+    com_offset
+        Distance in m of the centre of mass from that line, towards positive angles.
     inertia
         J_p about the centre of mass, in kg m^2.
+    tilt
+        Angle in rad of the axis out of the horizontal; gravity then acts with its cosine.
     """
 
     mass: float
     com_distance: float
+    com_offset: float = 0.0
     inertia: float
+    tilt: float = 0.0
 
     def __post_init__(self) -> None:
         require_number("Hand", positive=True, mass=self.mass)
-        if not math.isfinite(self.com_distance):
-            raise InputError("Hand", "com_distance", self.com_distance, "a finite number of m")
+        for name in ("com_distance", "com_offset"):
+            if not math.isfinite(getattr(self, name)):
+                raise InputError("Hand", name, getattr(self, name), "a finite number of m")
         require_number("Hand", positive=True, inertia=self.inertia)
+        if not abs(self.tilt) < math.pi / 2:
+            raise InputError("Hand", "tilt", self.tilt, "less than pi/2 rad either way")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,25 +126,6 @@ class TorqueDrive:
 Drive = VoltageDrive | TorqueDrive
 
 
-@dataclass(frozen=True, kw_only=True)
-class Friction:
-    """Friction at the pivot.
-
-    Parameters
-    ----------
-    viscous
-        k_f in N m s/rad.
-    coulomb
-        T_c in N m; set-valued at rest.
-    """
-
-    viscous: float = 0.0
-    coulomb: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_number("Friction", viscous=self.viscous, coulomb=self.coulomb)
-
-
 @dataclass(frozen=True, kw_only=True, order=True)
 class AddedMass:
     """A point mass screwed to the hand.
@@ -158,9 +150,14 @@ class AddedMass:
         return self.mass * self.arm**2
 
     @property
+    def weight(self) -> float:
+        """m_a g in N."""
+        return self.mass * GRAVITY
+
+    @property
     def gravity_moment(self) -> float:
         """X = m_a g l_a in N m (81)."""
-        return self.mass * GRAVITY * self.arm
+        return self.weight * self.arm
 
     def __str__(self) -> str:
         return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"
@@ -171,11 +168,13 @@ NO_ADDED_MASS = AddedMass()
 
 
 @dataclass(frozen=True, kw_only=True)
-class LumpedParameters:
-    """The grey-box model p1 thdd + p2 thd + p3 sin th + T_c sgn thd = p4 v(t - delay).
+class LumpedParameters(FrictionTerms):
+    """The grey-box model (5), with tau_eps and the drive's lags written out.
 
-    Equation (5) with tau_eps written out as Coulomb friction and an input delay. p3 may be
-    negative: a hand whose centre of mass lies above the pivot when the added mass hangs down.
+        p1 thdd + p2 thd + p3 sin th + p3_offset cos th + friction = p4 v(t - delay) + pulls
+
+    `FrictionTerms` says what friction and pulls are. p3 may be negative: a hand whose centre of
+    mass lies above the pivot when the added mass hangs down.
 
     Parameters
     ----------
@@ -187,8 +186,11 @@ class LumpedParameters:
         Gravity moment in N m.
     p4
         N m per unit of input (per volt, or per unit of torque command).
-    coulomb
-        T_c in N m.
+    p3_offset
+        Gravity moment in N m of a centre of mass beside the line from pivot to added mass.
+    tilt
+        Angle in rad of the axis out of the horizontal, which takes its cosine from the gravity
+        moment of added masses; p3 and p3_offset are what is left of the hand's.
     delay
         From recorded input to torque, in s.
     back_emf
@@ -202,14 +204,20 @@ class LumpedParameters:
     p2: float
     p3: float
     p4: float
-    coulomb: float = 0.0
+    p3_offset: float = 0.0
+    tilt: float = 0.0
     delay: float = 0.0
     back_emf: float = 0.0
     time_constant: float = 0.0
 
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
-        """Return the parameters of the hand carrying ``added`` (78)."""
-        return replace(self, p1=self.p1 + added.inertia, p3=self.p3 + added.gravity_moment)
+        """Return the parameters of the hand carrying ``added`` (78), its weight on the bearing."""
+        return replace(
+            self,
+            p1=self.p1 + added.inertia,
+            p3=self.p3 + added.gravity_moment * math.cos(self.tilt),
+            coulomb=self.coulomb + self.load * added.weight,
+        )
 
 
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:
@@ -221,33 +229,45 @@ def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive
     Raises
     ------
     InputError
-        If no such hand exists: J_p = p1 - p3^2/(m g^2) would not be positive, or a friction is
-        negative.
+        If no such hand exists: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would not be
+        positive, or a friction is negative.
     """
     if not mass > 0:
         raise InputError("Hand", "mass", mass, "a positive number of kg")
-    com_distance = parameters.p3 / (mass * GRAVITY)
-    inertia = parameters.p1 - mass * com_distance**2
+    pull = GRAVITY * math.cos(parameters.tilt)
+    com_distance, com_offset = (
+        moment / (mass * pull) for moment in (parameters.p3, parameters.p3_offset)
+    )
+    inertia = parameters.p1 - mass * (com_distance**2 + com_offset**2)
     if not inertia > 0:
-        least = (parameters.p3 / GRAVITY) ** 2 / parameters.p1
+        least = (math.hypot(parameters.p3, parameters.p3_offset) / pull) ** 2 / parameters.p1
         raise InputError(
             "Hand", "mass", mass, f"more than {least:.3g} kg, for p1 and p3 to be possible"
         )
     return (
-        Hand(mass=mass, com_distance=com_distance, inertia=inertia),
+        Hand(
+            mass=mass,
+            com_distance=com_distance,
+            com_offset=com_offset,
+            inertia=inertia,
+            tilt=parameters.tilt,
+        ),
         TorqueDrive(gain=parameters.p4),
-        Friction(viscous=parameters.p2, coulomb=parameters.coulomb),
+        Friction(viscous=parameters.p2, **parameters.terms()),
     )
 
 
 def lump(hand: Hand, drive: Drive, friction: Friction) -> LumpedParameters:
     """Lump physical parameters into p1..p4 (6)."""
+    weight = hand.mass * GRAVITY * math.cos(hand.tilt)
     return LumpedParameters(
-        p1=hand.inertia + hand.mass * hand.com_distance**2,
+        p1=hand.inertia + hand.mass * (hand.com_distance**2 + hand.com_offset**2),
         p2=friction.viscous + drive.damping,
-        p3=hand.mass * GRAVITY * hand.com_distance,
+        p3=weight * hand.com_distance,
         p4=drive.gain,
-        coulomb=friction.coulomb,
+        p3_offset=weight * hand.com_offset,
+        tilt=hand.tilt,
         back_emf=drive.damping,
         time_constant=drive.time_constant,
+        **friction.terms(),
     )

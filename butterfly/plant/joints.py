@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
+from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
-from butterfly.model.greybox import LAG_STEPS, step
+from butterfly.model.greybox import least_steps, step
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
+from butterfly.model.torques import Constants
 from butterfly.plant.mjcf import compile_model, mount
 
 if TYPE_CHECKING:
@@ -26,11 +28,23 @@ def kind_of(drive: Drive) -> InputKind:
 
 
 class _DrivenJoint(ABC):
-    """What both simulated joints have in common: a drive, and rest at an angle to start from."""
+    """What both simulated joints have in common.
 
-    def __init__(self, robot: Robot, initial_angle: float) -> None:
+    Parameters
+    ----------
+    robot, added
+        The robot and what it carries.
+    angle
+        In rad, at which it starts, at rest.
+    """
+
+    def __init__(
+        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+    ) -> None:
         self._drive = robot.drive
-        self._initial = initial_angle
+        self._loaded = robot.lumped.with_added_mass(added)
+        self._constants = Constants.of(self._loaded)
+        self._initial = angle
 
     @property
     def input_kind(self) -> InputKind:
@@ -51,27 +65,19 @@ class _DrivenJoint(ABC):
 
 
 class MujocoJoint(_DrivenJoint):
-    """The robot in MuJoCo.
-
-    Parameters
-    ----------
-    robot, added
-        The robot and what it carries.
-    angle
-        In rad, at which it starts, at rest.
-    """
+    """The robot in MuJoCo."""
 
     def __init__(
         self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> None:
-        super().__init__(robot, angle)
+        super().__init__(robot, added, angle=angle)
         self._model = compile_model(robot)
-        mount(self._model, added)
+        mount(self._model, robot, added)
         self._data = mujoco.MjData(self._model)
         self._options = self._model.opt
-        lag = robot.drive.time_constant
-        self._has_current = lag > 0
-        self._longest = min(LONGEST_STEP, lag / LAG_STEPS) if lag > 0 else LONGEST_STEP
+        self._has_current = robot.drive.time_constant > 0
+        self._is_stiff = self._has_current or self._loaded.bristle_stiffness > 0
+        self._sticks_harder = self._loaded.sticks_harder
 
     @property
     def angle(self) -> float:
@@ -89,19 +95,31 @@ class MujocoJoint(_DrivenJoint):
         self._data.qpos[0] = self._initial
 
     def advance(self, command: float, duration: float) -> None:
-        """Step MuJoCo through ``duration`` s in equal steps that the armature's lag allows."""
-        count = steps_of(duration, self._longest)
+        """Step MuJoCo through ``duration`` s in equal steps that lag and bristles allow."""
+        count = steps_of(duration)
+        if self._is_stiff:
+            count = max(count, least_steps(self._constants, self.velocity, duration))
         self._data.ctrl[0] = command
         self._options.timestep = duration / count
         if not self._has_current:
-            mujoco.mj_step(self._model, self._data, nstep=count)
+            self._step(count)
             return
         # The callback is process-wide, and must not be there while another model is compiled.
         mujoco.set_mjcb_act_dyn(_current_rate)
         try:
-            mujoco.mj_step(self._model, self._data, nstep=count)
+            self._step(count)
         finally:
             mujoco.set_mjcb_act_dyn(None)
+
+    def _step(self, count: int) -> None:
+        """Take equal steps; friction that weakens is set anew for the middle of each."""
+        if not self._sticks_harder:
+            mujoco.mj_step(self._model, self._data, nstep=count)
+            return
+        for _ in range(count):
+            halfway = 0.5 * self._options.timestep * self._data.qacc[0]
+            self._model.dof_frictionloss[0] = self._loaded.level(self._data.qvel[0] + halfway)
+            mujoco.mj_step(self._model, self._data)
 
     def current(self, command: float) -> float:
         """Armature current in A (4); a state of the simulation if there is an inductance."""
@@ -109,22 +127,21 @@ class MujocoJoint(_DrivenJoint):
 
 
 class GreyBoxJoint(_DrivenJoint):
-    """The same robot by the grey-box equation (5), with set-valued Coulomb friction.
+    """The same robot by the grey-box equation, with set-valued friction.
 
-    Parameters
-    ----------
-    robot, added
-        The robot and what it carries.
-    angle
-        In rad, at which it starts, at rest.
+    Raises
+    ------
+    InputError
+        If the robot has a clutch with play, which the equation has not.
     """
 
     def __init__(
         self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> None:
-        super().__init__(robot, angle)
-        self._parameters = robot.lumped.with_added_mass(added)
-        self._state = (angle, 0.0, 0.0)
+        super().__init__(robot, added, angle=angle)
+        if robot.clutch:
+            raise InputError("GreyBoxJoint", "clutch", robot.clutch, "none: MuJoCo alone has play")
+        self.reset()
 
     @property
     def angle(self) -> float:
@@ -138,13 +155,14 @@ class GreyBoxJoint(_DrivenJoint):
 
     def reset(self) -> None:
         """Go back to rest."""
-        self._state = (self._initial, 0.0, 0.0)
+        self._state = (self._initial, 0.0, 0.0, 0.0)
 
     def advance(self, command: float, duration: float) -> None:
         """Integrate through ``duration`` s in equal steps of at most `LONGEST_STEP`."""
         count = steps_of(duration)
+        torque = self._loaded.p4 * command
         for _ in range(count):
-            self._state = step(self._parameters, self._state, command, duration / count)
+            self._state = step(self._constants, self._state, torque, duration / count)
 
     def current(self, command: float) -> float:
         """Armature current in A (4); a state of the simulation if there is an inductance."""
@@ -161,6 +179,6 @@ def _current_rate(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> flo
     return float((voltage - resistance * current - back_emf_constant * velocity) / inductance)
 
 
-def steps_of(duration: float, longest: float = LONGEST_STEP) -> int:
-    """Count the equal steps of at most ``longest`` s that make up ``duration`` s."""
-    return max(math.ceil(duration / longest * (1 - 1e-9)), 1)
+def steps_of(duration: float) -> int:
+    """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
+    return max(math.ceil(duration / LONGEST_STEP * (1 - 1e-9)), 1)

@@ -45,7 +45,8 @@ class Painter:
     """
 
     def __init__(self, robot: Robot, added: AddedMass, size: int = 640) -> None:
-        model = mujoco.MjModel.from_xml_string(mjcf(robot, added, scene=True))
+        text = mjcf(robot, added, scene=True, assisted=True)
+        model = mujoco.MjModel.from_xml_string(text)
         if added.mass == 0:
             model.geom("added_mass").rgba[3] = 0.0
         model.vis.global_.offwidth = model.vis.global_.offheight = size

@@ -57,8 +57,8 @@ def sweep(
     """Simulate each run from rest, hanging down, its excitation applied through a zero-order hold.
 
     On a regular clock the runs share MuJoCo's compiled loop and its threads; on a jittered one,
-    with a delayed command, or with a motor whose current is a state, each goes through the motor
-    wrapper. Both give the same log to within rounding.
+    with a delayed command, a motor whose current is a state, or friction that bends or weakens,
+    each goes through the motor wrapper. Both give the same log to within rounding.
 
     Parameters
     ----------
@@ -95,7 +95,13 @@ def _simulated(
     robot: Robot, jobs: Sequence[_Job], controller: Controller, workers: int, track: Track
 ) -> Iterator[Log]:
     irregular = controller.clock.jitter > 0 or controller.path.delay > 0
-    if irregular or robot.drive.time_constant > 0:
+    friction = robot.friction
+    if (
+        irregular
+        or robot.drive.time_constant > 0
+        or friction.bristle_stiffness > 0
+        or friction.sticks_harder
+    ):
         for (added, excitation), rng in track(jobs, "Simulating in MuJoCo"):
             yield through_wrapper(robot, added, excitation, controller, rng)
         return
@@ -130,7 +136,7 @@ class _CompiledLoop:
     """Simulates batches of runs on a regular clock in MuJoCo's own threads."""
 
     def __init__(self, robot: Robot, controller: Controller, pool: Rollout, workers: int) -> None:
-        self._drive = robot.drive
+        self._robot = robot
         self._controller = controller
         self._pool = pool
         self._model = compile_model(robot)
@@ -150,7 +156,7 @@ class _CompiledLoop:
         for ((added, excitation), rng), command, true in zip(batch, inputs, angles, strict=True):
             angle = controller.encoder.read(time, true, rng)
             about = _about(added, excitation)
-            yield recorded(time, command, angle, input_kind=kind_of(self._drive), **about)
+            yield recorded(time, command, angle, input_kind=kind_of(self._robot.drive), **about)
 
     def _roll_out(
         self, added: list[AddedMass], start: NDArray[np.float64], held: NDArray[np.float64]
@@ -158,10 +164,11 @@ class _CompiledLoop:
         """Return the (runs, cycles + 1) angles under (runs, cycles) held commands."""
         models = [copy.copy(self._model) for _ in added]
         for model, mass in zip(models, added, strict=True):
-            mount(model, mass)
-        controls = np.repeat(held, self._substeps, axis=1)[:, :, None]
+            mount(model, self._robot, mass)
+        controls = np.zeros((len(added), held.shape[1] * self._substeps, self._model.nu))
+        controls[:, :, 0] = np.repeat(held, self._substeps, axis=1)
         size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         states = np.zeros((len(added), size))
-        states[:, 1] = start  # a state is time, angle, velocity
+        states[:, 1] = start  # a state is time, angles, velocities
         reached, _ = self._pool.rollout(models, self._data, states, controls)
         return np.column_stack([start, reached[:, self._substeps - 1 :: self._substeps, 1]])

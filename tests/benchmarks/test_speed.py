@@ -15,7 +15,8 @@ from butterfly.identify.free_run import free_run
 from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.identification import identify
 from butterfly.logs.log import Sine
-from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.plant.mjcf import Robot, compile_model
 from butterfly.plant.sweep import Controller, sweep, through_wrapper
 

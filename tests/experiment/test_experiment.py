@@ -86,6 +86,10 @@ def _set(content, path, value):
         ("name", "a/../b", "name: got 'a/../b'"),
         ("method", "magic", "method: got 'magic'; expected 'harmonic-balance' or 'thesis'"),
         ("added_masses", [], "added_masses: got []"),
+        ("plant.friction.drag", -1.0, "plant.friction.drag: got -1.0; expected a finite non-neg"),
+        ("plant.friction.dreg", 1.0, "plant.friction.dreg: got an unknown key; expected 'drag'"),
+        ("plant.hand.tilt", 2.0, "plant.hand.tilt: got 2.0; expected less than pi/2"),
+        ("plant.clutch", {"backlash": 0.1, "rotor_inertia": 1.0}, "rotor_inertia: got 1.0"),
     ],
 )
 def test_a_slip_in_an_experiment_is_named_with_file_field_and_value(
@@ -98,6 +102,30 @@ def test_a_slip_in_an_experiment_is_named_with_file_field_and_value(
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         read_experiment(path)
     assert str(path) in str(caught.value)
+
+
+def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):
+    content = yaml.safe_load(short.read_text())
+    plant = content["plant"]
+    plant["hand"] |= {"com_offset": 0.002, "tilt": 0.05}
+    plant["friction"] |= {
+        "load": 1e-4,
+        "stribeck": 2e-4,
+        "stribeck_velocity": 0.2,
+        "drag": 1e-5,
+        "bias": 1e-3,
+        "cogging": 1e-3,
+        "cogging_periods": 1,
+    }
+    plant["clutch"] = {"backlash": 0.01, "rotor_inertia": 1e-4}
+    short.write_text(yaml.safe_dump(content))
+    for step in (0.001, 0.005):
+        plant["clock"] = {"step": step}
+        short.write_text(yaml.safe_dump(content))
+        manifest = read_manifest(simulate(read_experiment(short), tmp_path / str(step)))
+        log = read_entry(manifest, manifest.logs[0])
+        assert np.isfinite(log.angle).all()
+        assert np.ptp(log.angle) > 0.01
 
 
 def test_yaml_that_builds_objects_is_not_obeyed(tmp_path):

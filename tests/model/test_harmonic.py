@@ -1,19 +1,23 @@
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from butterfly.model.greybox import simulate
 from butterfly.model.harmonic import (
     coulomb_describing_function,
+    drag_describing_function,
     frequency_response,
     gravity_amplitude_slope,
     gravity_describing_function,
     predicted_swing,
     quasi_linear_response,
     resonance_frequency,
+    stribeck_describing_function,
 )
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.sine_fit import fit_sine
@@ -46,6 +50,20 @@ def test_coulomb_describing_function_is_the_fourier_integral(amplitude):
     gain = complex(coulomb_describing_function(amplitude))
     assert sine == pytest.approx(0, abs=1e-9)
     assert gain == pytest.approx(1j * cosine / amplitude, rel=1e-8)
+
+
+@given(amplitude=st.floats(1e-3, 3.0), omega=st.floats(0.5, 20.0), scale=st.floats(0.05, 5.0))
+def test_drag_and_stribeck_describing_functions_are_the_fourier_integrals(amplitude, omega, scale):
+    assume(amplitude * omega / scale < 20)  # else the quadrature misses the peak
+    sine, cosine = _fundamental(lambda _, v: omega**2 * abs(v) * v, amplitude)
+    assert sine == pytest.approx(0, abs=1e-9)
+    gain = complex(drag_describing_function(omega, amplitude))
+    assert gain == pytest.approx(1j * cosine / amplitude, rel=1e-8)
+    _, cosine = _fundamental(
+        lambda _, v: np.sign(v) * np.exp(-((omega * v / scale) ** 2)), amplitude
+    )
+    gain = complex(stribeck_describing_function(omega, amplitude, scale))
+    assert gain == pytest.approx(1j * cosine / amplitude, rel=1e-6)
 
 
 @given(st.floats(0.05, 3.0))
@@ -97,6 +115,27 @@ def test_the_predicted_swing_is_the_simulated_one(omega, amplitude, coulomb):
     angle, _ = simulate(joint, time, amplitude * np.sin(omega * instants), 0.0)
     steady = fit_sine(time[time > 60], angle[time > 60], omega)
     assert predicted_swing(joint, omega, amplitude) == pytest.approx(steady.amplitude, rel=0.03)
+
+
+def test_the_predicted_swing_knows_drag_stribeck_and_cogging():
+    parameters = replace(
+        THESIS,
+        p4=0.025,
+        coulomb=3e-4,
+        drag=5e-4,
+        stribeck=3e-4,
+        stribeck_velocity=0.5,
+        cogging=2e-3,
+        cogging_periods=3,
+    )
+    time = np.arange(0, 60, 2e-3)
+    inputs = 0.3 * np.sin(4 * np.column_stack([time[:-1], time[:-1] + 1e-3, time[1:]]))
+    angle, _ = simulate(parameters, time, inputs, 0.0)
+    steady = time > 60 - 8 * np.pi
+    swing = fit_sine(time[steady], angle[steady], 4.0).amplitude
+    assert predicted_swing(parameters, 4.0, 0.3) == pytest.approx(swing, rel=0.02)
+    plain = predicted_swing(replace(THESIS, p4=0.025, coulomb=3e-4), 4.0, 0.3)
+    assert abs(plain / swing - 1) > 0.1
 
 
 def test_a_drive_that_friction_holds_is_predicted_not_to_swing():

@@ -6,8 +6,9 @@ import pytest
 from PIL import Image
 
 from butterfly.errors import InputError
+from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
+from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.plant.mjcf import Robot, compile_model, mjcf, mount
 from butterfly.plant.picture import Painter, RenderingError, render
 from butterfly.resources import shipped
@@ -34,7 +35,7 @@ def test_an_exported_model_loads_in_plain_mujoco_and_moves_alike(tmp_path):
     path = tmp_path / "twin.xml"
     path.write_text(mjcf(ROBOT, ADDED, scene=True))
     model = compile_model(ROBOT)
-    mount(model, ADDED)
+    mount(model, ROBOT, ADDED)
     exported = mujoco.MjModel.from_xml_path(str(path))
     np.testing.assert_allclose(_trajectory(exported), _trajectory(model), rtol=0, atol=1e-12)
     assert np.ptp(_trajectory(model)[:, 0]) > 0.1

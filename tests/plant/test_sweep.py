@@ -6,8 +6,9 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
+from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.excitations import Chirp, FreeDecay, Multisine, Table
 from butterfly.plant.mjcf import Robot, compile_model, mount
 from butterfly.plant.motor import CommandPath
@@ -81,8 +82,8 @@ def test_a_mounted_mass_adds_exactly_its_inertia_and_gravity_moment(mass, arm, a
     robot = _robot()
     model = compile_model(robot)
     added = AddedMass(mass=mass, arm=arm)
-    mount(model, AddedMass(mass=0.7, arm=0.3))
-    mount(model, added)
+    mount(model, robot, AddedMass(mass=0.7, arm=0.3))
+    mount(model, robot, added)
     data = mujoco.MjData(model)
     data.qpos[0] = angle
     mujoco.mj_forward(model, data)

@@ -13,7 +13,8 @@ from PIL import Image, ImageSequence
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Sine
-from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
 from butterfly.plant.mjcf import Robot
 from butterfly.plant.picture import Painter, RenderingError
 from butterfly.plant.viewing import film, watch
