@@ -17,7 +17,7 @@ class FrictionTerms:
 
         g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
 
-    and pulled by ``bias + cogging sin(periods th + phase)``. At rest it sticks until the other
+    and pulled by ``bias + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it sticks until the other
     torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model replaces g(v) sgn v
     by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson, Astrom and
     Lischinsky, IEEE TAC 40(3), 1995).
@@ -40,13 +40,11 @@ class FrictionTerms:
         In N m s^2/rad^2.
     bias
         Constant torque in N m.
-    cogging
-        Amplitude in N m of a torque that repeats over a turn. One period a turn is what a clutch
-        out of line adds.
+    cogging, cogging_cosine
+        Sine and cosine part in N m of a torque that repeats over a turn. One period a turn is
+        what a clutch out of line adds.
     cogging_periods
-        Number of its periods in one turn.
-    cogging_phase
-        In rad.
+        N, the number of its periods in one turn.
     """
 
     coulomb: float = 0.0
@@ -58,8 +56,8 @@ class FrictionTerms:
     drag: float = 0.0
     bias: float = 0.0
     cogging: float = 0.0
+    cogging_cosine: float = 0.0
     cogging_periods: float = 1.0
-    cogging_phase: float = 0.0
 
     def terms(self) -> dict[str, Any]:
         """Return every term by its name."""
@@ -93,11 +91,11 @@ class Friction(FrictionTerms):
     viscous: float = 0.0
 
     def __post_init__(self) -> None:
-        signed = ("bias", "cogging_phase", "cogging_periods", "stribeck_velocity")
+        signed = ("bias", "cogging", "cogging_cosine", "cogging_periods", "stribeck_velocity")
         plain = {name: value for name, value in self.terms().items() if name not in signed}
         require_number("Friction", viscous=self.viscous, **plain)
         require_number("Friction", positive=True, stribeck_velocity=self.stribeck_velocity)
-        for name in ("bias", "cogging_phase"):
+        for name in ("bias", "cogging", "cogging_cosine"):
             if not math.isfinite(getattr(self, name)):
                 raise InputError("Friction", name, getattr(self, name), "a finite number")
         if not (self.cogging_periods >= 1 and float(self.cogging_periods).is_integer()):

@@ -72,8 +72,7 @@ def quasi_linear_response(
     stiffness = p.p3 * gravity_describing_function(amplitude) - p.p1 * w**2
     if p.cogging:
         swing = p.cogging_periods * np.asarray(amplitude)
-        slope = p.cogging * p.cogging_periods * math.cos(p.cogging_phase)
-        stiffness = stiffness - slope * gravity_describing_function(swing)
+        stiffness = stiffness - p.cogging * p.cogging_periods * gravity_describing_function(swing)
     friction = _friction_gain(p, w, np.asarray(amplitude, dtype=np.float64))
     return _input_gain(p, w) / (stiffness + friction + _damping(p, w))
 

@@ -33,8 +33,8 @@ class Constants(NamedTuple):
     drag: float
     bias: float
     cogging: float
+    cogging_cosine: float
     cogging_periods: float
-    cogging_phase: float
 
     @classmethod
     def of(cls, p: LumpedParameters) -> Constants:
@@ -49,8 +49,9 @@ def pull(x: float, c: Constants) -> float:
     torque = c.bias - c.p3 * math.sin(x)
     if c.p3_offset != 0.0:
         torque -= c.p3_offset * math.cos(x)
-    if c.cogging != 0.0:
-        torque += c.cogging * math.sin(c.cogging_periods * x + c.cogging_phase)
+    if c.cogging != 0.0 or c.cogging_cosine != 0.0:
+        turned = c.cogging_periods * x
+        torque += c.cogging * math.sin(turned) + c.cogging_cosine * math.cos(turned)
     return torque
 
 

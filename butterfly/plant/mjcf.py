@@ -216,8 +216,9 @@ def _pulls(p: LumpedParameters) -> list[ElementTree.Element]:
     if p.bias:
         constant = {"gainprm": "0", "biastype": "affine", "biasprm": f"{p.bias!r} 0 0"}
         pulls.append(_actuator("general", "bias", constant))
-    if p.cogging:
-        shape = f"{p.cogging!r} {p.cogging_periods!r} {p.cogging_phase!r}"
+    if p.cogging or p.cogging_cosine:
+        phase = math.atan2(p.cogging_cosine, p.cogging)
+        shape = f"{math.hypot(p.cogging, p.cogging_cosine)!r} {p.cogging_periods!r} {phase!r}"
         pulls.append(_actuator("dcmotor", "cogging", idle | {"cogging": shape}))
     if p.bristle_stiffness:
         numbers = (p.bristle_stiffness, p.bristle_damping, p.coulomb, p.holding)

@@ -21,7 +21,7 @@ ADDED = AddedMass(mass=0.05, arm=0.104)
 HAND = Hand(mass=0.1, com_distance=0.05, com_offset=0.01, inertia=0.003, tilt=0.1)
 DRIVE = VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03)
 SMOOTH = Friction(
-    viscous=2e-4, drag=1e-4, bias=-2e-3, cogging=3e-3, cogging_periods=7, cogging_phase=0.4
+    viscous=2e-4, drag=1e-4, bias=-2e-3, cogging=3e-3, cogging_cosine=1e-3, cogging_periods=7
 )
 STRIBECK = Friction(coulomb=4e-3, stribeck=3e-3, stribeck_velocity=0.3, viscous=1e-4)
 LUGRE = replace(STRIBECK, bristle_stiffness=5.0, bristle_damping=0.01, load=1e-3)
@@ -65,7 +65,7 @@ def test_drag_bias_cogging_offset_and_tilt_are_right_to_1e_9(joint):
     def rhs(_, state, voltage):
         x, v = state
         motor = 0.05 / 2 * (voltage - 0.03 * v)
-        ripple = 3e-3 * math.sin(7 * x + 0.4)
+        ripple = 3e-3 * math.sin(7 * x) + 1e-3 * math.cos(7 * x)
         brake = 2e-4 * v + 1e-4 * abs(v) * v
         return [v, (motor + _pull(x) - 2e-3 + ripple - brake) / INERTIA]
 
@@ -190,7 +190,7 @@ def test_a_model_that_mujoco_cannot_hold_is_not_exported():
         ("bias", math.nan),
         ("stribeck_velocity", 0.0),
         ("cogging_periods", 2.5),
-        ("cogging_phase", math.inf),
+        ("cogging_cosine", math.inf),
         ("bristle_stiffness", 5.0),
     ],
 )
