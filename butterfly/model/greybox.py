@@ -3,22 +3,51 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
-
-from butterfly.model.torques import Constants, State, friction_level, pull, rates
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.model.parameters import LumpedParameters
 
+State = tuple[float, float, float, float]
+"""Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
+deflection of the bristles in rad (a state only with a stiffness of theirs)."""
+
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _BRISTLE_STEPS = 4  # the same in one time constant of the bristles
 _MAX_REVERSALS = 8  # reversals of the velocity that one step may hold before it is cut short
 _REFINEMENTS = 3  # secant corrections of the instant at which the velocity vanishes
+
+
+class Constants(NamedTuple):
+    """What the compiled equation needs to know, all numbers; see `LumpedParameters`."""
+
+    p1: float
+    viscous: float
+    back_emf: float
+    lag: float
+    p3: float
+    p3_offset: float
+    coulomb: float
+    stribeck: float
+    stribeck_velocity: float
+    bristle_stiffness: float
+    bristle_damping: float
+    drag: float
+    bias: float
+    cogging: float
+    cogging_cosine: float
+    cogging_periods: float
+
+    @classmethod
+    def of(cls, p: LumpedParameters) -> Constants:
+        """Take them from the parameters of the hand with its added mass."""
+        own = {"viscous": p.p2 - p.back_emf, "lag": p.time_constant}
+        return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 
 def simulate(
@@ -61,7 +90,47 @@ def step(constants: Constants, state: State, torque: float, duration: float) -> 
     return _interval(state, (torque, torque, torque), duration, constants)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
+def _pull(x: float, c: Constants) -> float:
+    """Torque in N m that depends on the angle alone: gravity, cogging and bias."""
+    torque = c.bias - c.p3 * math.sin(x)
+    if c.p3_offset != 0.0:
+        torque -= c.p3_offset * math.cos(x)
+    if c.cogging != 0.0 or c.cogging_cosine != 0.0:
+        turned = c.cogging_periods * x
+        torque += c.cogging * math.sin(turned) + c.cogging_cosine * math.cos(turned)
+    return torque
+
+
+@numba.njit(cache=True, nogil=True)
+def _friction_level(v: float, c: Constants) -> float:
+    """Coulomb and Stribeck friction g(v) in N m, without its sign."""
+    if c.stribeck == 0.0:
+        return c.coulomb
+    return c.coulomb + c.stribeck * math.exp(-((v / c.stribeck_velocity) ** 2))
+
+
+@numba.njit(cache=True, nogil=True)
+def _rates(state: State, drive: float, sign: float, c: Constants) -> tuple[float, float, float]:
+    """Return the rates of velocity, motor torque and bristles, sliding in the direction sign."""
+    x, v, motor, bend = state
+    torque = drive - c.back_emf * v
+    motor_rate = 0.0
+    if c.lag > 0.0:
+        motor_rate = (torque - motor) / c.lag
+        torque = motor
+    bend_rate = 0.0
+    level = _friction_level(v, c)
+    if c.bristle_stiffness > 0.0:
+        bend_rate = v - c.bristle_stiffness * abs(v) * bend / level
+        torque -= c.bristle_stiffness * bend + c.bristle_damping * bend_rate
+    else:
+        torque -= sign * level
+    torque += _pull(x, c) - (c.viscous + c.drag * abs(v)) * v
+    return torque / c.p1, motor_rate, bend_rate
+
+
+@numba.njit(cache=True, nogil=True)
 def least_steps(c, v, h):
     """Count the steps that lag and bristles ask for in h s at a velocity of v rad/s."""
     count = 1
@@ -70,7 +139,7 @@ def least_steps(c, v, h):
     if c.bristle_stiffness > 0.0:
         damping = (c.viscous + c.bristle_damping) / c.p1
         fastest = max(
-            c.bristle_stiffness * abs(v) / friction_level(v, c),
+            c.bristle_stiffness * abs(v) / _friction_level(v, c),
             damping,
             math.sqrt(c.bristle_stiffness / c.p1),
         )
@@ -78,7 +147,7 @@ def least_steps(c, v, h):
     return count
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _drive_at(drives, fraction):
     """Evaluate the quadratic through the drives at fractions 0, 1/2 and 1 of the interval."""
     start, middle, end = drives
@@ -86,7 +155,7 @@ def _drive_at(drives, fraction):
     return start + fraction * (end - start - bend + bend * fraction)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _rk4(state, drives, begin, share, h, sign, c):
     """Take one RK4 step over ``share`` of the interval h, sliding in the direction ``sign``."""
     x, v, m, z = state
@@ -95,13 +164,13 @@ def _rk4(state, drives, begin, share, h, sign, c):
     d0 = _drive_at(drives, begin)
     d1 = _drive_at(drives, begin + 0.5 * share)
     d2 = _drive_at(drives, begin + share)
-    a1, m1, z1 = rates(state, d0, sign, c)
+    a1, m1, z1 = _rates(state, d0, sign, c)
     v2 = v + half * a1
-    a2, m2, z2 = rates((x + half * v, v2, m + half * m1, z + half * z1), d1, sign, c)
+    a2, m2, z2 = _rates((x + half * v, v2, m + half * m1, z + half * z1), d1, sign, c)
     v3 = v + half * a2
-    a3, m3, z3 = rates((x + half * v2, v3, m + half * m2, z + half * z2), d1, sign, c)
+    a3, m3, z3 = _rates((x + half * v2, v3, m + half * m2, z + half * z2), d1, sign, c)
     v4 = v + dt * a3
-    a4, m4, z4 = rates((x + dt * v3, v4, m + dt * m3, z + dt * z3), d2, sign, c)
+    a4, m4, z4 = _rates((x + dt * v3, v4, m + dt * m3, z + dt * z3), d2, sign, c)
     sixth = dt / 6.0
     return (
         x + sixth * (v + 2.0 * v2 + 2.0 * v3 + v4),
@@ -111,7 +180,7 @@ def _rk4(state, drives, begin, share, h, sign, c):
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _rest(state, drives, begin, h, c):
     """Return the state at the interval's end when the joint sticks from fraction ``begin`` on."""
     x, _, m, z = state
@@ -121,7 +190,7 @@ def _rest(state, drives, begin, h, c):
     return x, 0.0, m, z
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _advance(state, drives, h, c):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
     holding = c.coulomb + c.stribeck
@@ -132,7 +201,7 @@ def _advance(state, drives, h, c):
         x, v, m, z = state
         sign = np.sign(v)
         if v == 0.0:
-            load = pull(x, c)
+            load = _pull(x, c)
             net = (m if c.lag > 0.0 else _drive_at(drives, begin)) + load
             if abs(net) <= holding:
                 rest = _rest(state, drives, begin, h, c)
@@ -160,7 +229,7 @@ def _advance(state, drives, h, c):
     return _rest(state, drives, begin, h, c)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
     count = least_steps(c, state[1], h)
@@ -174,7 +243,7 @@ def _interval(state, drives, h, c):
     return state
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _integrate(time, drives, state, c):
     n = time.size
     angle = np.empty(n)

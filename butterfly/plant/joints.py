@@ -10,9 +10,8 @@ import mujoco
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
-from butterfly.model.greybox import least_steps, step
+from butterfly.model.greybox import Constants, least_steps, step
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
-from butterfly.model.torques import Constants
 from butterfly.plant.mjcf import compile_model, mount
 
 if TYPE_CHECKING:
