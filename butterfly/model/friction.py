@@ -18,9 +18,9 @@ class FrictionTerms:
         g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
 
     and pulled by ``bias + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it sticks until
-    the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model replaces g(v) sgn v
-    by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson, Astrom and
-    Lischinsky, IEEE TAC 40(3), 1995).
+    the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model replaces
+    g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson, Astrom
+    and Lischinsky, IEEE TAC 40(3), 1995).
 
     Parameters
     ----------
