@@ -14,7 +14,8 @@ from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment import runner
 from butterfly.experiment.schema import read_experiment
-from butterfly.identify.identification import Method, identify
+from butterfly.identify.identification import identify
+from butterfly.identify.methods import Method, Options
 from butterfly.identify.thesis import DECIMATION
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
 from butterfly.logs.log import InputKind, Intersample
@@ -87,7 +88,8 @@ def identify_command(
     method: Annotated[
         Method,
         typer.Option(
-            help="harmonic-balance: joint fit over all added masses. "
+            help="harmonic-balance: joint linear fit of the steady responses. "
+            "output-error: joint fit of free-run simulations. "
             "thesis: resonances (100) and (102), slips included."
         ),
     ] = Method.HARMONIC_BALANCE,
@@ -109,6 +111,15 @@ def identify_command(
             show_default=False,
         ),
     ] = None,
+    terms: Annotated[
+        str | None,
+        typer.Option(
+            help="Fitted besides p1..p4, coulomb and delay, separated by commas: drag, load, "
+            "stribeck; with output-error also bias, p3_offset, stribeck_velocity, tilt, cogging, "
+            "cogging_cosine. An empty text means none.",
+            show_default="the method's own choice",
+        ),
+    ] = None,
     decimation: Annotated[
         int, typer.Option(min=1, help="Every how-manieth sample the thesis's method uses.")
     ] = DECIMATION,
@@ -124,7 +135,9 @@ def identify_command(
     """
     manifest = _manifest(data, root, arm, input_kind, hold)
     others = {text: parse_parameters(text, "--against") for text in against or []}
-    result = identify(manifest, method, decimation=decimation, against=others, track=show_progress)
+    chosen = None if terms is None else tuple(filter(None, terms.replace(" ", "").split(",")))
+    options = Options(terms=chosen, decimation=decimation)
+    result = identify(manifest, method, options, against=others, track=show_progress)
     show_identification(result)
     if report is not None:
         write_report(result, report)

@@ -45,7 +45,7 @@ def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
 
 def show_identification(result: Identification, truth: LumpedParameters | None = None) -> None:
     """Print parameters (beside the true ones if known), verdict, and FIT of other parameters."""
-    table = Table(title=f"{result.name}: {result.estimate.method}", box=SIMPLE_HEAD)
+    table = Table(title=f"{result.data.name}: {result.estimate.method}", box=SIMPLE_HEAD)
     headers = ["", "estimate", "std error", "95 % interval", "one mass left out", "unit"]
     if truth is not None:
         headers[1:1] = ["true", "deviation"]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from butterfly.identify.identification import Method
+from butterfly.identify.methods import Method
 from butterfly.logs.csv import read_columns
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction

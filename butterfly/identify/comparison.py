@@ -14,13 +14,10 @@ from butterfly.model.harmonic import quasi_linear_response
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from numpy.typing import NDArray
 
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass, LumpedParameters
-    from butterfly.signals.frequency_response import ResponsePoint
+    from butterfly.identify.data import DataSet
+    from butterfly.model.parameters import LumpedParameters
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
 _GRID = 41
@@ -54,13 +51,7 @@ class Comparison:
 
 
 def compare(
-    name: str,
-    parameters: LumpedParameters,
-    logs: Sequence[Log],
-    points: Sequence[ResponsePoint],
-    equilibria: Mapping[AddedMass, float],
-    *,
-    track: Track = untracked,
+    name: str, parameters: LumpedParameters, data: DataSet, *, track: Track = untracked
 ) -> Comparison:
     """Simulate every log with ``parameters``; a p4 that is NaN is replaced by the best one.
 
@@ -70,46 +61,33 @@ def compare(
         Where the parameters come from.
     parameters
         Of the bare hand.
-    logs, points
-        The logs, and the steady response of each.
-    equilibria
-        Encoder reading in rad of the hand at rest, per added mass.
+    data
+        The logs.
     track
         Shows progress.
     """
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
-        gain = best_gain(parameters, logs, points, equilibria, track=track)
-        parameters = replace(parameters, p4=gain)
+        parameters = replace(parameters, p4=best_gain(parameters, data, track=track))
     return Comparison(
-        name=name,
-        parameters=parameters,
-        gain_fitted=gain_fitted,
-        fits=_fits(parameters, logs, equilibria),
+        name=name, parameters=parameters, gain_fitted=gain_fitted, fits=_fits(parameters, data)
     )
 
 
-def best_gain(
-    parameters: LumpedParameters,
-    logs: Sequence[Log],
-    points: Sequence[ResponsePoint],
-    equilibria: Mapping[AddedMass, float],
-    *,
-    track: Track = untracked,
-) -> float:
+def best_gain(parameters: LumpedParameters, data: DataSet, *, track: Track = untracked) -> float:
     """Return the p4 with the highest median FIT, the other parameters held (see `compare`)."""
     unit = replace(parameters, p4=1.0)
     ratios = [
         abs(
             p.gain / quasi_linear_response(unit.with_added_mass(p.added_mass), p.omega, p.amplitude)
         )
-        for p in points
+        for p in data.sines
     ]
     guess = float(np.median(ratios))
 
     def loss(decades: float) -> float:
         trial = replace(parameters, p4=guess * 10**decades)
-        return -float(np.median(_fits(trial, logs, equilibria)))
+        return -float(np.median(_fits(trial, data)))
 
     coarse = np.linspace(-_DECADES, _DECADES, _GRID)
     start = coarse[np.argmin([loss(x) for x in track(coarse, "Finding the best p4")])]
@@ -118,7 +96,6 @@ def best_gain(
     return float(guess * 10**fine.x)
 
 
-def _fits(
-    parameters: LumpedParameters, logs: Sequence[Log], equilibria: Mapping[AddedMass, float]
-) -> NDArray[np.float64]:
-    return np.array([free_run(log, parameters, equilibria[log.added_mass]).fit for log in logs])
+def _fits(parameters: LumpedParameters, data: DataSet) -> NDArray[np.float64]:
+    zeros = data.equilibria
+    return np.array([free_run(log, parameters, zeros[log.added_mass]).fit for log in data.logs])

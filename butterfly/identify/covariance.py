@@ -12,6 +12,23 @@ if TYPE_CHECKING:
 _LEAST_FREEDOM = 1e-6  # a cluster that alone determines a parameter leaves no residual to judge by
 
 
+def compress(
+    jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Reduce one cluster of m equations in p parameters to p, which say the same of them.
+
+    Returns
+    -------
+    (p, p) triangular factor R of the (m, p) Jacobian Q R, and (p,) residuals Q^T r.
+    """
+    count = jacobian.shape[1]
+    basis, triangle = np.linalg.qr(jacobian)
+    rows, rest = np.zeros((count, count)), np.zeros(count)
+    rows[: triangle.shape[0]] = triangle
+    rest[: triangle.shape[0]] = basis.T @ residuals
+    return rows, rest
+
+
 def cluster_covariance(
     rows: NDArray[np.float64], residuals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

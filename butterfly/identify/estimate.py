@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +12,17 @@ from butterfly.model.parameters import LumpedParameters
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
-"""Order of the parameters in every vector and matrix of an estimate."""
+"""The parameters that every method estimates, in their order."""
+
+TERMS = (
+    *("drag", "load", "bias", "p3_offset", "stribeck", "stribeck_velocity"),
+    *("tilt", "cogging", "cogging_cosine"),
+)
+"""Terms that some methods can estimate besides."""
 
 UNITS = {
     "p1": "kg m²",
@@ -24,6 +31,15 @@ UNITS = {
     "p4": "N m/unit",
     "coulomb": "N m",
     "delay": "s",
+    "drag": "N m s²/rad²",
+    "load": "m",
+    "bias": "N m",
+    "p3_offset": "N m",
+    "stribeck": "N m",
+    "stribeck_velocity": "rad/s",
+    "tilt": "rad",
+    "cogging": "N m",
+    "cogging_cosine": "N m",
 }
 """Unit of each parameter; "unit" is the input's, V for a voltage."""
 
@@ -39,14 +55,16 @@ class ParameterEstimate:
     ----------
     method
         How they were obtained.
+    names
+        The n parameters estimated: `PARAMETERS`, then terms.
     values
-        (6,) in the order of `PARAMETERS`.
+        (n,) in their order.
     covariance
-        (6, 6); NaN where the method has no statement to make.
+        (n, n); NaN where the method has no statement to make.
     lower, upper
-        (6,) limits of the intervals at `CONFIDENCE`.
+        (n,) limits of the intervals at `CONFIDENCE`.
     left_out
-        (6,) estimates with the logs of one added mass left out; empty if there are too few masses.
+        (n,) estimates with the logs of one added mass left out; empty if there are too few masses.
     condition
         Condition number of the column-scaled regression (or Jacobian).
     on_bound
@@ -55,9 +73,14 @@ class ParameterEstimate:
         What can and cannot be concluded, in words.
     resonances
         Where the method rests on resonance frequencies: these, in rad/s, per added mass.
+    local
+        Where the method estimates them: ``zero`` (the encoder's reading in rad at the model's
+        angle 0), ``velocity`` (at the first sample, in rad/s) and ``bias``, for one log (by its
+        source), for one added mass, or for all (None).
     """
 
     method: str
+    names: tuple[str, ...] = PARAMETERS
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
     lower: NDArray[np.float64]
@@ -66,19 +89,28 @@ class ParameterEstimate:
     condition: float
     on_bound: tuple[str, ...]
     verdict: tuple[str, ...]
-    resonances: dict[AddedMass, float]
+    resonances: dict[AddedMass, float] = field(default_factory=dict)
+    local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
 
     @property
     def parameters(self) -> LumpedParameters:
         """The estimate as parameters of the model."""
-        return LumpedParameters(**dict(zip(PARAMETERS, self.values.tolist(), strict=True)))
+        return LumpedParameters(**dict(zip(self.names, self.values.tolist(), strict=True)))
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:
         """(6,) square roots of the variances."""
         return np.sqrt(np.diag(self.covariance))
 
+    def applied(self, log: Log) -> tuple[LumpedParameters, dict[str, float]]:
+        """Return what holds for one log: parameters, and zero and velocity where estimated."""
+        own: dict[str, float] = {}
+        for key in (None, log.added_mass, log.source):
+            own |= self.local.get(key, {})
+        parameters = self.parameters
+        return replace(parameters, bias=own.pop("bias", parameters.bias)), own
+
     def with_gain(self, p4: float) -> ParameterEstimate:
         """Return the estimate with p4 set to a value found otherwise."""
-        values = np.where(np.array(PARAMETERS) == "p4", p4, self.values)
+        values = np.where(np.array(self.names) == "p4", p4, self.values)
         return replace(self, values=values)

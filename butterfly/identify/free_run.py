@@ -6,28 +6,22 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
-from butterfly.logs.log import Intersample
-from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import resonance_frequency
-from butterfly.signals.resample import uniform_grid
+from butterfly.identify.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
+    from butterfly.identify.estimate import ParameterEstimate
     from butterfly.logs.log import Log
-    from butterfly.model.parameters import LumpedParameters
-
-LONGEST_STEP = 0.01
-"""Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
-
-_STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
+    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRun:
-    """A log and its simulation from the first sample on, at rest, with the recorded input.
+    """A log and its simulation from the first sample on with the recorded input.
 
     Parameters
     ----------
@@ -64,8 +58,8 @@ class FitSummary:
         return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()))
 
 
-def free_run(log: Log, parameters: LumpedParameters, equilibrium: float) -> FreeRun:
-    """Simulate a log from its first sample, at rest, with the recorded input.
+def free_run(log: Log, parameters: LumpedParameters, zero: float, velocity: float = 0.0) -> FreeRun:
+    """Simulate a log from its first sample with the recorded input.
 
     Parameters
     ----------
@@ -73,37 +67,27 @@ def free_run(log: Log, parameters: LumpedParameters, equilibrium: float) -> Free
         With increasing stamps.
     parameters
         Of the bare hand; the log's added mass is put on here (78).
-    equilibrium
-        Reading of the encoder in rad when the hand hangs at rest.
+    zero
+        Reading of the encoder in rad where the model's angle is 0.
+    velocity
+        At the first sample, in rad/s.
     """
-    loaded = parameters.with_added_mass(log.added_mass)
-    drive = log.excitation.omega if log.excitation else 0.0
-    fastest = max(resonance_frequency(loaded), drive)
-    step = min(LONGEST_STEP, 1 / (_STEPS_PER_RADIAN * fastest)) if fastest > 0 else LONGEST_STEP
-    grid = uniform_grid(log.time, step)
-    if grid[-1] < log.time[-1]:
-        grid = np.append(grid, log.time[-1])
-    angle, velocity = simulate(
-        loaded,
-        grid,
-        _delayed_input(log, grid, parameters.delay),
-        float(log.angle[0]) - equilibrium,
-    )
-    return FreeRun(
-        log=log, simulated=equilibrium + CubicHermiteSpline(grid, angle, velocity)(log.time)
-    )
+    simulated = Trajectory(log, parameters).at_stamps(parameters, zero, velocity)
+    return FreeRun(log=log, simulated=simulated)
 
 
-def _delayed_input(log: Log, grid: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
-    """(n - 1, 3) input at start, middle and end of each interval of ``grid``, ``delay`` s late.
+def free_run_of(estimate: ParameterEstimate, log: Log, zeros: Mapping[AddedMass, float]) -> FreeRun:
+    """Simulate a log with an estimate (see `free_run`).
 
-    A held input is averaged over each interval, so that no impulse is lost or gained when its
-    steps fall between the instants of the grid.
+    Parameters
+    ----------
+    estimate
+        The parameters, and whatever else it found for this log.
+    log
+        With increasing stamps.
+    zeros
+        The encoder's reading in rad of the hand at rest, per added mass, where it found none.
     """
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        ends = np.interp(grid - delay, log.time, log.input)
-        middles = np.interp(grid[:-1] + np.diff(grid) / 2 - delay, log.time, log.input)
-        return np.column_stack([ends[:-1], middles, ends[1:]])
-    impulse = np.concatenate([[0.0], np.cumsum(log.input[:-1] * np.diff(log.time))])
-    means = np.diff(np.interp(grid - delay, log.time, impulse)) / np.diff(grid)
-    return np.repeat(means[:, None], 3, axis=1)
+    parameters, own = estimate.applied(log)
+    zero = own["zero"] if "zero" in own else zeros[log.added_mass]
+    return free_run(log, parameters, zero, own.get("velocity", 0.0))

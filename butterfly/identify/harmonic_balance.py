@@ -5,12 +5,14 @@ balance of the fundamental of (78) with Coulomb friction and an input delay d re
 
     [-(p1 + Z) w^2 + j w p2 + (p3 + X) 2 J1(a)/a + j 4 T_c/(pi a)] th = p4 e^(-j w d) u
 
-which is linear in p1, p2, p3, T_c, p4 and, to first order about the current delay, in p4 d. The
+which is linear in p1, p2, p3, T_c, p4 and, to first order about the current delay, in p4 d; so are
+the describing functions of quadratic drag, load-dependent and Stribeck friction. The
 known Z = m l^2 and X = m g l set the scale, so two different added masses are needed. Each row is
 divided by the slope of its left-hand side in th at the previous iterate (Sanathanan & Koerner,
 IEEE Trans. Autom. Control 8, 1963), which turns equation errors into angle errors, and by the
-angle error's standard deviation: the measured one of the phasor, and one common to all logs that
-makes room for what the model leaves out (Paule & Mandel, J. Res. NBS 87, 1982).
+angle error's standard deviation: the measured one of the phasor, and one in proportion to the
+swing, common to all logs, that makes room for what the model leaves out (Paule & Mandel, J. Res.
+NBS 87, 1982).
 """
 
 from __future__ import annotations
@@ -20,17 +22,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
-from scipy.special import stdtrit
 
-from butterfly.errors import IdentifiabilityError
+from butterfly.errors import IdentifiabilityError, InputError, nearest
 from butterfly.identify.covariance import cluster_covariance
-from butterfly.identify.estimate import CONFIDENCE, PARAMETERS, ParameterEstimate
-from butterfly.identify.identifiability import Conditioning, sort_by_precision
+from butterfly.identify.estimate import PARAMETERS, ParameterEstimate
+from butterfly.identify.identifiability import Conditioning, refuse_one_mass, sort_by_precision
+from butterfly.identify.intervals import honest_limits
+from butterfly.model.friction import FrictionTerms
 from butterfly.model.harmonic import (
     coulomb_describing_function,
-    gravity_amplitude_slope,
+    drag_describing_function,
     gravity_describing_function,
+    quasi_linear_response,
+    stribeck_describing_function,
 )
+from butterfly.model.parameters import LumpedParameters
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,8 +48,12 @@ if TYPE_CHECKING:
 
 METHOD = "harmonic balance"
 
-_LOWER = np.array([-np.inf, 0.0, -np.inf, -np.inf, 0.0, -np.inf])  # friction takes energy out
+TERMS = ("drag", "load", "stribeck")
+"""What can be estimated besides `PARAMETERS`; the Stribeck velocity is held at its default."""
+
+_NOT_NEGATIVE = frozenset({"p2", "coulomb", "drag", "stribeck"})  # friction takes energy out
 _MAX_ITERATIONS = 60
+_SWING_STEP = 1e-4  # relative step of the differences in the swing
 _EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
 _TOLERANCE = 1e-10  # relative change of the predicted angles
 
@@ -56,11 +66,11 @@ class _Phasors:
     angle: NDArray[np.complex128]
     input: NDArray[np.complex128]
     variance: NDArray[np.float64]
-    inertia: NDArray[np.float64]
-    gravity_moment: NDArray[np.float64]
+    masses: tuple[AddedMass, ...]
+    names: tuple[str, ...]
 
     @classmethod
-    def of(cls, points: Sequence[ResponsePoint]) -> _Phasors:
+    def of(cls, points: Sequence[ResponsePoint], terms: tuple[str, ...]) -> _Phasors:
         return cls(
             omega=np.array([p.omega for p in points]),
             angle=np.array([p.angle.fundamental for p in points]),
@@ -68,32 +78,59 @@ class _Phasors:
             variance=np.array(
                 [max(np.trace(p.angle.covariance) / 2, _EXACT * p.amplitude**2) for p in points]
             ),
-            inertia=np.array([p.added_mass.inertia for p in points]),
-            gravity_moment=np.array([p.added_mass.gravity_moment for p in points]),
+            masses=tuple(p.added_mass for p in points),
+            names=(*PARAMETERS, *terms),
         )
 
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """(n,) lower bounds of the parameters."""
+        return np.array([0.0 if name in _NOT_NEGATIVE else -np.inf for name in self.names])
+
     def regression(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """(n, 6) regressors of `PARAMETERS`, the last of p4 (d - ``delay``), and (n,) targets."""
-        w, th = self.omega, self.angle
+        """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
+        w, th, a = self.omega, self.angle, np.abs(self.angle)
         u = self.input * np.exp(-1j * w * delay)
-        gravity = gravity_describing_function(np.abs(th)) * th
-        coulomb = coulomb_describing_function(np.abs(th)) * th
-        columns = [-(w**2) * th, 1j * w * th, gravity, -u, coulomb, 1j * w * u]
-        return np.column_stack(columns), self.inertia * w**2 * th - self.gravity_moment * gravity
+        gravity = gravity_describing_function(a) * th
+        coulomb = coulomb_describing_function(a) * th
+        velocity = FrictionTerms.stribeck_velocity
+        columns = {
+            "p1": -(w**2) * th,
+            "p2": 1j * w * th,
+            "p3": gravity,
+            "p4": -u,
+            "coulomb": coulomb,
+            "delay": 1j * w * u,
+            "drag": drag_describing_function(w, a) * th,
+            "load": np.array([mass.weight for mass in self.masses]) * coulomb,
+            "stribeck": stribeck_describing_function(w, a, velocity) * th,
+        }
+        inertia = np.array([mass.inertia for mass in self.masses])
+        moment = np.array([mass.gravity_moment for mass in self.masses])
+        matrix = np.column_stack([columns[name] for name in self.names])
+        return matrix, inertia * w**2 * th - moment * gravity
 
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
-        p1, p2, p3, _, coulomb, _ = values
-        w, a = self.omega, np.abs(self.angle)
-        inner = -(p1 + self.inertia) * w**2 + 1j * w * p2
-        moment = p3 + self.gravity_moment
-        radial = inner + moment * gravity_amplitude_slope(a)
-        tangential = (
-            inner
-            + moment * gravity_describing_function(a)
-            + coulomb * coulomb_describing_function(a)
-        )
-        return np.asarray(np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2))
+        known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
+        hand = LumpedParameters(**known)
+        slopes = np.empty(self.omega.size)
+        for mass in set(self.masses):
+            rows = np.array([each == mass for each in self.masses])
+            loaded = hand.with_added_mass(mass)
+            slopes[rows] = _slope(loaded, self.omega[rows], np.abs(self.angle[rows]))
+        return slopes
+
+
+def _slope(
+    loaded: LumpedParameters, omega: NDArray[np.float64], swing: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Rms, over its directions, of the slope of torque in angle at the swings of some logs."""
+    h = _SWING_STEP * swing
+    torques = [a / quasi_linear_response(loaded, omega, a) for a in (swing - h, swing, swing + h)]
+    below, there, above = (loaded.p4 * torque for torque in torques)
+    radial, tangential = (above - below) / (2 * h), there / swing
+    return np.asarray(np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +144,17 @@ class _Solution:
     settled: bool
 
 
-def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
+def fit_harmonic_balance(
+    points: Sequence[ResponsePoint], terms: tuple[str, ...] = ()
+) -> ParameterEstimate:
     """Estimate p1..p4, Coulomb torque and input delay from the steady responses of all logs.
 
     Parameters
     ----------
     points
         At least four, with at least two different added masses (none counts as one).
+    terms
+        Of `TERMS`, estimated too.
 
     Returns
     -------
@@ -124,24 +165,28 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
     Raises
     ------
     IdentifiabilityError
-        If the points cannot determine all six parameters.
+        If the points cannot determine all parameters.
+    InputError
+        If there is no such term.
     """
-    _refuse_too_few(points)
-    solution = _solve(_Phasors.of(points))
-    conditioning = Conditioning.of(solution.rows)
+    for term in terms:
+        if term not in TERMS:
+            raise InputError(METHOD, "terms", term, nearest(term, TERMS))
+    names = (*PARAMETERS, *terms)
+    _refuse_too_few(points, names)
+    phasors = _Phasors.of(points, terms)
+    solution = _solve(phasors)
+    conditioning = Conditioning.of(solution.rows, names)
     conditioning.refuse_singular()
     by_log = solution.rows.reshape(2, len(points), -1).swapaxes(0, 1)
     covariance, freedom = cluster_covariance(by_log, solution.residuals.reshape(2, -1).T)
-    left_out = _leave_one_mass_out(points)
-    reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2)
-    error = np.sqrt(np.diag(covariance))
-    candidates = np.array([solution.values, *left_out.values()])
-    lower = np.minimum(solution.values - reach * error, candidates.min(axis=0))
-    upper = np.maximum(solution.values + reach * error, candidates.max(axis=0))
-    lower = np.maximum(lower, _LOWER)
-    on_bound = tuple(np.array(PARAMETERS)[solution.on_bound].tolist())
+    left_out = _leave_one_mass_out(points, terms)
+    lower, upper = honest_limits(solution.values, covariance, freedom, left_out.values())
+    lower = np.maximum(lower, phasors.lower)
+    on_bound = tuple(np.array(names)[solution.on_bound].tolist())
     return ParameterEstimate(
         method=METHOD,
+        names=names,
         values=solution.values,
         covariance=covariance,
         lower=lower,
@@ -150,49 +195,47 @@ def fit_harmonic_balance(points: Sequence[ResponsePoint]) -> ParameterEstimate:
         condition=conditioning.number,
         on_bound=on_bound,
         verdict=(
-            sort_by_precision(solution.values, lower, upper),
+            sort_by_precision(solution.values, lower, upper, names),
             *conditioning.words(),
             *_remarks(on_bound, checked=bool(left_out), settled=solution.settled),
         ),
-        resonances={},
     )
 
 
-def _refuse_too_few(points: Sequence[ResponsePoint]) -> None:
-    masses = {(p.added_mass.inertia, p.added_mass.gravity_moment) for p in points}
-    if len(masses) < 2:  # noqa: PLR2004 - one mass leaves the common factor of p1..p4 free
+def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> None:
+    refuse_one_mass(point.added_mass for point in points)
+    if 2 * len(points) <= len(names):
         raise IdentifiabilityError(
-            "all logs carry the same added mass, so p1..p4 are known only up to a common factor: "
-            "add a run with another known mass (none counts as one)"
-        )
-    if 2 * len(points) <= len(PARAMETERS):
-        raise IdentifiabilityError(
-            f"{len(points)} logs give {2 * len(points)} equations for {len(PARAMETERS)} "
+            f"{len(points)} logs give {2 * len(points)} equations for {len(names)} "
             "parameters: add runs at other frequencies"
         )
 
 
 def _solve(phasors: _Phasors) -> _Solution:
-    values, weights, delay = np.zeros(6), np.ones(phasors.omega.size), 0.0
+    count = len(phasors.names)
+    gain, late = phasors.names.index("p4"), phasors.names.index("delay")
+    values, weights, delay = np.zeros(count), np.ones(phasors.omega.size), 0.0
     for _ in range(_MAX_ITERATIONS):
         matrix, target = phasors.regression(delay)
         rows, wanted = _real(matrix * weights[:, None]), _real(target * weights)
         scale = np.linalg.norm(rows, axis=0)
-        fit = lsq_linear(rows / scale, wanted, bounds=(_LOWER, np.inf), method="bvls", tol=1e-14)
+        bounds = (phasors.lower, np.inf)
+        fit = lsq_linear(rows / scale, wanted, bounds=bounds, method="bvls", tol=1e-14)
         previous, values = values, fit.x / scale
-        step = values[5] / values[3]
+        step = values[late] / values[gain]
         slope = phasors.slope(values)
-        errors = np.abs(matrix @ values - target) / slope
-        spread = _model_variance(errors, phasors.variance)
-        weights = 1.0 / (slope * np.sqrt(phasors.variance + spread))
+        swing = np.abs(phasors.angle)
+        errors = np.abs(matrix @ values - target) / (slope * swing)
+        spread = _model_variance(errors, phasors.variance / swing**2, count)
+        weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
         delay += step
         change = np.linalg.norm(rows @ (values - previous)) / np.linalg.norm(rows @ values)
         settled = bool(change < _TOLERANCE)
         if settled:
             break
     residuals = rows @ values - wanted
-    rows = rows * np.array([1, 1, 1, 1, 1, values[3]])  # of the delay itself, not of p4 times it
-    values = np.array([*values[:5], delay])
+    rows[:, late] *= values[gain]  # of the delay itself, not of p4 times it
+    values[late] = delay
     return _Solution(values, rows, residuals, fit.active_mask != 0, settled)
 
 
@@ -200,9 +243,11 @@ def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.concatenate([values.real, values.imag])
 
 
-def _model_variance(errors: NDArray[np.float64], variance: NDArray[np.float64]) -> float:
-    """Variance per component, common to all logs, that the measured one leaves unexplained."""
-    freedom = 2 * errors.size - len(PARAMETERS)
+def _model_variance(
+    errors: NDArray[np.float64], variance: NDArray[np.float64], count: int
+) -> float:
+    """Relative variance per component, common to all logs, that ``variance`` does not explain."""
+    freedom = 2 * errors.size - count
 
     def excess(common: float) -> float:
         return float(np.sum(errors**2 / (variance + common))) - freedom
@@ -213,15 +258,17 @@ def _model_variance(errors: NDArray[np.float64], variance: NDArray[np.float64]) 
     return float(brentq(excess, 1e-12 * largest, largest * (1 + 1e-9), xtol=1e-9 * largest))
 
 
-def _leave_one_mass_out(points: Sequence[ResponsePoint]) -> dict[AddedMass, NDArray[np.float64]]:
+def _leave_one_mass_out(
+    points: Sequence[ResponsePoint], terms: tuple[str, ...]
+) -> dict[AddedMass, NDArray[np.float64]]:
     left_out = {}
     for mass in sorted({p.added_mass for p in points}):
         kept = [p for p in points if p.added_mass != mass]
         try:
-            _refuse_too_few(kept)
+            _refuse_too_few(kept, (*PARAMETERS, *terms))
         except IdentifiabilityError:
             continue
-        left_out[mass] = _solve(_Phasors.of(kept)).values
+        left_out[mass] = _solve(_Phasors.of(kept, terms)).values
     return left_out
 
 

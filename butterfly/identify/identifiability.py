@@ -11,7 +11,11 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import PARAMETERS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
+
+    from butterfly.model.parameters import AddedMass
 
 WEAK_CONDITION = 1e3
 """Above this condition number of the scaled regression one combination is poorly known."""
@@ -66,10 +70,22 @@ class Conditioning:
         ]
 
 
+def refuse_one_mass(masses: Iterable[AddedMass]) -> None:
+    """Raise IdentifiabilityError if all masses add the same inertia and gravity moment."""
+    if len({(mass.inertia, mass.gravity_moment) for mass in masses}) < 2:  # noqa: PLR2004
+        raise IdentifiabilityError(
+            "all logs carry the same added mass, so p1..p4 are known only up to a common factor: "
+            "add a run with another known mass (none counts as one)"
+        )
+
+
 def sort_by_precision(
-    values: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
+    values: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    names: tuple[str, ...],
 ) -> str:
-    """Say which of the (6,) parameters are known well, roughly, or not from zero."""
+    """Say which of the (n,) parameters are known well, roughly, or not from zero."""
     zero = (lower <= 0) & (upper >= 0)
     precise = ~zero & ((upper - lower) / 2 <= _PRECISE * np.abs(values))
     groups = {
@@ -77,6 +93,6 @@ def sort_by_precision(
         "known roughly": ~zero & ~precise,
         "not distinguishable from zero": zero,
     }
-    named = np.array(PARAMETERS)
+    named = np.array(names)
     parts = [f"{', '.join(named[mask])} {how}" for how, mask in groups.items() if mask.any()]
     return "; ".join(parts) + "."

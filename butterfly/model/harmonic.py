@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import dawsn, j1, jv
+from scipy.special import dawsn, j1
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -25,11 +25,6 @@ def gravity_describing_function(amplitude: ArrayLike) -> NDArray[np.float64]:
     """Gain 2 J1(a)/a of ``sin`` for a sinusoid of amplitude a > 0 in rad; tends to 1 for a -> 0."""
     a = np.asarray(amplitude, dtype=np.float64)
     return np.asarray(2.0 * j1(a) / a)
-
-
-def gravity_amplitude_slope(amplitude: ArrayLike) -> NDArray[np.float64]:
-    """Slope d[2 J1(a)]/da = 2 J1(a)/a - 2 J2(a) of gravity's fundamental at amplitude a > 0."""
-    return np.asarray(gravity_describing_function(amplitude) - 2.0 * jv(2, amplitude))
 
 
 def coulomb_describing_function(amplitude: ArrayLike) -> NDArray[np.complex128]:

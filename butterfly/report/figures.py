@@ -37,12 +37,11 @@ def frequency_response_figure(identification: Identification) -> Figure:
         vertical_spacing=0.03,
         row_heights=[0.36, 0.26, 0.19, 0.19],
     )
-    masses = sorted({point.added_mass for point in identification.points})
-    parameters = identification.estimate.parameters
-    omegas = [point.omega for point in identification.points]
+    data, parameters = identification.data, identification.estimate.parameters
+    omegas = [point.omega for point in data.sines] or [1.0, 10.0]
     curve = np.geomspace(0.8 * min(omegas), 1.15 * max(omegas), 400)
-    for index, mass in enumerate(masses):
-        points = [p for p in identification.points if p.added_mass == mass]
+    for index, mass in enumerate(data.masses):
+        points = [p for p in data.sines if p.added_mass == mass]
         loaded = parameters.with_added_mass(mass)
         style = {"color": PALETTE[index % len(PALETTE)]}
         symbol = _SYMBOLS[index % len(_SYMBOLS)]
@@ -92,7 +91,7 @@ def frequency_response_figure(identification: Identification) -> Figure:
             )
     figure.update_xaxes(type="log", dtick="D1")
     figure.update_xaxes(title="ω in rad/s", row=4)
-    unit = "rad/V" if identification.input_kind == "voltage" else "rad per unit"
+    unit = "rad/V" if data.input_kind == "voltage" else "rad per unit"
     titles = (f"|θ/u| in {unit}", "phase in °", "gain error in %", "phase error in °")
     for row, title in enumerate(titles, start=1):
         figure.update_yaxes(title=title, row=row)

@@ -11,7 +11,7 @@ from plotly.offline import get_plotlyjs
 
 from butterfly import __version__
 from butterfly.files import replacing
-from butterfly.identify.estimate import PARAMETERS, UNITS
+from butterfly.identify.estimate import UNITS
 from butterfly.model.harmonic import resonance_frequency
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.format import interval, with_error
@@ -22,8 +22,17 @@ if TYPE_CHECKING:
     from butterfly.identify.identification import Identification
     from butterfly.model.parameters import LumpedParameters
 
-SYMBOLS = dict(zip(PARAMETERS, ("p₁", "p₂", "p₃", "p₄", "T_c", "delay"), strict=True))
-"""How each parameter is printed."""
+SYMBOLS = {
+    "p1": "p₁",
+    "p2": "p₂",
+    "p3": "p₃",
+    "p4": "p₄",
+    "coulomb": "T_c",
+    "p3_offset": "p₃ offset",
+    "stribeck_velocity": "Stribeck velocity",
+    "cogging_cosine": "cogging, cosine",
+}
+"""How each parameter is printed, if not by its name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +56,13 @@ def parameter_rows(
     estimate = identification.estimate
     errors = estimate.standard_errors
     rows = []
-    for k, name in enumerate(PARAMETERS):
+    for k, name in enumerate(estimate.names):
         value, error = float(estimate.values[k]), float(errors[k])
         others = [float(values[k]) for values in estimate.left_out.values()]
         true = None if truth is None else float(getattr(truth, name))
         rows.append(
             ParameterRow(
-                symbol=SYMBOLS[name],
+                symbol=SYMBOLS.get(name, name),
                 unit=UNITS[name].replace("unit", _input_unit(identification)),
                 value=with_error(value, error),
                 error=f"{error:#.2g}" if np.isfinite(error) else "–",
@@ -68,18 +77,18 @@ def parameter_rows(
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found."""
-    fit, masses = identification.summary, identification.equilibria
-    flagged = sum(bool(health.findings) for health in identification.health)
-    voltage = identification.input_kind == "voltage"
+    fit, data = identification.summary, identification.data
+    flagged = sum(bool(health.findings) for health in data.health)
+    voltage = data.input_kind == "voltage"
     return [
-        f"{len(identification.logs)} logs with {len(masses)} added masses, driven by "
+        f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
         f"{'voltage' if voltage else 'torque command'}, "
         f"method: {identification.estimate.method}.",
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
         *identification.estimate.verdict,
-        f"{flagged} of {len(identification.logs)} logs have findings in their health record.",
+        f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
 
 
@@ -110,10 +119,10 @@ def write_report(
         lstrip_blocks=True,
     )
     parameters = identification.estimate.parameters
-    runs = identification.free_runs
+    runs, data = identification.free_runs, identification.data
     page = environment.get_template("identification.html.j2").render(
-        name=identification.name,
-        description=identification.description,
+        name=data.name,
+        description=data.description,
         version=__version__,
         summary=summary(identification),
         parameters=parameter_rows(identification, truth),
@@ -125,12 +134,12 @@ def write_report(
                 "thesis": f"{identification.estimate.resonances.get(mass, np.nan):.4f}",
                 "equilibrium": f"{angle:.4f}",
             }
-            for mass, angle in identification.equilibria.items()
+            for mass, angle in data.equilibria.items()
         ],
         with_thesis=bool(identification.estimate.resonances),
         comparisons=identification.comparisons,
         fit=identification.summary,
-        logs=list(zip(identification.points, identification.health, runs, strict=True)),
+        logs=list(zip(data.points, data.health, runs, strict=True)),
         first=int(np.argsort(identification.fits)[len(runs) // 2]),
         plotly=get_plotlyjs(),
         response=frequency_response_figure(identification).to_json(),
@@ -141,4 +150,4 @@ def write_report(
 
 
 def _input_unit(identification: Identification) -> str:
-    return "V" if identification.input_kind == "voltage" else "unit"
+    return "V" if identification.data.input_kind == "voltage" else "unit"

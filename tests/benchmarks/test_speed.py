@@ -40,9 +40,9 @@ def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_mani
 
 
 def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
-    fit = _seconds(lambda: fit_harmonic_balance(real.points))
-    parameters, rest = real.estimate.parameters, real.equilibria
-    runs = _seconds(lambda: [free_run(g, parameters, rest[g.added_mass]) for g in real.logs])
+    fit = _seconds(lambda: fit_harmonic_balance(real.data.sines))
+    parameters, rest = real.estimate.parameters, real.data.equilibria
+    runs = _seconds(lambda: [free_run(g, parameters, rest[g.added_mass]) for g in real.data.logs])
     print(f"\nharmonic balance {1e3 * fit:.1f} ms, free run of 41 logs {1e3 * runs:.0f} ms")
     assert fit < runs
 

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from butterfly.identify.comparison import compare
+from butterfly.identify.data import DataSet
 from butterfly.identify.free_run import FitSummary, FreeRun, free_run
-from butterfly.identify.identification import Method, identify
+from butterfly.identify.identification import identify
+from butterfly.identify.methods import Method, Options
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import simulate
 from butterfly.model.harmonic import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.signals.frequency_response import response_point
 from tests.conftest import ROBOT
 
 
@@ -40,7 +41,7 @@ def _simulated(template, intersample, parameters=ROBOT, swing=0.1, rest=0.7):
 @pytest.mark.parametrize("intersample", list(Intersample))
 def test_a_simulated_log_is_followed_with_its_own_parameters(sine_log, intersample):
     log = _simulated(sine_log, intersample)
-    assert free_run(log, ROBOT, equilibrium=0.7).fit > 99.9
+    assert free_run(log, ROBOT, zero=0.7).fit > 99.9
 
 
 def test_the_fit_is_the_formula_s():
@@ -57,10 +58,10 @@ def test_the_fit_is_the_formula_s():
 
 def test_wrong_parameters_follow_worse_and_a_missing_gain_is_found(sine_log):
     log = _simulated(sine_log, Intersample.ZERO_ORDER_HOLD, swing=0.0)
-    points, rest = [response_point(log)], {log.added_mass: 0.7}
-    own = compare("own", ROBOT, [log], points, rest)
-    blind = compare("no gain", replace(ROBOT, p4=float("nan")), [log], points, rest)
-    wrong = compare("heavy", replace(ROBOT, p1=1.1 * ROBOT.p1), [log], points, rest)
+    data = DataSet.of([log])
+    own = compare("own", ROBOT, data)
+    blind = compare("no gain", replace(ROBOT, p4=float("nan")), data)
+    wrong = compare("heavy", replace(ROBOT, p1=1.1 * ROBOT.p1), data)
     assert blind.gain_fitted
     assert blind.parameters.p4 == pytest.approx(ROBOT.p4, rel=2e-3)
     assert blind.summary.median == pytest.approx(own.summary.median, abs=0.3)
@@ -75,13 +76,13 @@ def test_the_real_logs_are_followed(real):
 
 def test_the_real_robot_s_linearised_resonances_are_the_known_ones(real):
     parameters = real.estimate.parameters
-    found = [resonance_frequency(parameters.with_added_mass(mass)) for mass in real.equilibria]
+    found = [resonance_frequency(parameters.with_added_mass(mass)) for mass in real.data.equilibria]
     np.testing.assert_allclose(found, [4.50, 6.02, 6.46], rtol=0.012)
 
 
 def test_table_5_follows_the_same_logs_far_worse(real):
     table_5 = LumpedParameters(p1=0.0028, p2=0.0188, p3=0.0583, p4=float("nan"))
-    other = compare("Table 5", table_5, real.logs, real.points, real.equilibria)
+    other = compare("Table 5", table_5, real.data)
     known = FitSummary(median=37.4, mean=35.4, worst=2.8)
     assert other.summary.median == pytest.approx(known.median, abs=1.0)
     assert other.summary.mean == pytest.approx(known.mean, abs=1.0)
@@ -92,7 +93,7 @@ def test_table_5_follows_the_same_logs_far_worse(real):
     ("decimation", "published"), [(25, "4.1915 5.7650 6.2847"), (5, "4.1889 5.7606 6.2810")]
 )
 def test_thesis_mode_prints_the_published_resonances(real_manifest, decimation, published):
-    result = identify(real_manifest, Method.THESIS, decimation=decimation)
+    result = identify(real_manifest, Method.THESIS, Options(decimation=decimation))
     assert " ".join(f"{omega:.4f}" for omega in result.estimate.resonances.values()) == published
     assert "p2" in result.estimate.on_bound
     assert np.isnan(result.estimate.standard_errors).all()

@@ -103,11 +103,11 @@ def test_a_stopped_clock_is_refused(sine_log):
 
 
 def test_the_real_logs_have_the_known_faults_and_no_others(real):
-    for log, health in zip(real.logs, real.health, strict=True):
+    for log, health in zip(real.data.logs, real.data.health, strict=True):
         stamps = loadmat(log.source)["D"][:, 0]
         assert health.duplicate_stamps == np.sum(np.diff(stamps) == 0)
-    assert max(health.longest_gap for health in real.health) == pytest.approx(0.0129, abs=1e-4)
-    for health in real.health:
+    assert max(health.longest_gap for health in real.data.health) == pytest.approx(0.0129, abs=1e-4)
+    for health in real.data.health:
         assert health.duplicate_stamps <= 5
         assert (
             health.backward_stamps == health.non_finite == health.saturated == health.clipped == 0

@@ -36,7 +36,7 @@ def test_the_shipped_manifest_is_what_the_file_names_say(logs_folder, real_manif
 
 
 def test_the_commanded_sine_is_in_every_real_log(real):
-    for log in real.logs:
+    for log in real.data.logs:
         assert abs(log.input).max() == pytest.approx(log.excitation.amplitude, rel=2e-3)
 
 

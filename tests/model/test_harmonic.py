@@ -12,7 +12,6 @@ from butterfly.model.harmonic import (
     coulomb_describing_function,
     drag_describing_function,
     frequency_response,
-    gravity_amplitude_slope,
     gravity_describing_function,
     predicted_swing,
     quasi_linear_response,
@@ -64,13 +63,6 @@ def test_drag_and_stribeck_describing_functions_are_the_fourier_integrals(amplit
     )
     gain = complex(stribeck_describing_function(omega, amplitude, scale))
     assert gain == pytest.approx(1j * cosine / amplitude, rel=1e-6)
-
-
-@given(st.floats(0.05, 3.0))
-def test_gravity_slope_is_the_derivative_of_gravity_s_fundamental(amplitude):
-    h = 1e-5
-    above, below = ((amplitude + s) * gravity_describing_function(amplitude + s) for s in (h, -h))
-    assert gravity_amplitude_slope(amplitude) == pytest.approx((above - below) / (2 * h), abs=1e-8)
 
 
 def test_the_linearisation_has_the_published_coefficients_63():

@@ -55,12 +55,13 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
             assert cell in text
     for sentence in summary(result):
         assert sentence in text
-    assert text.count('<tr class="pick"') == len(result.logs) == 12
+    assert text.count('<tr class="pick"') == len(result.data.logs) == 12
 
 
 def test_a_name_with_markup_is_shown_and_not_obeyed(simulated, tmp_path):
     result, _ = simulated
-    hostile = dataclasses.replace(result, name="<script>alert(1)</script>")
+    data = dataclasses.replace(result.data, name="<script>alert(1)</script>")
+    hostile = dataclasses.replace(result, data=data)
     write_report(hostile, tmp_path / "r.html")
     assert "<script>alert(1)</script>" not in (tmp_path / "r.html").read_text(encoding="utf-8")
 

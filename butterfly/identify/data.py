@@ -1,0 +1,128 @@
+"""A data set made ready for estimators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
+from butterfly.logs.manifest import Manifest, read_entry
+from butterfly.progress import Track, untracked
+from butterfly.signals.frequency_response import ResponsePoint, response_point
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from butterfly.logs.log import InputKind, Log
+    from butterfly.model.parameters import AddedMass
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DataSet:
+    """Logs and what was read off them.
+
+    Parameters
+    ----------
+    name, description
+        Of the data set.
+    input_kind
+        What its input commands.
+    recorded
+        The logs as they were recorded.
+    logs, health
+        The logs, repaired, and the record of what was found in each.
+    points
+        The steady response of each log, None where the input is no sine.
+    """
+
+    name: str
+    description: str
+    input_kind: InputKind
+    recorded: tuple[Log, ...]
+    logs: tuple[Log, ...]
+    health: tuple[Health, ...]
+    points: tuple[ResponsePoint | None, ...]
+
+    @classmethod
+    def of(
+        cls,
+        recorded: Sequence[Log],
+        *,
+        name: str = "logs",
+        description: str = "",
+        repairs: frozenset[Repair] = DEFAULT_REPAIRS,
+        track: Track = untracked,
+    ) -> DataSet:
+        """Check and repair logs, and fit the steady response of those whose input is a sine.
+
+        Raises
+        ------
+        InputError
+            If a log cannot be used.
+        """
+        examined = [examine(log, repairs) for log in recorded]
+        logs = [log for log, _ in examined]
+        return cls(
+            name=name,
+            description=description,
+            input_kind=recorded[0].input_kind,
+            recorded=tuple(recorded),
+            logs=tuple(logs),
+            health=tuple(health for _, health in examined),
+            points=tuple(
+                response_point(log) if log.excitation else None
+                for log in track(logs, "Fitting sines")
+            ),
+        )
+
+    @property
+    def sines(self) -> list[ResponsePoint]:
+        """The responses of the logs that have one."""
+        return [point for point in self.points if point is not None]
+
+    @property
+    def masses(self) -> list[AddedMass]:
+        """The different added masses."""
+        return sorted({log.added_mass for log in self.logs})
+
+    @property
+    def equilibria(self) -> dict[AddedMass, float]:
+        """Encoder reading in rad of the hand at rest: the median of its logs' mean angles."""
+        means: dict[AddedMass, list[float]] = {}
+        for log, point in zip(self.logs, self.points, strict=True):
+            mean = float(np.mean(log.angle)) if point is None else point.angle.offset
+            means.setdefault(log.added_mass, []).append(mean)
+        return {mass: float(np.median(means[mass])) for mass in sorted(means)}
+
+    def where(self, wanted: Callable[[Log], bool]) -> DataSet:
+        """Return the data set of the logs that are wanted."""
+        rows = [k for k, log in enumerate(self.logs) if wanted(log)]
+        return DataSet(
+            name=self.name,
+            description=self.description,
+            input_kind=self.input_kind,
+            recorded=tuple(self.recorded[k] for k in rows),
+            logs=tuple(self.logs[k] for k in rows),
+            health=tuple(self.health[k] for k in rows),
+            points=tuple(self.points[k] for k in rows),
+        )
+
+
+def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
+    """Read every log of a manifest (see `DataSet.of`).
+
+    Raises
+    ------
+    InputError
+        If a log cannot be read or used.
+    """
+    recorded = [read_entry(manifest, entry) for entry in track(manifest.logs, "Reading logs")]
+    return DataSet.of(
+        recorded,
+        name=manifest.name,
+        description=manifest.description,
+        repairs=frozenset(manifest.repair),
+        track=track,
+    )
