@@ -13,7 +13,7 @@ from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from butterfly.logs.log import InputKind, Log
     from butterfly.model.parameters import AddedMass
@@ -96,9 +96,8 @@ class DataSet:
             means.setdefault(log.added_mass, []).append(mean)
         return {mass: float(np.median(means[mass])) for mass in sorted(means)}
 
-    def where(self, wanted: Callable[[Log], bool]) -> DataSet:
-        """Return the data set of the logs that are wanted."""
-        rows = [k for k, log in enumerate(self.logs) if wanted(log)]
+    def take(self, rows: Sequence[int]) -> DataSet:
+        """Return the data set of some logs, by their numbers."""
         return DataSet(
             name=self.name,
             description=self.description,

@@ -58,6 +58,8 @@ class OutputErrorOptions:
         depends on how it came to rest. Logs of other inputs count from their start.
     loss
         How residuals count.
+    check
+        Whether to fit again without each added mass.
     workers
         Threads; one per core if not given.
     """
@@ -67,6 +69,7 @@ class OutputErrorOptions:
     per_log: tuple[str, ...] = ()
     window: float = STEADY_SECONDS
     loss: Loss = Loss.LINEAR
+    check: bool = True
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
 
     def __post_init__(self) -> None:

@@ -37,12 +37,15 @@ class Options:
         Fitted besides p1..p4, Coulomb torque and delay; the method's own choice if None.
     loss
         Output error only: see `OutputErrorOptions`.
+    check
+        Output error only: whether to fit again without each added mass.
     decimation
         Thesis only: every how-manieth sample is used.
     """
 
     terms: tuple[str, ...] | None = None
     loss: Loss = Loss.LINEAR
+    check: bool = True
     decimation: int = DECIMATION
 
 
@@ -64,7 +67,7 @@ def _harmonic_balance(data: DataSet, options: Options) -> ParameterEstimate:
 
 
 def _output_error(data: DataSet, options: Options) -> ParameterEstimate:
-    choice = OutputErrorOptions(loss=options.loss)
+    choice = OutputErrorOptions(loss=options.loss, check=options.check)
     if options.terms is not None:
         choice = replace(choice, terms=options.terms)
     start = fit_harmonic_balance(data.sines)

@@ -88,7 +88,9 @@ def fit_output_error(
     shared = slice(len(problem.names))
     solved = solution.scaled * problem.scale
     values = solved[shared]
-    left_out = _leave_one_mass_out(problem, solution, start, zeros, options)
+    left_out = {}
+    if options.check:
+        left_out = _leave_one_mass_out(problem, solution, start, zeros, options)
     lower, upper = honest_limits(values, covariance, freedom, left_out.values())
     lower = np.maximum(lower, (problem.lower() * problem.scale)[shared])
     on_bound = tuple(np.array(problem.names)[solution.on_bound[shared]].tolist())
@@ -128,10 +130,11 @@ def _solve(
         spread = _NORMAL * float(np.median(np.abs(result.fun)))
         robust = {"loss": options.loss.value, "f_scale": _OUTLYING * spread}
         result = least_squares(problem.residuals, result.x, **fit, **robust)
+    on_bound = result.x <= lower + _ON_BOUND
     how = "converged" if result.status > 0 else "did not converge: do not trust the values"
     return _Solution(
-        scaled=result.x,
-        on_bound=result.x <= lower + _ON_BOUND,
+        scaled=np.where(on_bound, lower, result.x),
+        on_bound=on_bound,
         ending=f"The fit {how}, after {result.nfev} simulations of every log.",
     )
 

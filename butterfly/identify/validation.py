@@ -1,0 +1,155 @@
+"""How well an estimator predicts logs that it has not seen, and which terms that speaks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identify.free_run import FitSummary, free_run_of
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+
+    Estimator = Callable[[DataSet], ParameterEstimate]
+
+FREQUENCY_FOLDS = 5
+"""Number of parts into which the drive frequencies are dealt, neighbours into different ones."""
+
+_LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
+
+
+class Split(StrEnum):
+    """What is left out together."""
+
+    MASS = "mass"
+    FREQUENCY = "frequency"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldOut:
+    """Prediction of logs that were left out.
+
+    Parameters
+    ----------
+    split
+        What was left out together.
+    fits
+        (n,) FIT in per cent of each log, simulated with the estimate from the others.
+    estimates
+        One for each part left out, by its name.
+    """
+
+    split: Split
+    fits: NDArray[np.float64]
+    estimates: dict[str, ParameterEstimate]
+
+    @property
+    def summary(self) -> FitSummary:
+        """Median, mean and worst FIT."""
+        return FitSummary.of(self.fits)
+
+
+def hold_out(
+    data: DataSet, estimator: Estimator, split: Split, *, track: Track = untracked
+) -> HeldOut:
+    """Estimate from all logs but a part, predict that part, and go on to the next.
+
+    Where the estimator finds no zero of the encoder, that of a held-out added mass is the mean
+    angle of its own logs.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If there are fewer than two parts, or a part of the logs cannot determine the parameters.
+    """
+    parts = _parts(data, split)
+    if len(parts) < 2:  # noqa: PLR2004 - nothing would be left to estimate from
+        raise IdentifiabilityError(f"all logs have the same {split}: none can be held out")
+    fits = np.empty(len(data.logs))
+    estimates, zeros = {}, data.equilibria
+    for name, rows in track(parts.items(), f"Leaving out one {split} at a time"):
+        found = estimator(data.take([k for k in range(len(data.logs)) if k not in rows]))
+        estimates[name] = found
+        fits[rows] = [free_run_of(found, data.logs[k], zeros).fit for k in rows]
+    return HeldOut(split=split, fits=fits, estimates=estimates)
+
+
+def fits_of(data: DataSet, estimate: ParameterEstimate) -> NDArray[np.float64]:
+    """(n,) FIT in per cent of every log, simulated with an estimate."""
+    zeros = data.equilibria
+    return np.array([free_run_of(estimate, log, zeros).fit for log in data.logs])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Structure:
+    """A set of terms and how well it does: FIT in sample, and of logs left out."""
+
+    terms: tuple[str, ...]
+    in_sample: FitSummary
+    held_out: dict[Split, FitSummary]
+
+
+def select_terms(
+    data: DataSet,
+    estimator: Callable[[DataSet, tuple[str, ...]], ParameterEstimate],
+    candidates: Sequence[str],
+    *,
+    track: Track = untracked,
+) -> list[Structure]:
+    """Add terms greedily, each time the one that most raises the mean FIT of held-out masses.
+
+    Stops when no term raises it by a tenth of a per cent.
+
+    Returns
+    -------
+    The structures passed through, the last being the one selected.
+    """
+
+    def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
+        return hold_out(data, lambda part: estimator(part, terms), split).summary
+
+    chosen: tuple[str, ...] = ()
+    best = judge(chosen, Split.MASS)
+    passed = [(chosen, best)]
+    while rest := [term for term in candidates if term not in chosen]:
+        trials = {
+            term: judge((*chosen, term), Split.MASS)
+            for term in track(rest, f"Trying a term beside {', '.join(chosen) or 'the first six'}")
+        }
+        term = max(trials, key=lambda name: trials[name].mean)
+        if trials[term].mean < best.mean + _LEAST_GAIN:
+            break
+        chosen, best = (*chosen, term), trials[term]
+        passed.append((chosen, best))
+    return [
+        Structure(
+            terms=terms,
+            in_sample=FitSummary.of(fits_of(data, estimator(data, terms))),
+            held_out={Split.MASS: summary, Split.FREQUENCY: judge(terms, Split.FREQUENCY)},
+        )
+        for terms, summary in track(passed, "Judging the structures")
+    ]
+
+
+def _parts(data: DataSet, split: Split) -> dict[str, list[int]]:
+    parts: dict[str, list[int]] = {}
+    omegas = sorted({log.excitation.omega for log in data.logs if log.excitation})
+    for k, log in enumerate(data.logs):
+        if split is Split.MASS:
+            name = str(log.added_mass)
+        elif log.excitation is None:
+            continue
+        else:
+            name = f"part {omegas.index(log.excitation.omega) % FREQUENCY_FOLDS + 1}"
+        parts.setdefault(name, []).append(k)
+    return parts
