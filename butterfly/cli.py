@@ -90,6 +90,7 @@ def identify_command(
         typer.Option(
             help="harmonic-balance: joint linear fit of the steady responses. "
             "output-error: joint fit of free-run simulations. "
+            "weak-form: linear fit against test functions, for any input. "
             "thesis: resonances (100) and (102), slips included."
         ),
     ] = Method.HARMONIC_BALANCE,
@@ -124,7 +125,7 @@ def identify_command(
         int, typer.Option(min=1, help="Every how-manieth sample the thesis's method uses.")
     ] = DECIMATION,
 ) -> None:
-    """Identify the robot from a data set of sine logs.
+    """Identify the robot from a data set.
 
     Prints the parameters with standard errors and intervals, how far to trust them, and how well
     a free-run simulation with them follows every log (FIT). A folder without manifest.yaml needs

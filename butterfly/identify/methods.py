@@ -6,17 +6,20 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identify.comparison import best_gain
 from butterfly.identify.free_run_problem import Loss, OutputErrorOptions
 from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.output_error import fit_output_error
 from butterfly.identify.thesis import DECIMATION, fit_thesis
+from butterfly.identify.weak_form import fit_weak_form
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.model.parameters import LumpedParameters
 
 
 class Method(StrEnum):
@@ -24,6 +27,7 @@ class Method(StrEnum):
 
     HARMONIC_BALANCE = "harmonic-balance"
     OUTPUT_ERROR = "output-error"
+    WEAK_FORM = "weak-form"
     THESIS = "thesis"
 
 
@@ -70,8 +74,21 @@ def _output_error(data: DataSet, options: Options) -> ParameterEstimate:
     choice = OutputErrorOptions(loss=options.loss, check=options.check)
     if options.terms is not None:
         choice = replace(choice, terms=options.terms)
-    start = fit_harmonic_balance(data.sines)
-    return fit_output_error(data.logs, start.parameters, data.equilibria, choice)
+    return fit_output_error(data.logs, _start(data), data.equilibria, choice)
+
+
+def _start(data: DataSet) -> LumpedParameters:
+    """Return a closed form's estimate: from the sines alone if they suffice."""
+    try:
+        return fit_harmonic_balance(data.sines).parameters
+    except IdentifiabilityError:
+        return fit_weak_form(data.logs, data.equilibria).parameters
+
+
+def _weak_form(data: DataSet, options: Options) -> ParameterEstimate:
+    if options.terms is None:
+        return fit_weak_form(data.logs, data.equilibria)
+    return fit_weak_form(data.logs, data.equilibria, options.terms)
 
 
 def _thesis(data: DataSet, options: Options) -> ParameterEstimate:
@@ -82,5 +99,6 @@ def _thesis(data: DataSet, options: Options) -> ParameterEstimate:
 _METHODS: dict[Method, Callable[[DataSet, Options], ParameterEstimate]] = {
     Method.HARMONIC_BALANCE: _harmonic_balance,
     Method.OUTPUT_ERROR: _output_error,
+    Method.WEAK_FORM: _weak_form,
     Method.THESIS: _thesis,
 }

@@ -1,0 +1,236 @@
+"""The weak form: the equation of motion against test functions, linear in the parameters.
+
+Multiplied by a bump phi(t - c) and integrated by parts, (78) needs neither velocity nor
+acceleration of the angle th:
+
+    (p1 + Z) int phi'' th - p2 int phi' th + (p3 + X) int phi sin th + T_c int phi sgn thd + ...
+        = p4 int phi u(t - d)
+
+so every trajectory will do, not sines alone (Shinbrot, Trans. ASME 79, 1957; Messenger & Bortz,
+J. Comput. Phys. 443, 2021). The bump is (1 - s^2)^4. Only the friction terms need a velocity, from
+a bump of their own; windows in which the joint sticks are left out, since friction is then not a
+function of the motion. The delay enters as p4 d int phi' u, about the current one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.optimize import lsq_linear
+from scipy.signal import fftconvolve
+
+from butterfly.errors import IdentifiabilityError, InputError, nearest
+from butterfly.identify.covariance import cluster_covariance, compress
+from butterfly.identify.estimate import PARAMETERS, ParameterEstimate
+from butterfly.identify.identifiability import Conditioning, refuse_one_mass, sort_by_precision
+from butterfly.identify.intervals import honest_limits
+from butterfly.logs.log import Intersample
+from butterfly.model.friction import FrictionTerms
+from butterfly.signals.resample import resample, uniform_grid
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass
+
+METHOD = "weak form"
+
+TERMS = ("drag", "load", "bias", "p3_offset", "stribeck", "cogging", "cogging_cosine")
+"""What can be estimated besides `PARAMETERS`; Stribeck velocity and cogging periods are held."""
+
+HALF_WIDTH = 0.25
+"""Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
+
+_NOT_NEGATIVE = frozenset({"p2", "coulomb", "drag", "stribeck"})
+_VELOCITY_SHARE = 0.25  # half-width of the velocity's bump over that of the test functions
+_SPACING = 0.5  # of the test functions, in half-widths
+_STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
+_LARGEST_STICK = 0.05  # share of a window that may stand still
+_ROUNDS = 8  # about the delay
+_SETTLED = 1e-7  # s
+
+
+@dataclass(frozen=True, eq=False)
+class _Windows:
+    """One log's (m, n) regressors and (m,) targets, divided by the log's rms inertial term."""
+
+    rows: NDArray[np.float64]
+    target: NDArray[np.float64]
+
+
+def fit_weak_form(
+    logs: Sequence[Log],
+    zeros: Mapping[AddedMass, float],
+    terms: tuple[str, ...] = ("drag",),
+    *,
+    half_width: float = HALF_WIDTH,
+) -> ParameterEstimate:
+    """Estimate p1..p4, Coulomb torque, delay and terms by linear least squares.
+
+    Parameters
+    ----------
+    logs
+        Of any input, of at least two different added masses (none counts as one).
+    zeros
+        Encoder reading in rad of the hand at rest, per added mass.
+    terms
+        Of `TERMS`.
+    half_width
+        Of the test functions, in s.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the logs cannot determine the parameters.
+    InputError
+        If there is no such term, or a log is shorter than a test function.
+    """
+    for term in terms:
+        if term not in TERMS:
+            raise InputError(METHOD, "terms", term, nearest(term, TERMS))
+    refuse_one_mass(log.added_mass for log in logs)
+    names = (*PARAMETERS, *terms)
+    values, windows, on_bound = _solve(logs, zeros, names, half_width)
+    late = names.index("delay")
+    compressed = []
+    for window in windows:
+        rows = window.rows.copy()
+        rows[:, late] *= values[names.index("p4")]  # of the delay itself, not of p4 times it
+        residual = rows @ values - window.target - rows[:, late] * values[late]
+        compressed.append(compress(rows, residual))
+    rows, residuals = (np.array(part) for part in zip(*compressed, strict=True))
+    conditioning = Conditioning.of(rows.reshape(-1, len(names)), names)
+    conditioning.refuse_singular()
+    covariance, freedom = cluster_covariance(rows, residuals)
+    left_out = {}
+    for mass in sorted({log.added_mass for log in logs}):
+        kept = [log for log in logs if log.added_mass != mass]
+        try:
+            refuse_one_mass(log.added_mass for log in kept)
+        except IdentifiabilityError:
+            continue
+        left_out[mass] = _solve(kept, zeros, names, half_width)[0]
+    lower, upper = honest_limits(values, covariance, freedom, left_out.values())
+    lower = np.maximum(lower, _lower(names))
+    bounded = tuple(np.array(names)[on_bound].tolist())
+    verdict = [sort_by_precision(values, lower, upper, names), *conditioning.words()]
+    if bounded:
+        verdict.append(f"{', '.join(bounded)} ended on the bound 0: not seen in the data.")
+    return ParameterEstimate(
+        method=METHOD,
+        names=names,
+        values=values,
+        covariance=covariance,
+        lower=lower,
+        upper=upper,
+        left_out=left_out,
+        condition=conditioning.number,
+        on_bound=bounded,
+        verdict=tuple(verdict),
+    )
+
+
+def _lower(names: Sequence[str]) -> NDArray[np.float64]:
+    return np.array([0.0 if name in _NOT_NEGATIVE else -np.inf for name in names])
+
+
+def _solve(
+    logs: Sequence[Log], zeros: Mapping[AddedMass, float], names: Sequence[str], half_width: float
+) -> tuple[NDArray[np.float64], list[_Windows], NDArray[np.bool_]]:
+    """Return values, the windows about their delay, and which values are on a bound."""
+    delay, values = 0.0, np.zeros(len(names))
+    gain, late = names.index("p4"), names.index("delay")
+    for _ in range(_ROUNDS):
+        windows = [_windows(log, zeros[log.added_mass], names, half_width, delay) for log in logs]
+        rows = np.concatenate([w.rows / w.target.size**0.5 for w in windows])
+        target = np.concatenate([w.target / w.target.size**0.5 for w in windows])
+        scale = np.linalg.norm(rows, axis=0)
+        bounds = (_lower(names), np.inf)
+        fit = lsq_linear(rows / scale, target, bounds=bounds, method="bvls", tol=1e-14)
+        values = fit.x / scale
+        step = values[late] / values[gain]
+        delay += step
+        if abs(step) < _SETTLED:
+            break
+    values[late] = delay
+    return values, windows, np.asarray(fit.active_mask != 0)
+
+
+def _windows(
+    log: Log, zero: float, names: Sequence[str], half_width: float, delay: float
+) -> _Windows:
+    period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
+    half = min(half_width, period / 4)
+    grid = uniform_grid(log.time)
+    step = float(grid[1] - grid[0])
+    if grid[-1] - grid[0] < 4 * half:
+        raise InputError(log.source, "time", f"{grid[-1]:.3g} s", f"{4 * half:.3g} s or more")
+    angle = resample(log.time, log.angle, grid) - zero
+    inputs = _input_at(log, grid - delay)
+    everywhere = np.arange(angle.size)
+    narrow = _VELOCITY_SHARE * half
+    velocity = -_against(1, angle, narrow, step, everywhere)
+    velocity /= _against(0, np.ones_like(angle), narrow, step, everywhere)
+    speed = float(np.sqrt(np.mean(velocity**2)))
+    still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
+    edge = math.ceil((half + narrow) / step) + math.ceil(abs(delay) / step)
+    centres = np.arange(edge, grid.size - edge, max(1, round(_SPACING * half / step)))
+    area = _against(0, np.ones_like(angle), half, step, centres[:1])
+    centres = centres[_against(0, still, half, step, centres) < _LARGEST_STICK * area]
+    sign, stribeck = np.sign(velocity), np.exp(-((velocity / FrictionTerms.stribeck_velocity) ** 2))
+    columns = {
+        "p1": (2, angle),
+        "p2": (1, -angle),
+        "p3": (0, np.sin(angle)),
+        "p3_offset": (0, np.cos(angle)),
+        "coulomb": (0, sign),
+        "load": (0, log.added_mass.weight * sign),
+        "stribeck": (0, stribeck * sign),
+        "drag": (0, np.abs(velocity) * velocity),
+        "bias": (0, -np.ones_like(angle)),
+        "cogging": (0, -np.sin(angle)),
+        "cogging_cosine": (0, -np.cos(angle)),
+        "p4": (0, -inputs),
+        "delay": (1, -inputs),
+    }
+    rows = np.column_stack([_against(*columns[name], half, step, centres) for name in names])
+    inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
+    size = float(np.sqrt(np.mean(inertia**2))) if centres.size else 1.0
+    known = log.added_mass.inertia * inertia + log.added_mass.gravity_moment * gravity
+    return _Windows(rows=rows / size, target=-known / size)
+
+
+def _input_at(log: Log, instants: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Input at instants, by the log's hold; 0 before its start."""
+    if log.intersample is Intersample.FIRST_ORDER_HOLD:
+        return np.interp(instants, log.time, log.input, left=0.0)
+    held = np.searchsorted(log.time, instants + 1e-12, side="right") - 1
+    return np.asarray(np.where(held >= 0, log.input[np.maximum(held, 0)], 0.0))
+
+
+def _against(
+    order: int,
+    signal: NDArray[np.float64],
+    half: float,
+    step: float,
+    centres: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """Integrate a signal against the bump's derivative of an order, centred at some samples."""
+    reach = int(half / step)
+    s = np.arange(-reach, reach + 1) * step / half
+    inside = 1 - s**2
+    bump = (
+        inside**4,
+        -8 * s * inside**3 / half,
+        (-8 * inside**3 + 48 * s**2 * inside**2) / half**2,
+    )[order]
+    if centres.size == signal.size:
+        return np.asarray(fftconvolve(signal, bump[::-1], mode="same") * step)
+    return np.asarray(sliding_window_view(signal, bump.size)[centres - reach] @ bump * step)

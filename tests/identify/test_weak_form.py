@@ -1,0 +1,91 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identify.data import DataSet
+from butterfly.identify.methods import Method, estimate
+from butterfly.identify.weak_form import fit_weak_form
+from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import LumpedParameters
+from tests.conftest import MASSES
+
+ROBOT = LumpedParameters(
+    p1=0.003, p2=5e-4, p3=0.04, p4=0.5, coulomb=2e-4, delay=0.004, drag=1e-4, p3_offset=-2e-3
+)
+
+
+def _multisine(time):
+    parts = [np.sin(w * time + k * k) for k, w in enumerate((1.7, 2.9, 4.3, 6.1, 8.3))]
+    return 0.006 * np.sum(parts, axis=0)
+
+
+def _log(mass, signal=_multisine, start=0.2, noise=0.0):
+    time = np.arange(0, 40, 1e-3)
+    late = np.column_stack([time[:-1], (time[1:] + time[:-1]) / 2, time[1:]]) - ROBOT.delay
+    inputs = np.where(late > 0, signal(late), 0.0)
+    angle, _ = simulate(ROBOT.with_added_mass(mass), time, inputs, start)
+    angle += noise * np.random.default_rng(0).standard_normal(time.size)
+    return Log(
+        time=time,
+        input=signal(time),
+        angle=0.3 + angle,
+        input_kind=InputKind.TORQUE,
+        intersample=Intersample.FIRST_ORDER_HOLD,
+        added_mass=mass,
+        source=f"{mass}",
+    )
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return [_log(mass) for mass in MASSES]
+
+
+ZEROS = dict.fromkeys(MASSES, 0.3)
+
+
+def test_the_robot_is_found_from_any_input(logs):
+    found = fit_weak_form(logs, ZEROS, ("drag", "p3_offset"))
+    truth = [getattr(ROBOT, name) for name in found.names]
+    np.testing.assert_allclose(found.values, truth, rtol=0.02)
+    np.testing.assert_allclose(found.values[[0, 2, 3]], np.array(truth)[[0, 2, 3]], rtol=2e-3)
+
+
+def test_noise_of_a_few_encoder_steps_does_little_harm():
+    noisy = [_log(mass, noise=5e-4) for mass in MASSES]
+    found = fit_weak_form(noisy, ZEROS, ("drag", "p3_offset")).parameters
+    for name in ("p1", "p3", "p4"):
+        assert getattr(found, name) == pytest.approx(getattr(ROBOT, name), rel=0.01)
+
+
+def test_unit_sign_clock_and_order_change_p4_alone(logs):
+    moved = [replace(log, time=log.time + 7.0, input=-3.0 * log.input) for log in reversed(logs)]
+    before, after = (fit_weak_form(each, ZEROS).values for each in (logs, moved))
+    after[3] *= -3.0
+    np.testing.assert_allclose(after, before, rtol=1e-4)
+
+
+def test_output_error_starts_from_it_when_there_are_no_sines(logs):
+    data = DataSet.of(logs)
+    found = estimate(data, Method.OUTPUT_ERROR).parameters
+    for name in ("p1", "p2", "p3", "p4", "delay"):
+        assert getattr(found, name) == pytest.approx(getattr(ROBOT, name), rel=5e-3)
+
+
+def test_what_cannot_be_estimated_is_refused(logs):
+    with pytest.raises(InputError, match="did you mean"):
+        fit_weak_form(logs, ZEROS, ("dreg",))
+    with pytest.raises(IdentifiabilityError, match="common factor"):
+        fit_weak_form(logs[:1], ZEROS)
+    with pytest.raises(InputError, match="or more"):
+        fit_weak_form([logs[0].take(np.arange(100)), logs[1]], ZEROS)
+
+
+def test_the_real_logs_give_the_known_values(real):
+    found = fit_weak_form(real.data.logs, real.data.equilibria).parameters
+    assert 0.00205 <= found.p1 <= 0.00216
+    assert 2.40 <= found.p4 <= 2.50
+    assert 0.0044 <= found.coulomb <= 0.0053
