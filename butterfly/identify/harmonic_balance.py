@@ -48,11 +48,15 @@ if TYPE_CHECKING:
 
 METHOD = "harmonic balance"
 
+LINEAR = ("p1", "p2", "p3", "p4")
+"""What is estimated in the limit of small swings without Coulomb friction and delay."""
+
 TERMS = ("drag", "load", "stribeck")
 """What can be estimated besides `PARAMETERS`; the Stribeck velocity is held at its default."""
 
 _NOT_NEGATIVE = frozenset({"p2", "coulomb", "drag", "stribeck"})  # friction takes energy out
 _MAX_ITERATIONS = 60
+_SMALL_SWING = 1e-3  # rad, at which the slope of sin is 1
 _SWING_STEP = 1e-4  # relative step of the differences in the swing
 _EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
 _TOLERANCE = 1e-10  # relative change of the predicted angles
@@ -68,9 +72,12 @@ class _Phasors:
     variance: NDArray[np.float64]
     masses: tuple[AddedMass, ...]
     names: tuple[str, ...]
+    small: bool
 
     @classmethod
-    def of(cls, points: Sequence[ResponsePoint], terms: tuple[str, ...]) -> _Phasors:
+    def of(
+        cls, points: Sequence[ResponsePoint], names: tuple[str, ...], *, small: bool
+    ) -> _Phasors:
         return cls(
             omega=np.array([p.omega for p in points]),
             angle=np.array([p.angle.fundamental for p in points]),
@@ -79,7 +86,8 @@ class _Phasors:
                 [max(np.trace(p.angle.covariance) / 2, _EXACT * p.amplitude**2) for p in points]
             ),
             masses=tuple(p.added_mass for p in points),
-            names=(*PARAMETERS, *terms),
+            names=names,
+            small=small,
         )
 
     @property
@@ -91,7 +99,7 @@ class _Phasors:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
         w, th, a = self.omega, self.angle, np.abs(self.angle)
         u = self.input * np.exp(-1j * w * delay)
-        gravity = gravity_describing_function(a) * th
+        gravity = th if self.small else gravity_describing_function(a) * th
         coulomb = coulomb_describing_function(a) * th
         velocity = FrictionTerms.stribeck_velocity
         columns = {
@@ -114,11 +122,12 @@ class _Phasors:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
         known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
         hand = LumpedParameters(**known)
+        swings = np.full(self.omega.size, _SMALL_SWING) if self.small else np.abs(self.angle)
         slopes = np.empty(self.omega.size)
         for mass in set(self.masses):
             rows = np.array([each == mass for each in self.masses])
             loaded = hand.with_added_mass(mass)
-            slopes[rows] = _slope(loaded, self.omega[rows], np.abs(self.angle[rows]))
+            slopes[rows] = _slope(loaded, self.omega[rows], swings[rows])
         return slopes
 
 
@@ -172,20 +181,40 @@ def fit_harmonic_balance(
     for term in terms:
         if term not in TERMS:
             raise InputError(METHOD, "terms", term, nearest(term, TERMS))
-    names = (*PARAMETERS, *terms)
+    return _fit(points, (*PARAMETERS, *terms), METHOD, small=False)
+
+
+def fit_linear(points: Sequence[ResponsePoint]) -> ParameterEstimate:
+    """Estimate p1..p4 of the linearisation from the steady responses of all logs.
+
+    For swings so small that sin th = th, without Coulomb friction and delay: what is left of
+    `fit_harmonic_balance` is the joint linear complex fit -p1 w^2 G + j w p2 G + p3 G - p4 =
+    (Z w^2 - X) G.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the points cannot determine all four parameters.
+    """
+    return _fit(points, LINEAR, "joint linear complex fit", small=True)
+
+
+def _fit(
+    points: Sequence[ResponsePoint], names: tuple[str, ...], method: str, *, small: bool
+) -> ParameterEstimate:
     _refuse_too_few(points, names)
-    phasors = _Phasors.of(points, terms)
+    phasors = _Phasors.of(points, names, small=small)
     solution = _solve(phasors)
     conditioning = Conditioning.of(solution.rows, names)
     conditioning.refuse_singular()
     by_log = solution.rows.reshape(2, len(points), -1).swapaxes(0, 1)
     covariance, freedom = cluster_covariance(by_log, solution.residuals.reshape(2, -1).T)
-    left_out = _leave_one_mass_out(points, terms)
+    left_out = _leave_one_mass_out(points, names, small=small)
     lower, upper = honest_limits(solution.values, covariance, freedom, left_out.values())
     lower = np.maximum(lower, phasors.lower)
     on_bound = tuple(np.array(names)[solution.on_bound].tolist())
     return ParameterEstimate(
-        method=METHOD,
+        method=method,
         names=names,
         values=solution.values,
         covariance=covariance,
@@ -213,7 +242,8 @@ def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> No
 
 def _solve(phasors: _Phasors) -> _Solution:
     count = len(phasors.names)
-    gain, late = phasors.names.index("p4"), phasors.names.index("delay")
+    gain = phasors.names.index("p4")
+    late = phasors.names.index("delay") if "delay" in phasors.names else None
     values, weights, delay = np.zeros(count), np.ones(phasors.omega.size), 0.0
     for _ in range(_MAX_ITERATIONS):
         matrix, target = phasors.regression(delay)
@@ -222,7 +252,7 @@ def _solve(phasors: _Phasors) -> _Solution:
         bounds = (phasors.lower, np.inf)
         fit = lsq_linear(rows / scale, wanted, bounds=bounds, method="bvls", tol=1e-14)
         previous, values = values, fit.x / scale
-        step = values[late] / values[gain]
+        step = 0.0 if late is None else values[late] / values[gain]
         slope = phasors.slope(values)
         swing = np.abs(phasors.angle)
         errors = np.abs(matrix @ values - target) / (slope * swing)
@@ -234,8 +264,9 @@ def _solve(phasors: _Phasors) -> _Solution:
         if settled:
             break
     residuals = rows @ values - wanted
-    rows[:, late] *= values[gain]  # of the delay itself, not of p4 times it
-    values[late] = delay
+    if late is not None:
+        rows[:, late] *= values[gain]  # of the delay itself, not of p4 times it
+        values[late] = delay
     return _Solution(values, rows, residuals, fit.active_mask != 0, settled)
 
 
@@ -259,16 +290,16 @@ def _model_variance(
 
 
 def _leave_one_mass_out(
-    points: Sequence[ResponsePoint], terms: tuple[str, ...]
+    points: Sequence[ResponsePoint], names: tuple[str, ...], *, small: bool
 ) -> dict[AddedMass, NDArray[np.float64]]:
     left_out = {}
     for mass in sorted({p.added_mass for p in points}):
         kept = [p for p in points if p.added_mass != mass]
         try:
-            _refuse_too_few(kept, (*PARAMETERS, *terms))
+            _refuse_too_few(kept, names)
         except IdentifiabilityError:
             continue
-        left_out[mass] = _solve(_Phasors.of(kept, terms)).values
+        left_out[mass] = _solve(_Phasors.of(kept, names, small=small)).values
     return left_out
 
 

@@ -1,0 +1,232 @@
+"""Resonance estimators on the thesis's setting, against closed forms and the Cramer-Rao bound."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identify.harmonic_balance import fit_linear
+from butterfly.identify.resonance import (
+    Resonance,
+    complex_fit,
+    from_curvature,
+    largest_gain,
+    parabola,
+    three_point,
+    two_largest,
+)
+from butterfly.identify.resonance_regression import (
+    PendulumEstimate,
+    fit_multiplied_out,
+    fit_orthogonal,
+    fit_ratio,
+    physical_hand,
+)
+from butterfly.model.harmonic import frequency_response, resonance_frequency
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.signals.sine_fit import SineFit
+
+THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
+MASSES = [AddedMass(mass=0.05 * k, arm=0.005 * k) for k in range(5)]
+OMEGAS = np.arange(1, 7.01, 0.5)
+AMPLITUDE = 1e-5
+NOISE = 2e-5  # of each phasor component: 1 mrad in 45 s of samples every 0.01 s
+RUNS = 300
+
+
+def _points(mass, rng=None, noise=NOISE, omegas=OMEGAS):
+    exact = frequency_response(THESIS.with_added_mass(mass), omegas) * AMPLITUDE
+    error = (
+        np.zeros((2, omegas.size)) if rng is None else noise * rng.standard_normal((2, omegas.size))
+    )
+    return [
+        ResponsePoint(
+            added_mass=mass,
+            input=AMPLITUDE,
+            angle=SineFit(
+                omega=float(w),
+                offset=0.0,
+                phasors=np.array([phasor]),
+                covariance=np.eye(2) * max(noise, 1e-12) ** 2,
+                residual_rms=0.0,
+            ),
+            drift=0.0,
+            label="",
+        )
+        for w, phasor in zip(omegas, exact + error[0] + 1j * error[1], strict=True)
+    ]
+
+
+def _gains(points):
+    gain = np.array([abs(p.gain) for p in points])
+    return OMEGAS, gain, np.full(gain.size, NOISE / AMPLITUDE)
+
+
+def _bound(mass):
+    """Cramer-Rao bound of the resonance frequency, from the exact responses."""
+    loaded = THESIS.with_added_mass(mass)
+    a1, a0, b0 = loaded.p2 / loaded.p1, loaded.p3 / loaded.p1, loaded.p4 / loaded.p1
+    denominator = a0 - OMEGAS**2 + 1j * OMEGAS * a1
+    response = b0 / denominator
+    columns = [-1j * OMEGAS * response / denominator, -response / denominator, 1 / denominator]
+    jacobian = AMPLITUDE * np.column_stack(columns)
+    real = np.concatenate([jacobian.real, jacobian.imag])
+    covariance = NOISE**2 * np.linalg.inv(real.T @ real)
+    peak = np.sqrt(a0 - a1**2 / 2)
+    gradient = np.array([-a1 / 2, 0.5, 0.0]) / peak
+    return np.sqrt(gradient @ covariance @ gradient)
+
+
+@pytest.mark.parametrize("mass", MASSES)
+def test_exact_gains_give_the_exact_resonance(mass):
+    points = _points(mass, noise=0.0)
+    true = resonance_frequency(THESIS.with_added_mass(mass))
+    for estimate in (three_point(*_gains(points)), parabola(*_gains(points)), complex_fit(points)):
+        assert estimate.omega == pytest.approx(true, rel=1e-8)
+    # Between the right two points, the corrected two-point form with the known peak is exact.
+    peak = abs(complex(frequency_response(THESIS.with_added_mass(mass), true)))
+    near = np.array([true - 0.1, true + 0.07])
+    gain = np.abs(frequency_response(THESIS.with_added_mass(mass), near))
+    assert two_largest(near, gain, peak).omega == pytest.approx(true, rel=1e-9)
+
+
+def test_the_printed_forms_do_what_the_errata_say():
+    omega, gain, _ = _gains(_points(MASSES[0], noise=0.0))
+    assert largest_gain(omega, gain).omega == 4.0
+    middle = np.sqrt((4.0**2 + 3.5**2) / 2)
+    printed = two_largest(omega, gain, corrected=False).omega
+    assert abs(printed - middle) < 0.12
+    assert abs(printed - resonance_frequency(THESIS)) > 0.05
+    p = THESIS
+    a1, a0, b0 = p.p2 / p.p1, p.p3 / p.p1, p.p4 / p.p1
+    curvature = b0**2 / (a1**4 * (a0 - a1**2 / 4) ** 2)
+    near = np.array([3.86, 3.89])
+    close = from_curvature(near, np.abs(frequency_response(p, near)), curvature).omega
+    assert close == pytest.approx(resonance_frequency(p), abs=2e-3)
+
+
+def test_the_estimators_come_as_near_the_cramer_rao_bound_as_they_claim():
+    rng = np.random.default_rng(1)
+    squares, bounds, claims, covered = [], [], [], []
+    for mass in MASSES:
+        true = resonance_frequency(THESIS.with_added_mass(mass))
+        rows = []
+        for _ in range(RUNS):
+            points = _points(mass, rng)
+            gains = _gains(points)
+            rows.append(
+                [
+                    three_point(*gains),
+                    parabola(*gains),
+                    complex_fit(points),
+                    two_largest(*gains[:2], corrected=False),
+                ]
+            )
+        errors = np.array([[r.omega - true for r in row] for row in rows])
+        claimed = np.array([[r.error for r in row] for row in rows])
+        squares.append(np.mean(errors**2, axis=0))
+        bounds.append(_bound(mass) ** 2)
+        claims.append(np.sqrt(np.mean(claimed[:, :3] ** 2, axis=0)) / np.std(errors[:, :3], axis=0))
+        covered.append(np.mean(np.abs(errors[:, 2]) < 1.96 * claimed[:, 2]))
+    ratios = np.sqrt(np.mean(squares, axis=0) / np.mean(bounds))  # over the five masses
+    three, weighted, complex_, printed = ratios
+    assert complex_ < 1.3
+    assert three < 3.5
+    assert weighted < 3.5
+    assert printed > 400
+    np.testing.assert_allclose(claims, 1, atol=0.15)
+    assert 0.92 < np.mean(covered) < 0.98
+
+
+def test_the_joint_linear_fit_reaches_the_bound_and_its_intervals_cover():
+    rng = np.random.default_rng(2)
+    truth = np.array([THESIS.p1, THESIS.p2, THESIS.p3, THESIS.p4])
+
+    def responses(values):
+        p = LumpedParameters(**dict(zip(("p1", "p2", "p3", "p4"), values, strict=True)))
+        parts = [frequency_response(p.with_added_mass(m), OMEGAS) * AMPLITUDE for m in MASSES]
+        flat = np.concatenate(parts)
+        return np.concatenate([flat.real, flat.imag])
+
+    steps = np.diag(1e-6 * truth)
+    jacobian = np.column_stack(
+        [(responses(truth + h) - responses(truth - h)) / (2 * h.sum()) for h in steps]
+    )
+    bound = NOISE * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    fits = [fit_linear([p for m in MASSES for p in _points(m, rng)]) for _ in range(RUNS)]
+    errors = np.array([fit.values - truth for fit in fits])
+    assert np.all(np.sqrt(np.mean(errors**2, axis=0)) < 1.1 * bound)
+    inside = np.mean([(f.lower <= truth) & (truth <= f.upper) for f in fits], axis=0)
+    assert np.all((inside > 0.92) & (inside < 0.99))
+
+
+def test_a_peak_outside_the_frequencies_is_refused():
+    omega, gain, error = _gains(_points(MASSES[0], noise=0.0))
+    with pytest.raises(IdentifiabilityError, match="measure beyond"):
+        three_point(omega[8:], gain[8:], error[8:])
+    with pytest.raises(IdentifiabilityError, match="fewer than three"):
+        parabola(omega[:2], gain[:2], error[:2])
+    with pytest.raises(InputError, match="several"):
+        complex_fit([*_points(MASSES[0]), *_points(MASSES[1])])
+
+
+def _resonances(rng, error):
+    p = LumpedParameters(p1=0.00325, p2=0.0, p3=0.04905, p4=10)
+    masses = [AddedMass(mass=0.02 * k, arm=0.104) for k in range(8)]
+    return {
+        m: Resonance(
+            omega=resonance_frequency(p.with_added_mass(m)) + error * rng.standard_normal(),
+            error=error,
+        )
+        for m in masses
+    }
+
+
+@given(st.integers(0, 1000))
+def test_without_noise_every_regression_gives_the_robot(seed):
+    resonances = _resonances(np.random.default_rng(seed), 1e-9)
+    for fit in (fit_multiplied_out, fit_ratio):
+        found = fit(resonances)
+        assert found.p1 == pytest.approx(0.00325, rel=1e-5)
+        assert found.p3 == pytest.approx(0.04905, rel=1e-5)
+
+
+def test_with_noise_the_ratio_form_is_unbiased_and_the_multiplied_one_is_not():
+    rng = np.random.default_rng(3)
+    plain, ratio = [], []
+    for _ in range(400):
+        resonances = _resonances(rng, 0.15)
+        plain.append(fit_multiplied_out(resonances).p1)
+        ratio.append(fit_ratio(resonances).p1)
+    spread = np.std(ratio) / 20
+    assert abs(np.median(ratio) - 0.00325) < 4 * spread
+    assert np.median(plain) - 0.00325 < -4 * spread
+
+
+@pytest.mark.skipif(find_spec("odrpack") is None, reason="the extra 'eiv' is not installed")
+def test_orthogonal_distance_agrees_with_the_ratio_form():
+    """Both are the maximum likelihood of Gaussian errors in Y alone."""
+    resonances = _resonances(np.random.default_rng(5), 0.02)
+    one, other = fit_orthogonal(resonances), fit_ratio(resonances)
+    assert one.p1 == pytest.approx(other.p1, rel=1e-4)
+    assert one.p3 == pytest.approx(other.p3, rel=1e-4)
+
+
+def test_physical_parameters_of_a_weighed_hand_carry_propagated_errors():
+    covariance = np.array([[4e-10, 1e-9], [1e-9, 1e-8]])
+    estimate = PendulumEstimate(p1=0.00325, p3=0.04905, covariance=covariance)
+    hand = physical_hand(estimate, 0.1, 1e-3)
+    assert hand.com_distance == pytest.approx(0.05)
+    assert hand.inertia == pytest.approx(0.003)
+    rng = np.random.default_rng(0)
+    p1, p3 = rng.multivariate_normal([0.00325, 0.04905], covariance, 100_000).T
+    mass = 0.1 + 1e-3 * rng.standard_normal(p1.size)
+    distance = p3 / (mass * 9.81)
+    assert hand.com_distance_error == pytest.approx(np.std(distance), rel=0.02)
+    assert hand.inertia_error == pytest.approx(np.std(p1 - mass * distance**2), rel=0.02)
+    with pytest.raises(InputError, match="mass"):
+        physical_hand(estimate, 0.0)
