@@ -91,6 +91,7 @@ def identify_command(
             help="harmonic-balance: joint linear fit of the steady responses. "
             "output-error: joint fit of free-run simulations. "
             "weak-form: linear fit against test functions, for any input. "
+            "linear: joint complex fit for small swings without friction. "
             "thesis: resonances (100) and (102), slips included."
         ),
     ] = Method.HARMONIC_BALANCE,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.comparison import best_gain
 from butterfly.identify.free_run_problem import Loss, OutputErrorOptions
-from butterfly.identify.harmonic_balance import fit_harmonic_balance
+from butterfly.identify.harmonic_balance import fit_harmonic_balance, fit_linear
 from butterfly.identify.output_error import fit_output_error
 from butterfly.identify.thesis import DECIMATION, fit_thesis
 from butterfly.identify.weak_form import fit_weak_form
@@ -28,6 +28,7 @@ class Method(StrEnum):
     HARMONIC_BALANCE = "harmonic-balance"
     OUTPUT_ERROR = "output-error"
     WEAK_FORM = "weak-form"
+    LINEAR = "linear"
     THESIS = "thesis"
 
 
@@ -100,5 +101,6 @@ _METHODS: dict[Method, Callable[[DataSet, Options], ParameterEstimate]] = {
     Method.HARMONIC_BALANCE: _harmonic_balance,
     Method.OUTPUT_ERROR: _output_error,
     Method.WEAK_FORM: _weak_form,
+    Method.LINEAR: lambda data, _: fit_linear(data.sines),
     Method.THESIS: _thesis,
 }

@@ -94,7 +94,10 @@ def scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
 
 
 def fit_resonances(
-    resonances: Mapping[AddedMass, float], upper: Sequence[float] = UPPER_BOUNDS
+    resonances: Mapping[AddedMass, float],
+    upper: Sequence[float] = UPPER_BOUNDS,
+    *,
+    p2: float | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Minimise (102) over 0 <= p1, p2, p3 <= upper, from several starts.
 
@@ -106,6 +109,8 @@ def fit_resonances(
         Resonance frequency in rad/s of each added mass.
     upper
         (3,) upper bounds of p1, p2, p3.
+    p2
+        Held at this value in N m s/rad, if given.
 
     Returns
     -------
@@ -116,17 +121,22 @@ def fit_resonances(
     bounds = np.asarray(upper, dtype=np.float64)
 
     def residuals(shares: NDArray[np.float64]) -> NDArray[np.float64]:
-        p1, p2, p3 = shares * bounds
+        p1, damping, p3 = shares * bounds
+        if p2 is not None:
+            damping = p2
         inertia = p1 + np.array([mass.inertia for mass in resonances])
         moment = p3 + np.array([mass.gravity_moment for mass in resonances])
-        return np.asarray(moment / inertia - 0.5 * (p2 / inertia) ** 2 - measured)
+        return np.asarray(moment / inertia - 0.5 * (damping / inertia) ** 2 - measured)
 
     fits = [
         least_squares(residuals, start, bounds=(0, 1), xtol=1e-15, ftol=1e-15, gtol=1e-15)
         for start in product(_STARTS, repeat=3)
     ]
     best = min(fits, key=lambda fit: fit.cost)
-    return best.x * bounds, best.jac / bounds
+    values = best.x * bounds
+    if p2 is not None:
+        values[1] = p2
+    return values, best.jac / bounds
 
 
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEstimate:
