@@ -20,6 +20,11 @@ def parse_pairs(text: str, option: str) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in pairs}
 
 
+def parse_terms(text: str | None) -> tuple[str, ...] | None:
+    """Split names separated by commas; None stays None, and an empty text gives none."""
+    return None if text is None else tuple(filter(None, text.replace(" ", "").split(",")))
+
+
 def parse_parameters(text: str, option: str) -> LumpedParameters:
     """Read ``p1=…,p2=…,p3=…[,p4=…][,coulomb=…][,delay=…]``; p4 is NaN if it is not given.
 

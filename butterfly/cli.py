@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from butterfly import __version__
-from butterfly.arguments import parse_pairs, parse_parameters
+from butterfly import __version__, study_commands
+from butterfly.arguments import parse_pairs, parse_parameters, parse_terms
 from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment import runner
@@ -47,6 +47,7 @@ app = typer.Typer(
     epilog="Start with: `butterfly run quickstart`",
 )
 app.add_typer(model_commands, name="model")
+study_commands.register(app)
 app.command("view")(view_command)
 app.command("video")(video_command)
 
@@ -137,8 +138,7 @@ def identify_command(
     """
     manifest = _manifest(data, root, arm, input_kind, hold)
     others = {text: parse_parameters(text, "--against") for text in against or []}
-    chosen = None if terms is None else tuple(filter(None, terms.replace(" ", "").split(",")))
-    options = Options(terms=chosen, decimation=decimation)
+    options = Options(terms=parse_terms(terms), decimation=decimation)
     result = identify(manifest, method, options, against=others, track=show_progress)
     show_identification(result)
     if report is not None:

@@ -28,9 +28,11 @@ def shipped(relative: str | Path) -> Path:
 
 
 def shipped_experiments() -> list[str]:
-    """List the shipped experiment and data-set files, as ``experiments/NAME.yaml``."""
+    """List the shipped experiment and data-set files, as ``experiments/.../NAME.yaml``."""
     root = shipped("experiments")
-    return sorted(f"experiments/{path.name}" for path in root.glob("*.yaml"))
+    return sorted(
+        f"experiments/{path.relative_to(root).as_posix()}" for path in root.rglob("*.yaml")
+    )
 
 
 def locate(path: Path) -> Path:

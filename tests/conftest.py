@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import HealthCheck, settings
 
-import butterfly.plant  # noqa: F401 - before MuJoCo, to tell it how to draw without a display
+import butterfly.plant
+from butterfly.cli import main
 from butterfly.identify.identification import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
@@ -67,3 +70,27 @@ def sine_log() -> Log:
         excitation=Sine(omega=5.0, amplitude=0.2),
         source="sine",
     )
+
+
+@pytest.fixture
+def butterfly(monkeypatch, capsys):
+    """Run the command line; returns exit code, stdout and stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["butterfly", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code or 0, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def quick(tmp_path):
+    """The quick start on fewer logs, short but steady enough to fit."""
+    content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
+    content.update(duration=12.0, excitations=content["excitations"][::2])
+    path = tmp_path / "quick.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path

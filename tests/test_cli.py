@@ -1,4 +1,3 @@
-import sys
 
 import mujoco
 import numpy as np
@@ -7,33 +6,7 @@ import yaml
 from scipy.io import loadmat, savemat
 
 from butterfly import __version__
-from butterfly.cli import main
 from butterfly.logs.mat import write_mat
-from butterfly.resources import shipped
-
-
-@pytest.fixture
-def butterfly(monkeypatch, capsys):
-    """Run the command line; returns exit code, stdout and stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["butterfly", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return run
-
-
-@pytest.fixture
-def quick(tmp_path):
-    """The quick start on fewer logs, short but steady enough to fit."""
-    content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
-    content.update(duration=12.0, excitations=content["excitations"][::2])
-    path = tmp_path / "quick.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
 
 
 @pytest.fixture

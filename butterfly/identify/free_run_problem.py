@@ -50,6 +50,8 @@ class OutputErrorOptions:
     ----------
     terms
         Of `TERMS`, fitted besides `PARAMETERS`; the others keep the values of the start.
+    fixed
+        Of all parameters, those that keep the values of the start.
     per_mass, per_log
         Which of `LOCAL` are fitted for each added mass, or each log. The encoder's zero is shared
         by all logs if it is in neither.
@@ -65,6 +67,7 @@ class OutputErrorOptions:
     """
 
     terms: tuple[str, ...] = ("drag", "load", "bias", "p3_offset", "stribeck")
+    fixed: tuple[str, ...] = ()
     per_mass: tuple[str, ...] = ()
     per_log: tuple[str, ...] = ()
     window: float = STEADY_SECONDS
@@ -73,7 +76,8 @@ class OutputErrorOptions:
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
 
     def __post_init__(self) -> None:
-        for field_name, valid in (("terms", TERMS), ("per_mass", LOCAL), ("per_log", LOCAL)):
+        fields = {"terms": TERMS, "fixed": (*PARAMETERS, *TERMS)}
+        for field_name, valid in (fields | {"per_mass": LOCAL, "per_log": LOCAL}).items():
             for name in getattr(self, field_name):
                 if name not in valid:
                     raise InputError("output error", field_name, name, nearest(name, valid))
@@ -114,7 +118,7 @@ class FreeRunProblem:
         self.names = tuple(
             name
             for name in (*PARAMETERS, *options.terms)
-            if name not in {*options.per_mass, *options.per_log}
+            if name not in {*options.fixed, *options.per_mass, *options.per_log}
         )
         self.keys = [*((name, None) for name in self.names), *_local_keys(logs, options)]
         scales = _scales(logs, start)

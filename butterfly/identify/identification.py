@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from butterfly.identify.comparison import Comparison, compare
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.free_run import FitSummary, FreeRun, free_run_of
+from butterfly.identify.input_kind import judge_input
 from butterfly.identify.methods import Method, Options, estimate
 from butterfly.progress import Track, untracked
 
@@ -86,6 +87,7 @@ def identify(
     """
     data = read_data_set(manifest, track)
     found = estimate(data, method, options)
+    found = replace(found, verdict=(*found.verdict, *judge_input(found, data.input_kind)))
     zeros = data.equilibria
     return Identification(
         data=data,

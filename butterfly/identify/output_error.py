@@ -113,6 +113,21 @@ def fit_output_error(
     )
 
 
+def minimum(
+    logs: Sequence[Log],
+    start: LumpedParameters,
+    zeros: Mapping[AddedMass, float],
+    options: OutputErrorOptions,
+) -> float:
+    """Return the least sum of squares, each log's being its mean square relative error.
+
+    The parameters are those of `fit_output_error`; the options may hold some of them.
+    """
+    problem = FreeRunProblem(logs, start, zeros, options)
+    solution = _solve(problem, problem.initial, options)
+    return float(np.sum(problem.residuals(solution.scaled) ** 2))
+
+
 def _solve(
     problem: FreeRunProblem, initial: NDArray[np.float64], options: OutputErrorOptions
 ) -> _Solution:

@@ -163,27 +163,60 @@ def _solve(
     return values, windows, np.asarray(fit.active_mask != 0)
 
 
-def _windows(
-    log: Log, zero: float, names: Sequence[str], half_width: float, delay: float
-) -> _Windows:
-    period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
-    half = min(half_width, period / 4)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeakSignals:
+    """What a log says at the centres of its test functions.
+
+    Parameters
+    ----------
+    time, angle, velocity
+        (n,) instants in s, angle from the hanging position in rad, velocity in rad/s.
+    mean
+        By parameter: (n,) averages over each test function of what it multiplies in the equation.
+    still
+        (n,) share of each test function in which the joint may stick.
+    """
+
+    time: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    mean: dict[str, NDArray[np.float64]]
+    still: NDArray[np.float64]
+
+
+def weak_signals(log: Log, zero: float, half_width: float, delay: float) -> WeakSignals:
+    """Average every term of the equation of motion over the test functions of one log.
+
+    Parameters
+    ----------
+    log
+        Of any input.
+    zero
+        Encoder reading in rad of the hand at rest.
+    half_width
+        Of the test functions in s; they stand half of it apart.
+    delay
+        From input to torque, in s.
+
+    Raises
+    ------
+    InputError
+        If the log is shorter than two test functions.
+    """
     grid = uniform_grid(log.time)
     step = float(grid[1] - grid[0])
-    if grid[-1] - grid[0] < 4 * half:
-        raise InputError(log.source, "time", f"{grid[-1]:.3g} s", f"{4 * half:.3g} s or more")
+    if grid[-1] - grid[0] < 4 * half_width:
+        raise InputError(log.source, "time", f"{grid[-1]:.3g} s", f"{4 * half_width:.3g} s or more")
     angle = resample(log.time, log.angle, grid) - zero
     inputs = _input_at(log, grid - delay)
     everywhere = np.arange(angle.size)
-    narrow = _VELOCITY_SHARE * half
+    narrow = max(_VELOCITY_SHARE * half_width, 2 * step)
     velocity = -_against(1, angle, narrow, step, everywhere)
     velocity /= _against(0, np.ones_like(angle), narrow, step, everywhere)
     speed = float(np.sqrt(np.mean(velocity**2)))
     still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
-    edge = math.ceil((half + narrow) / step) + math.ceil(abs(delay) / step)
-    centres = np.arange(edge, grid.size - edge, max(1, round(_SPACING * half / step)))
-    area = _against(0, np.ones_like(angle), half, step, centres[:1])
-    centres = centres[_against(0, still, half, step, centres) < _LARGEST_STICK * area]
+    edge = math.ceil((half_width + narrow) / step) + math.ceil(abs(delay) / step)
+    centres = np.arange(edge, grid.size - edge, max(1, round(_SPACING * half_width / step)))
     sign, stribeck = np.sign(velocity), np.exp(-((velocity / FrictionTerms.stribeck_velocity) ** 2))
     columns = {
         "p1": (2, angle),
@@ -200,9 +233,28 @@ def _windows(
         "p4": (0, -inputs),
         "delay": (1, -inputs),
     }
-    rows = np.column_stack([_against(*columns[name], half, step, centres) for name in names])
+    area = _against(0, np.ones_like(angle), half_width, step, centres[:1])
+    return WeakSignals(
+        time=grid[centres],
+        angle=angle[centres],
+        velocity=velocity[centres],
+        mean={
+            name: _against(*column, half_width, step, centres) / area
+            for name, column in columns.items()
+        },
+        still=_against(0, still, half_width, step, centres) / area,
+    )
+
+
+def _windows(
+    log: Log, zero: float, names: Sequence[str], half_width: float, delay: float
+) -> _Windows:
+    period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
+    signals = weak_signals(log, zero, min(half_width, period / 4), delay)
+    moving = signals.still < _LARGEST_STICK
+    rows = np.column_stack([signals.mean[name][moving] for name in names])
     inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
-    size = float(np.sqrt(np.mean(inertia**2))) if centres.size else 1.0
+    size = float(np.sqrt(np.mean(inertia**2))) if inertia.size else 1.0
     known = log.added_mass.inertia * inertia + log.added_mass.gravity_moment * gravity
     return _Windows(rows=rows / size, target=-known / size)
 

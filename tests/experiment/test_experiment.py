@@ -138,7 +138,7 @@ def test_yaml_that_builds_objects_is_not_obeyed(tmp_path):
 def test_every_shipped_experiment_reads():
     folder = shipped("experiments")
     data_sets = {"real-logs.yaml"}
-    for path in folder.glob("*.yaml"):
+    for path in folder.rglob("*.yaml"):
         if path.name not in data_sets:
             read_experiment(path)
 

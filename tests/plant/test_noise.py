@@ -1,45 +1,9 @@
-import math
-
 import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.plant.noise import BandLimitedNoise
 from butterfly.plant.sensors import Encoder, Faults
-
-STEP = 0.01
-TIME = STEP * np.arange(7001)
-THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
-
-
-def _table_1(number, noise):
-    """Row of Table 1, column 4, as the thesis's first script computes it, slips included."""
-    joint = THESIS.with_added_mass(AddedMass(mass=0.05 * number, arm=0.005 * number))
-    instants = np.column_stack([TIME[:-1], TIME[:-1] + STEP / 2, TIME[1:]])
-    gains, omegas = [], []
-    for omega in np.arange(1, 7.01, 0.5):
-        angle, _ = simulate(joint, TIME, 1e-5 * np.sin(omega * instants), 0.01)
-        angle = angle + noise
-        coarse = angle[::4][-math.floor(45 / (4 * STEP)) - 1 :]
-        fine = angle[-math.floor(45 / STEP) - 1 :] - (coarse.max() + coarse.min()) / 2
-        power = np.abs(np.fft.fft(coarse)[1 : coarse.size // 2]) ** 2
-        omegas.append(2 * np.pi * (np.argmax(power) + 1) / ((coarse.size - 1) * 4 * STEP))
-        gains.append(20 * np.log10(np.sqrt(2 * STEP / 45 * np.sum(fine**2)) / 1e-5))
-    gains = np.array(gains)
-    first = int(np.argmax(gains))
-    second = int(np.argmax(np.delete(gains, first)))  # the script's slip: an index into the shorter
-    alpha = math.sqrt((gains[second] / gains[first]) ** 2 + 1)
-    beta = math.sqrt(2)
-    return math.sqrt((omegas[first] ** 2 * alpha + omegas[second] ** 2 * beta) / (alpha + beta))
-
-
-def test_the_thesis_s_table_1_needs_simulink_s_noise_for_all_its_digits():
-    noise = BandLimitedNoise(power=1e-8, sample_time=STEP, seed=222).sample(TIME)
-    found = " ".join(f"{_table_1(number, noise):.4f}" for number in range(5))
-    assert found == "3.7740 3.7705 4.0492 4.4680 5.0265"
-    assert f"{_table_1(0, 0.0):.4f} {_table_1(1, 0.0):.4f}" == "3.7739 3.7704"
 
 
 def test_the_noise_is_held_white_and_of_the_power_asked_for():

@@ -1,0 +1,155 @@
+"""The data of the thesis's Figures 3 to 12, as CSV files."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.experiment.reproduction import (
+    COARSE,
+    SYNTHETIC,
+    has_real_logs,
+    scripted_point,
+    synthetic_log,
+)
+from butterfly.experiment.schema import Experiment, read_experiment
+from butterfly.files import replacing
+from butterfly.identify.thesis import scripted_amplitude
+from butterfly.logs.manifest import read_entry, read_manifest
+from butterfly.model.discrete import HeldSystem
+from butterfly.model.harmonic import frequency_response
+from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.resources import shipped
+from butterfly.signals.periodogram import periodogram
+from butterfly.signals.resample import resample, uniform_grid
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+
+    Columns = dict[str, NDArray[np.float64]]
+
+_WINDOW = 40.0  # s of Figure 6
+_REAL_STEP = 0.04  # s, to which Figures 9 and 11 are resampled
+_REAL_MASS, _REAL_OMEGA = 0.154, 14.0  # of Figures 9 to 11
+
+
+def write_figure_data(folder: Path, root: Path | None = None) -> list[Path]:
+    """Write ``figure_03.csv`` to ``figure_12.csv``, units in the headers.
+
+    Parameters
+    ----------
+    folder
+        Made if need be.
+    root
+        Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS. Figures 9 to 12 are left out
+        without them.
+
+    Returns
+    -------
+    The files written.
+
+    Raises
+    ------
+    InputError
+        If a log cannot be read, or a file not be written.
+    """
+    figures = _synthetic(read_experiment(shipped(SYNTHETIC)))
+    if has_real_logs(root):
+        figures |= _real(root)
+    paths = []
+    for number, columns in sorted(figures.items()):
+        path = folder / f"figure_{number:02d}.csv"
+        with replacing(path) as draft:
+            length = max(values.size for values in columns.values())
+            rows = np.full((length, len(columns)), np.nan)
+            for k, values in enumerate(columns.values()):
+                rows[: values.size, k] = values
+            header = ",".join(columns)
+            np.savetxt(draft, rows, fmt="%.9g", delimiter=",", header=header, comments="")
+        paths.append(path)
+    return paths
+
+
+def _synthetic(experiment: Experiment) -> dict[int, Columns]:
+    sines = {sine.omega: sine for sine in experiment.excitations}
+    clean = {
+        omega: synthetic_log(experiment, NO_ADDED_MASS, sine, noise=False)
+        for omega, sine in sines.items()
+    }
+    noisy = [synthetic_log(experiment, NO_ADDED_MASS, s, noise=True) for s in sines.values()]
+    slow = clean[4.0]
+    coarse = COARSE * slow.mean_step
+    frequency, power = periodogram(slow.angle[::COARSE][-math.floor(_WINDOW / coarse) :], coarse)
+    omega = np.array(list(sines))
+    linear = experiment.plant.robot.lumped
+    curve = np.linspace(0.5, 8.0, 400)
+    held = HeldSystem.of(linear, coarse)
+
+    def gains(logs: Iterable[Log]) -> NDArray[np.float64]:
+        return np.array([10 ** (scripted_point(log).gain_db / 20) for log in logs])
+
+    return {
+        3: {"time_s": slow.time, "angle_rad": slow.angle},
+        4: {"time_s": clean[7.0].time, "angle_rad": clean[7.0].angle},
+        5: {
+            "time_s": slow.time,
+            "angle_rad": slow.angle,
+            "coarse_time_s": slow.time[::COARSE],
+            "coarse_angle_rad": slow.angle[::COARSE],
+        },
+        6: {"omega_rad_per_s": frequency, "power_rad2": power},
+        7: {
+            "omega_rad_per_s": omega,
+            "gain_without_noise": gains(list(clean.values())),
+            "gain_with_noise": gains(noisy),
+        },
+        8: {
+            "curve_omega_rad_per_s": curve,
+            "linearisation_gain": np.abs(frequency_response(linear, curve)),
+            "held_linearisation_gain": np.abs(held.response(curve)),
+            "omega_rad_per_s": omega,
+            "gain_without_noise": gains(list(clean.values())),
+        },
+    }
+
+
+def _real(root: Path | None) -> dict[int, Columns]:
+    manifest = read_manifest(shipped("experiments/real-logs.yaml"), root)
+    logs = [read_entry(manifest, entry) for entry in manifest.logs]
+    shown = next(
+        log
+        for log in logs
+        if log.excitation
+        and (log.added_mass.mass, log.excitation.omega) == (_REAL_MASS, _REAL_OMEGA)
+    )
+    grid = uniform_grid(shown.time, _REAL_STEP)
+    coarse = resample(shown.time, shown.angle, grid)
+    steady = coarse[-round(30 / _REAL_STEP) :]
+    frequency, power = periodogram(steady - steady.mean(), _REAL_STEP)
+    gains: Columns = {}
+    for mass in sorted({log.added_mass for log in logs}):
+        own = [log for log in logs if log.added_mass == mass]
+        points = [scripted_amplitude(log) for log in own]
+        name = f"{1e3 * mass.mass:g}g"
+        gains[f"omega_{name}_rad_per_s"] = np.array(
+            [log.excitation.omega for log in own if log.excitation]
+        )
+        gains[f"gain_{name}_dB"] = np.array([point.gain_db for point in points])
+    return {
+        9: {
+            "time_s": shown.time,
+            "angle_rad": shown.angle,
+            "coarse_time_s": grid,
+            "coarse_angle_rad": coarse,
+        },
+        10: {"time_s": shown.time[1:], "interval_s": np.diff(shown.time)},
+        11: {"omega_rad_per_s": frequency, "power_rad2": power},
+        12: gains,
+    }

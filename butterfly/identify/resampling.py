@@ -1,0 +1,172 @@
+"""Uncertainty without formulas: bootstrap over logs, and profile likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from butterfly.errors import IdentifiabilityError, InputError, nearest
+from butterfly.identify.estimate import CONFIDENCE
+from butterfly.identify.free_run_problem import OutputErrorOptions
+from butterfly.identify.output_error import minimum
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+
+_LEAST_REPETITIONS = 20
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bootstrap:
+    """Estimates from resampled logs.
+
+    Parameters
+    ----------
+    values
+        (repetitions, n) estimates.
+    lower, upper
+        (n,) limits of the percentile intervals at `CONFIDENCE`.
+    """
+
+    values: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+
+
+def bootstrap(
+    data: DataSet,
+    estimator: Callable[[DataSet], ParameterEstimate],
+    *,
+    repetitions: int = 200,
+    seed: int = 0,
+    track: Track = untracked,
+) -> Bootstrap:
+    """Draw whole logs with replacement, within each added mass, and estimate anew.
+
+    Logs are the blocks: within one, errors are correlated. (Efron & Tibshirani, An Introduction to
+    the Bootstrap, 1993, ch. 8.) Draws that cannot determine the parameters are drawn again.
+
+    Raises
+    ------
+    InputError
+        If fewer than 20 repetitions are asked for.
+    IdentifiabilityError
+        If hardly any draw determines the parameters.
+    """
+    if repetitions < _LEAST_REPETITIONS:
+        raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
+    rng = np.random.default_rng(seed)
+    groups = [
+        [k for k, log in enumerate(data.logs) if log.added_mass == mass] for mass in data.masses
+    ]
+    values: list[NDArray[np.float64]] = []
+    failures = 0
+    for _ in track(range(repetitions), "Bootstrap"):
+        while True:
+            rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
+            try:
+                values.append(estimator(data.take(rows)).values)
+                break
+            except IdentifiabilityError:
+                failures += 1
+                if failures > repetitions:
+                    raise
+    tails = 100 * np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    lower, upper = np.percentile(values, tails, axis=0)
+    return Bootstrap(values=np.array(values), lower=lower, upper=upper)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Profile:
+    """Least sum of squares when one parameter is held, the others fitted.
+
+    Parameters
+    ----------
+    name
+        Of the parameter.
+    values, costs
+        (n,) values at which it was held, and sums of squares relative to the least one.
+    threshold
+        Relative sum of squares at the limits of the interval at `CONFIDENCE`.
+    """
+
+    name: str
+    values: NDArray[np.float64]
+    costs: NDArray[np.float64]
+    threshold: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Where the profile crosses the threshold; infinite where it does not on the grid."""
+        inside = np.flatnonzero(self.costs <= self.threshold)
+        if inside.size == 0:
+            return float("nan"), float("nan")
+        first, last = int(inside[0]), int(inside[-1])
+        lower = -np.inf if first == 0 else self._crossing(first - 1, first)
+        upper = np.inf if last == self.values.size - 1 else self._crossing(last + 1, last)
+        return lower, upper
+
+    def _crossing(self, outside: int, inside: int) -> float:
+        share = (self.threshold - self.costs[inside]) / (self.costs[outside] - self.costs[inside])
+        step = self.values[outside] - self.values[inside]
+        return float(self.values[inside] + share * step)
+
+
+def profile(
+    data: DataSet,
+    estimate: ParameterEstimate,
+    name: str,
+    values: Sequence[float],
+    options: OutputErrorOptions | None = None,
+    *,
+    track: Track = untracked,
+) -> Profile:
+    """Profile the output error over one parameter (Bates & Watts, Nonlinear Regression, 1988).
+
+    Errors within a log are correlated, so each log counts as two independent residuals, its gain
+    and its phase, in the F test for the threshold.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimate
+        The output-error estimate, from which every fit starts.
+    name
+        The parameter.
+    values
+        (n,) increasing values at which it is held.
+    options
+        With which the estimate was made.
+
+    Raises
+    ------
+    InputError
+        If it was not estimated.
+    """
+    if name not in estimate.names:
+        raise InputError("profile", "name", name, nearest(name, estimate.names))
+    options = options or OutputErrorOptions()
+    start = estimate.parameters
+    zero = estimate.local.get(None, {}).get("zero")
+    zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
+    least = minimum(data.logs, start, zeros, options)
+    held = replace(options, fixed=(*options.fixed, name))
+    costs = [
+        minimum(data.logs, replace(start, **{name: float(value)}), zeros, held) / least
+        for value in track(values, f"Profiling {name}")
+    ]
+    freedom = max(2 * len(data.logs) - len(estimate.names), 1)
+    threshold = 1 + fisher.ppf(CONFIDENCE, 1, freedom) / freedom
+    return Profile(
+        name=name, values=np.array(values), costs=np.array(costs), threshold=float(threshold)
+    )

@@ -1,0 +1,229 @@
+"""Commands that judge an identification, or plan the next: validate, select, residual, design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from butterfly.arguments import parse_terms
+from butterfly.console import CONSOLE, show_progress
+from butterfly.errors import InputError
+from butterfly.experiment.figure_data import write_figure_data
+from butterfly.experiment.reproduction import has_real_logs, reproduce
+from butterfly.identify.data import DataSet, read_data_set
+from butterfly.identify.design import LARGEST_SWING, rank_experiments
+from butterfly.identify.free_run import FitSummary
+from butterfly.identify.methods import Method, Options, estimate
+from butterfly.identify.residual import residual_torque
+from butterfly.identify.validation import Split, fits_of, hold_out, select_terms
+from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
+from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.report.residual import write_residual
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from butterfly.identify.estimate import ParameterEstimate
+
+DataArgument = Annotated[
+    Path, typer.Argument(help="A data set: its manifest, folder or shipped name.")
+]
+RootOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
+]
+MethodOption = Annotated[Method, typer.Option(help="The estimator; see `butterfly identify`.")]
+TermsOption = Annotated[
+    str | None,
+    typer.Option(help="Terms fitted besides, separated by commas.", show_default="the method's"),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command("validate")(validate_command)
+    app.command("select")(select_command)
+    app.command("residual")(residual_command)
+    app.command("design")(design_command)
+    app.command("reproduce")(reproduce_command)
+
+
+def validate_command(
+    *,
+    data: DataArgument,
+    method: MethodOption = Method.HARMONIC_BALANCE,
+    terms: TermsOption = None,
+    split: Annotated[
+        Split, typer.Option(help="What is left out together: one added mass, or some frequencies.")
+    ] = Split.MASS,
+    root: RootOption = None,
+) -> None:
+    """Predict logs that the estimator has not seen, and compare with those it has.
+
+    Example: `butterfly validate results/quickstart --method output-error`
+    """
+    logs = _read(data, root)
+    options = Options(terms=parse_terms(terms), check=False)
+    held = hold_out(logs, lambda part: estimate(part, method, options), split, track=show_progress)
+    seen = FitSummary.of(fits_of(logs, estimate(logs, method, options)))
+    table = _table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
+    for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
+        table.add_row(name, *_fit(fit))
+    CONSOLE.print(table)
+    typer.echo(f"{int(np.sum(held.fits > 90))} of {held.fits.size} logs left out are above 90 %.")  # noqa: PLR2004
+    for name, found in held.estimates.items():
+        values = ", ".join(
+            f"{key} {value:.4g}" for key, value in zip(found.names, found.values, strict=True)
+        )
+        typer.echo(f"Without {name}: {values}")
+
+
+def select_command(
+    *,
+    data: DataArgument,
+    candidates: Annotated[
+        str, typer.Option(help="Terms to choose from, separated by commas.")
+    ] = "drag,load,bias,p3_offset,stribeck",
+    method: MethodOption = Method.OUTPUT_ERROR,
+    root: RootOption = None,
+) -> None:
+    """Choose friction terms by how well they predict added masses that were left out.
+
+    Terms are added one by one, the most helpful first, until none helps. With output-error and
+    forty logs this takes minutes.
+    """
+    logs = _read(data, root)
+
+    def fit(part: DataSet, terms: tuple[str, ...]) -> ParameterEstimate:
+        return estimate(part, method, Options(terms=terms, check=False))
+
+    passed = select_terms(logs, fit, parse_terms(candidates) or (), track=show_progress)
+    headers = [f"{kind} {what}" for kind in ("in sample", *Split) for what in ("median", "mean")]
+    table = _table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
+    for structure in passed:
+        fits = [structure.in_sample, *(structure.held_out[split] for split in Split)]
+        cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
+        table.add_row(", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells)
+    CONSOLE.print(table)
+    typer.echo(f"Chosen: --terms {','.join(passed[-1].terms) or '(none)'}")
+
+
+def residual_command(
+    *,
+    data: DataArgument,
+    number: Annotated[int, typer.Option("--log", min=0, help="Which log, from 0 on.")] = 0,
+    method: MethodOption = Method.HARMONIC_BALANCE,
+    plot: Annotated[
+        Path | None, typer.Option(help="Write a plot (HTML) to this file.", show_default=False)
+    ] = None,
+    root: RootOption = None,
+) -> None:
+    """Show the torque that p1..p4 leave over in one log, and the friction term it looks like."""
+    logs = _read(data, root)
+    if number >= len(logs.logs):
+        raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
+    log = logs.logs[number]
+    found = estimate(logs, method, Options(check=False)).parameters
+    residual = residual_torque(log, found, logs.equilibria[log.added_mass])
+    typer.echo(f"{log.label}: looks like {residual.looks_like}")
+    table = _table("Share of its variance that each term alone explains", "term", "%")
+    for name, share in residual.shares.items():
+        table.add_row(name, f"{100 * share:.1f}")
+    CONSOLE.print(table)
+    if plot is not None:
+        write_residual(residual, log.label, plot)
+        typer.echo(f"Plot: {plot}")
+
+
+def design_command(
+    *,
+    data: DataArgument,
+    method: MethodOption = Method.HARMONIC_BALANCE,
+    terms: TermsOption = None,
+    swing: Annotated[
+        float, typer.Option(min=0.01, help="Largest swing allowed, in rad.")
+    ] = LARGEST_SWING,
+    count: Annotated[int, typer.Option(min=1, help="How many candidates to print.")] = 12,
+    root: RootOption = None,
+) -> None:
+    """Rank candidate next experiments by how much they would tell.
+
+    Sines, multisines and free decays with each added mass of the data set and with none; each is
+    simulated with the estimate.
+    """
+    logs = _read(data, root)
+    found = estimate(logs, method, Options(terms=parse_terms(terms)))
+    misfit = 1 - float(np.median(fits_of(logs, found))) / 100
+    masses = sorted({*logs.masses, NO_ADDED_MASS})
+    ranked = rank_experiments(found, masses, misfit, largest_swing=swing, track=show_progress)
+    table = _table(
+        f"{logs.name}: standard errors after one more run, over those now",
+        *("added mass", "input", "swing in rad", "mean", *found.names, "warning"),
+    )
+    for candidate in ranked[:count]:
+        table.add_row(
+            str(candidate.added_mass),
+            candidate.what,
+            f"{candidate.swing:.2f}",
+            f"{candidate.score:.2f}",
+            *(f"{error:.2f}" for error in candidate.errors),
+            candidate.warning,
+        )
+    CONSOLE.print(table)
+
+
+def reproduce_command(
+    *,
+    what: Annotated[str, typer.Argument(help="What to reproduce: thesis.")],
+    root: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the 41 real logs; or set BUTTERFLY_LOGS.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the data of Figures 3-12 to this folder.", show_default=False),
+    ] = None,
+) -> None:
+    """Print the thesis's figures beside those obtained the same way, and the right ones.
+
+    Example: `butterfly reproduce thesis --root LOGS --out figures`
+    """
+    if what != "thesis":
+        raise InputError("butterfly reproduce", "what", what, "thesis")
+    rows = reproduce(root)
+    table = _table("The thesis, published against obtained", "figures", "published", "obtained")
+    table.add_column("same")
+    table.add_column("right")
+    for row in rows:
+        same = "yes" if row.agrees else "no"
+        table.add_row(row.what, row.published, row.obtained, same, row.corrected)
+    CONSOLE.print(table)
+    for row in rows:
+        if row.note:
+            typer.echo(f"{row.what}: {row.note}")
+    if not has_real_logs(root):
+        typer.echo("Tables 4 and 5 need the real logs: give --root, or set BUTTERFLY_LOGS.")
+    if out is not None:
+        for path in write_figure_data(out, root):
+            typer.echo(f"Figure data: {path}")
+
+
+def _read(data: Path, root: Path | None) -> DataSet:
+    path = locate(data)
+    manifest = path / MANIFEST_NAME if path.is_dir() else path
+    return read_data_set(read_manifest(manifest, root), show_progress)
+
+
+def _table(title: str, *headers: str) -> Table:
+    table = Table(title=title, box=SIMPLE_HEAD)
+    for k, header in enumerate(headers):
+        table.add_column(header, justify="left" if k == 0 else "right", overflow="fold")
+    return table
+
+
+def _fit(fit: FitSummary) -> list[str]:
+    return [f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst)]

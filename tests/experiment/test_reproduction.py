@@ -1,0 +1,57 @@
+import numpy as np
+
+from butterfly.experiment.figure_data import write_figure_data
+from butterfly.experiment.reproduction import (
+    SYNTHETIC,
+    _scripted_resonance,
+    reproduce,
+    scripted_point,
+    synthetic_log,
+)
+from butterfly.experiment.schema import read_experiment
+from butterfly.resources import shipped
+
+
+def test_every_published_digit_is_obtained_but_table_5_s(logs_folder):
+    rows = {row.what.split(":")[0]: row for row in reproduce(logs_folder)}
+    table_5 = rows.pop("Table 5, p1 p2 p3")
+    assert all(row.agrees for row in rows.values())
+    assert len(rows) == 7
+    assert table_5.obtained == "0.0029 0.0200 0.0652"  # the errata's bounded minimum
+    assert rows["Table 1, column 3"].corrected == "3.8788 3.9741 4.2436 4.6489 5.1447"
+    right = np.array(rows["Table 1, column 4"].corrected.split(), float)
+    exact = np.array(rows["Table 1, column 3"].corrected.split(), float)
+    assert np.abs(right - exact).max() < 1e-3
+    linearised = np.array(rows["Table 4"].corrected.split(), float)
+    np.testing.assert_allclose(linearised, [4.50, 6.02, 6.46], rtol=0.015)
+
+
+def test_without_simulink_s_noise_table_1_has_the_digits_of_the_errata():
+    experiment = read_experiment(shipped(SYNTHETIC))
+    found = []
+    for added in experiment.added_masses[:2]:
+        logs = [synthetic_log(experiment, added, s, noise=False) for s in experiment.excitations]
+        found.append(f"{_scripted_resonance([scripted_point(log) for log in logs]):.4f}")
+    assert found == ["3.7739", "3.7704"]
+
+
+def test_the_synthetic_tables_need_no_real_logs(monkeypatch):
+    monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
+    assert [row.what for row in reproduce()][-1].startswith("Table 2")
+
+
+def test_the_data_of_every_figure_is_written(logs_folder, tmp_path):
+    paths = write_figure_data(tmp_path, logs_folder)
+    assert [path.name for path in paths] == [f"figure_{k:02d}.csv" for k in range(3, 13)]
+    tables = {int(path.stem[-2:]): np.genfromtxt(path, delimiter=",", names=True) for path in paths}
+    spectrum = tables[6]
+    peak = spectrum["omega_rad_per_s"][np.argmax(spectrum["power_rad2"])]
+    assert abs(peak - 4.0) < 0.1
+    gains = tables[8]
+    at = np.interp(4.0, gains["curve_omega_rad_per_s"], gains["linearisation_gain"])
+    measured = gains["gain_without_noise"][gains["omega_rad_per_s"] == 4.0][0]
+    assert abs(measured / at - 1) < 0.05
+    assert np.nanmedian(tables[10]["interval_s"]) < 0.002
+    real = tables[11]
+    assert abs(real["omega_rad_per_s"][np.argmax(real["power_rad2"])] - 14.0) < 0.2
+    assert np.isfinite(tables[12]["gain_52g_dB"]).all()
