@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 METHOD = "output error"
 
-_TOLERANCE = 1e-5  # relative change of cost or parameters
+_TOLERANCE = 3e-4  # relative change of the cost; an interval's limits are at some 5e-2
+_SMALLEST_STEP = 1e-6  # relative, of the parameters
 _MAX_EVALUATIONS = 60
 _ON_BOUND = 1e-4  # share of a parameter's scale within which it is on its bound
 _NORMAL = 1.4826  # standard deviation over median absolute deviation
@@ -136,7 +137,7 @@ def _solve(
         "jac": problem.jacobian,
         "bounds": (lower, np.inf),
         "ftol": _TOLERANCE,
-        "xtol": _TOLERANCE,
+        "xtol": _SMALLEST_STEP,
         "max_nfev": _MAX_EVALUATIONS,
     }
     inside = np.maximum(initial, lower + _ON_BOUND)

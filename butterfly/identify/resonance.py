@@ -13,16 +13,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.signals.frequency_response import response_point
+from butterfly.signals.window import STEADY_SECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
+    from butterfly.logs.log import Log
     from butterfly.signals.frequency_response import ResponsePoint
 
 _ITERATIONS = 30
 _REWEIGHTINGS = 5
+_TRANSIENT_ROUNDS = 6
 _STEP = 1e-6  # relative, of the differences behind the standard errors
 
 
@@ -167,10 +171,7 @@ def complex_fit(points: Sequence[ResponsePoint]) -> Resonance:
     """
     if len({point.added_mass for point in points}) > 1:
         raise InputError("resonance", "added mass", "several", "one")
-    omega = np.array([p.omega for p in points])
-    response = np.array([p.gain for p in points])
-    error = np.array([p.angle.amplitude_error / abs(p.input) for p in points])
-    values, covariance = _rational(omega, response, np.maximum(error, 1e-15 * np.abs(response)))
+    values, covariance = _rational(*_responses(points))
     a1, a0, _ = values
 
     def peak(parameters: NDArray[np.float64]) -> float:
@@ -182,6 +183,45 @@ def complex_fit(points: Sequence[ResponsePoint]) -> Resonance:
     gradient = _gradient(peak, values)
     spread = math.sqrt(gradient @ covariance @ gradient)
     return Resonance(omega=math.sqrt(squared), error=spread / (2 * math.sqrt(squared)))
+
+
+def transient_fit(logs: Sequence[Log]) -> Resonance:
+    """Estimate from whole records, their transients fitted with the responses.
+
+    The decaying oscillation with which a record begins says as much of the poles as the responses
+    do, and need not be waited for: its poles are those of the fit before (`complex_fit`), in turn.
+
+    Parameters
+    ----------
+    logs
+        Sines on one robot, from rest or any other state; linear, so without Coulomb friction.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If there is no resonance peak, or no oscillation.
+    InputError
+        If a log is no sine, or they carry different added masses.
+    """
+    pole: complex | None = None
+    for _ in range(_TRANSIENT_ROUNDS):
+        span = math.inf if pole else STEADY_SECONDS
+        points = [response_point(log, span, pole) for log in logs]
+        found = complex_fit(points)
+        (a1, a0, _), _ = _rational(*_responses(points))
+        if not (a0 > a1**2 / 4 and a1 > 0):
+            raise IdentifiabilityError("the response does not ring: there is no transient to fit")
+        pole = complex(-a1 / 2, math.sqrt(a0 - a1**2 / 4))
+    return found
+
+
+def _responses(
+    points: Sequence[ResponsePoint],
+) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.float64]]:
+    omega = np.array([p.omega for p in points])
+    response = np.array([p.gain for p in points])
+    error = np.array([p.angle.amplitude_error / abs(p.input) for p in points])
+    return omega, response, np.maximum(error, 1e-15 * np.abs(response))
 
 
 def _rational(

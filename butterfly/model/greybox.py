@@ -19,6 +19,7 @@ deflection of the bristles in rad (a state only with a stiffness of theirs)."""
 
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _BRISTLE_STEPS = 4  # the same in one time constant of the bristles
+_VANISHED = 6.0  # Stribeck velocities, at which exp(-36) is lost in rounding
 _MAX_REVERSALS = 8  # reversals of the velocity that one step may hold before it is cut short
 _REFINEMENTS = 3  # secant corrections of the instant at which the velocity vanishes
 
@@ -105,7 +106,7 @@ def _pull(x: float, c: Constants) -> float:
 @numba.njit(cache=True, nogil=True)
 def _friction_level(v: float, c: Constants) -> float:
     """Coulomb and Stribeck friction g(v) in N m, without its sign."""
-    if c.stribeck == 0.0:
+    if c.stribeck == 0.0 or abs(v) > _VANISHED * c.stribeck_velocity:
         return c.coulomb
     return c.coulomb + c.stribeck * math.exp(-((v / c.stribeck_velocity) ** 2))
 
@@ -233,6 +234,8 @@ def _advance(state, drives, h, c):
 def _interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
     count = least_steps(c, state[1], h)
+    if count == 1:
+        return _advance(state, drives, h, c)
     for k in range(count):
         part = (
             _drive_at(drives, k / count),

@@ -60,8 +60,19 @@ class ResponsePoint:
         return self.angle.fundamental / self.input
 
 
-def response_point(log: Log, seconds: float = STEADY_SECONDS) -> ResponsePoint:
+def response_point(
+    log: Log, seconds: float = STEADY_SECONDS, pole: complex | None = None
+) -> ResponsePoint:
     """Fit the steady response of a log whose input is a sine.
+
+    Parameters
+    ----------
+    log
+        With increasing stamps.
+    seconds
+        Length of the window at its end.
+    pole
+        Of a transient that is fitted too (see `fit_sine`).
 
     Raises
     ------
@@ -87,7 +98,7 @@ def response_point(log: Log, seconds: float = STEADY_SECONDS) -> ResponsePoint:
     halves = [
         fit_sine(time[s], angle[s], omega).amplitude for s in (slice(middle), slice(middle, None))
     ]
-    response = fit_sine(time, angle, omega)
+    response = fit_sine(time, angle, omega, pole=pole)
     return ResponsePoint(
         added_mass=log.added_mass,
         input=command.fundamental * _hold(log, omega),

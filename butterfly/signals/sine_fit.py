@@ -80,6 +80,7 @@ def fit_sine(
     values: NDArray[np.float64],
     omega: float,
     harmonics: int = HARMONICS,
+    pole: complex | None = None,
 ) -> SineFit:
     """Fit mean, fundamental and harmonics of a known frequency by linear least squares.
 
@@ -95,9 +96,15 @@ def fit_sine(
         Fundamental frequency in rad/s.
     harmonics
         Number of multiples of ``omega`` fitted, the fundamental included.
+    pole
+        In 1/s; if given, a transient Re{c e^(pole t)} of any amplitude and phase is fitted too.
     """
     angles = np.outer(time, omega * np.arange(1, harmonics + 1))
-    design = np.column_stack([np.ones(time.size), np.cos(angles), np.sin(angles)])
+    columns = [np.ones(time.size), np.cos(angles), np.sin(angles)]
+    if pole is not None:
+        transient = np.exp(pole * (time - time[0]))
+        columns += [transient.real, transient.imag]
+    design = np.column_stack(columns)
     normal = np.linalg.inv(design.T @ design)
     coefficients = normal @ (design.T @ values)
     residual = values - design @ coefficients
@@ -110,7 +117,8 @@ def fit_sine(
     return SineFit(
         omega=omega,
         offset=float(coefficients[0]),
-        phasors=coefficients[1 : 1 + harmonics] - 1j * coefficients[1 + harmonics :],
+        phasors=coefficients[1 : 1 + harmonics]
+        - 1j * coefficients[1 + harmonics : 1 + 2 * harmonics],
         covariance=covariance[np.ix_(fundamental, fundamental)] * np.outer(flip, flip),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )

@@ -12,8 +12,10 @@ from mujoco.rollout import Rollout
 from scipy.io import loadmat
 
 from butterfly.identify.free_run import free_run
+from butterfly.identify.free_run_problem import FreeRunProblem, OutputErrorOptions
 from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.identification import identify
+from butterfly.identify.output_error import fit_output_error
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
@@ -45,6 +47,16 @@ def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
     runs = _seconds(lambda: [free_run(g, parameters, rest[g.added_mass]) for g in real.data.logs])
     print(f"\nharmonic balance {1e3 * fit:.1f} ms, free run of 41 logs {1e3 * runs:.0f} ms")
     assert fit < runs
+
+
+def test_the_joint_output_error_fit_costs_less_than_250_simulations_of_every_log(real):
+    data, start = real.data, real.estimate.parameters
+    options = OutputErrorOptions(check=False, workers=1)
+    fit = _seconds(lambda: fit_output_error(data.logs, start, data.equilibria, options), 2)
+    problem = FreeRunProblem(data.logs, start, data.equilibria, options)
+    once = _seconds(lambda: problem.residuals(problem.initial))
+    print(f"\noutput error, 12 parameters, one core: {fit:.2f} s, {fit / once:.0f} simulations")
+    assert fit < 250 * once
 
 
 ROBOT = Robot(

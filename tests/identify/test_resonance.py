@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import signal
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.harmonic_balance import fit_linear
@@ -16,6 +17,7 @@ from butterfly.identify.resonance import (
     largest_gain,
     parabola,
     three_point,
+    transient_fit,
     two_largest,
 )
 from butterfly.identify.resonance_regression import (
@@ -25,9 +27,10 @@ from butterfly.identify.resonance_regression import (
     fit_ratio,
     physical_hand,
 )
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.harmonic import frequency_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.signals.sine_fit import SineFit
 
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
@@ -162,6 +165,32 @@ def test_the_joint_linear_fit_reaches_the_bound_and_its_intervals_cover():
     assert np.all(np.sqrt(np.mean(errors**2, axis=0)) < 1.1 * bound)
     inside = np.mean([(f.lower <= truth) & (truth <= f.upper) for f in fits], axis=0)
     assert np.all((inside > 0.92) & (inside < 0.99))
+
+
+def test_transients_that_are_fitted_need_not_be_waited_for():
+    """Ten seconds after the start, when a quarter of the transient is left."""
+    system = signal.TransferFunction([THESIS.p4], [THESIS.p1, THESIS.p2, THESIS.p3])
+    time = np.arange(0, 14, 0.005)
+    rng = np.random.default_rng(0)
+    logs = []
+    for omega in (2.0, 3.0, 3.6, 4.2, 5.0, 6.5):
+        drive = AMPLITUDE * np.sin(omega * time)
+        angle = signal.lsim(system, drive, time)[1] + 1e-5 * rng.standard_normal(time.size)
+        logs.append(
+            Log(
+                time=time,
+                input=drive,
+                angle=angle,
+                input_kind=InputKind.TORQUE,
+                intersample=Intersample.FIRST_ORDER_HOLD,
+                excitation=Sine(omega=omega, amplitude=AMPLITUDE),
+            )
+        )
+    true = resonance_frequency(THESIS)
+    with_transient = transient_fit(logs)
+    without = complex_fit([response_point(log) for log in logs])
+    assert abs(with_transient.omega - true) < 4 * with_transient.error + 1e-4
+    assert abs(with_transient.omega - true) < 0.05 * abs(without.omega - true)
 
 
 def test_a_peak_outside_the_frequencies_is_refused():
