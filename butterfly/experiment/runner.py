@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.identification import Identification, identify
+from butterfly.identify.methods import Options
 from butterfly.logs.log import Intersample
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
@@ -77,4 +78,5 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
 def run(experiment: Experiment, folder: Path, track: Track = untracked) -> Identification:
     """Simulate an experiment into ``folder`` and identify the robot from the files written."""
     manifest = simulate(experiment, folder, track)
-    return identify(read_manifest(manifest), experiment.method, track=track)
+    options = Options(terms=experiment.terms)
+    return identify(read_manifest(manifest), experiment.method, options, track=track)

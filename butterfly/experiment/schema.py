@@ -134,8 +134,9 @@ class Experiment(StrictModel):
         Sines, and other inputs. Only sines can be identified from.
     duration
         Of each run in s.
-    method
-        The estimator.
+    method, terms
+        The estimator, and what it fits besides p1..p4, Coulomb torque and delay; its own choice if
+        not given.
     """
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
@@ -147,6 +148,7 @@ class Experiment(StrictModel):
     signals: tuple[SignalSpec, ...] = ()
     duration: Annotated[float, Field(gt=0)]
     method: Method = Method.HARMONIC_BALANCE
+    terms: tuple[str, ...] | None = None
 
     @model_validator(mode="after")
     def _some_input(self) -> Experiment:

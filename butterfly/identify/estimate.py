@@ -10,6 +10,8 @@ import numpy as np
 from butterfly.model.parameters import LumpedParameters
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
@@ -43,8 +45,17 @@ UNITS = {
 }
 """Unit of each parameter; "unit" is the input's, V for a voltage."""
 
+_NOT_NEGATIVE = frozenset({"p2", "coulomb", "drag", "stribeck"})  # friction takes energy out
+_LEAST_STRIBECK_VELOCITY = 1e-3  # rad/s
+
 CONFIDENCE = 0.95
 """Level of all intervals."""
+
+
+def lower_bounds(names: Sequence[str]) -> NDArray[np.float64]:
+    """(n,) least values that n parameters can have."""
+    least = {"stribeck_velocity": _LEAST_STRIBECK_VELOCITY} | dict.fromkeys(_NOT_NEGATIVE, 0.0)
+    return np.array([least.get(name, -np.inf) for name in names])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError, nearest
-from butterfly.identify.estimate import PARAMETERS, TERMS
+from butterfly.identify.estimate import PARAMETERS, TERMS, lower_bounds
 from butterfly.identify.trajectory import Trajectory
 from butterfly.signals.window import STEADY_SECONDS
 
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
-_NOT_NEGATIVE = ("p2", "coulomb", "drag", "stribeck")
-_LEAST_STRIBECK_VELOCITY = 1e-3  # rad/s
 _DIFFERENCE = 1e-4  # step of the differences, as a share of a parameter's scale
 
 
@@ -150,8 +148,7 @@ class FreeRunProblem:
 
     def lower(self) -> NDArray[np.float64]:
         """Lower bounds of the scaled parameters: friction takes energy out."""
-        bounds = {"stribeck_velocity": _LEAST_STRIBECK_VELOCITY} | dict.fromkeys(_NOT_NEGATIVE, 0.0)
-        return np.asarray([bounds.get(name, -np.inf) for name, _ in self.keys] / self.scale)
+        return np.asarray(lower_bounds([name for name, _ in self.keys]) / self.scale)
 
     def _first_guess(self, name: str, whose: AddedMass | str | None) -> float:
         if name != "zero":

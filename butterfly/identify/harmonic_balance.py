@@ -25,18 +25,10 @@ from scipy.optimize import brentq, lsq_linear
 
 from butterfly.errors import IdentifiabilityError, InputError, nearest
 from butterfly.identify.covariance import cluster_covariance
-from butterfly.identify.estimate import PARAMETERS, ParameterEstimate
+from butterfly.identify.estimate import PARAMETERS, ParameterEstimate, lower_bounds
 from butterfly.identify.identifiability import Conditioning, refuse_one_mass, sort_by_precision
-from butterfly.identify.intervals import honest_limits
-from butterfly.model.friction import FrictionTerms
-from butterfly.model.harmonic import (
-    coulomb_describing_function,
-    drag_describing_function,
-    gravity_describing_function,
-    quasi_linear_response,
-    stribeck_describing_function,
-)
-from butterfly.model.parameters import LumpedParameters
+from butterfly.identify.intervals import honest_limits, without_each_mass
+from butterfly.identify.phasors import Phasors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,92 +46,8 @@ LINEAR = ("p1", "p2", "p3", "p4")
 TERMS = ("drag", "load", "stribeck")
 """What can be estimated besides `PARAMETERS`; the Stribeck velocity is held at its default."""
 
-_NOT_NEGATIVE = frozenset({"p2", "coulomb", "drag", "stribeck"})  # friction takes energy out
 _MAX_ITERATIONS = 60
-_SMALL_SWING = 1e-3  # rad, at which the slope of sin is 1
-_SWING_STEP = 1e-4  # relative step of the differences in the swing
-_EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
 _TOLERANCE = 1e-10  # relative change of the predicted angles
-
-
-@dataclass(frozen=True, eq=False)
-class _Phasors:
-    """The (n,) arrays that enter the balance."""
-
-    omega: NDArray[np.float64]
-    angle: NDArray[np.complex128]
-    input: NDArray[np.complex128]
-    variance: NDArray[np.float64]
-    masses: tuple[AddedMass, ...]
-    names: tuple[str, ...]
-    small: bool
-
-    @classmethod
-    def of(
-        cls, points: Sequence[ResponsePoint], names: tuple[str, ...], *, small: bool
-    ) -> _Phasors:
-        return cls(
-            omega=np.array([p.omega for p in points]),
-            angle=np.array([p.angle.fundamental for p in points]),
-            input=np.array([p.input for p in points]),
-            variance=np.array(
-                [max(np.trace(p.angle.covariance) / 2, _EXACT * p.amplitude**2) for p in points]
-            ),
-            masses=tuple(p.added_mass for p in points),
-            names=names,
-            small=small,
-        )
-
-    @property
-    def lower(self) -> NDArray[np.float64]:
-        """(n,) lower bounds of the parameters."""
-        return np.array([0.0 if name in _NOT_NEGATIVE else -np.inf for name in self.names])
-
-    def regression(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
-        w, th, a = self.omega, self.angle, np.abs(self.angle)
-        u = self.input * np.exp(-1j * w * delay)
-        gravity = th if self.small else gravity_describing_function(a) * th
-        coulomb = coulomb_describing_function(a) * th
-        velocity = FrictionTerms.stribeck_velocity
-        columns = {
-            "p1": -(w**2) * th,
-            "p2": 1j * w * th,
-            "p3": gravity,
-            "p4": -u,
-            "coulomb": coulomb,
-            "delay": 1j * w * u,
-            "drag": drag_describing_function(w, a) * th,
-            "load": np.array([mass.weight for mass in self.masses]) * coulomb,
-            "stribeck": stribeck_describing_function(w, a, velocity) * th,
-        }
-        inertia = np.array([mass.inertia for mass in self.masses])
-        moment = np.array([mass.gravity_moment for mass in self.masses])
-        matrix = np.column_stack([columns[name] for name in self.names])
-        return matrix, inertia * w**2 * th - moment * gravity
-
-    def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
-        known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
-        hand = LumpedParameters(**known)
-        swings = np.full(self.omega.size, _SMALL_SWING) if self.small else np.abs(self.angle)
-        slopes = np.empty(self.omega.size)
-        for mass in set(self.masses):
-            rows = np.array([each == mass for each in self.masses])
-            loaded = hand.with_added_mass(mass)
-            slopes[rows] = _slope(loaded, self.omega[rows], swings[rows])
-        return slopes
-
-
-def _slope(
-    loaded: LumpedParameters, omega: NDArray[np.float64], swing: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Rms, over its directions, of the slope of torque in angle at the swings of some logs."""
-    h = _SWING_STEP * swing
-    torques = [a / quasi_linear_response(loaded, omega, a) for a in (swing - h, swing, swing + h)]
-    below, there, above = (loaded.p4 * torque for torque in torques)
-    radial, tangential = (above - below) / (2 * h), there / swing
-    return np.asarray(np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,15 +111,21 @@ def _fit(
     points: Sequence[ResponsePoint], names: tuple[str, ...], method: str, *, small: bool
 ) -> ParameterEstimate:
     _refuse_too_few(points, names)
-    phasors = _Phasors.of(points, names, small=small)
+    phasors = Phasors.of(points, names, small=small)
     solution = _solve(phasors)
     conditioning = Conditioning.of(solution.rows, names)
     conditioning.refuse_singular()
     by_log = solution.rows.reshape(2, len(points), -1).swapaxes(0, 1)
     covariance, freedom = cluster_covariance(by_log, solution.residuals.reshape(2, -1).T)
-    left_out = _leave_one_mass_out(points, names, small=small)
+
+    def without(mass: AddedMass) -> NDArray[np.float64]:
+        kept = [point for point in points if point.added_mass != mass]
+        _refuse_too_few(kept, names)
+        return _solve(Phasors.of(kept, names, small=small)).values
+
+    left_out = without_each_mass((point.added_mass for point in points), without)
     lower, upper = honest_limits(solution.values, covariance, freedom, left_out.values())
-    lower = np.maximum(lower, phasors.lower)
+    lower = np.maximum(lower, lower_bounds(phasors.names))
     on_bound = tuple(np.array(names)[solution.on_bound].tolist())
     return ParameterEstimate(
         method=method,
@@ -240,7 +154,7 @@ def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> No
         )
 
 
-def _solve(phasors: _Phasors) -> _Solution:
+def _solve(phasors: Phasors) -> _Solution:
     count = len(phasors.names)
     gain = phasors.names.index("p4")
     late = phasors.names.index("delay") if "delay" in phasors.names else None
@@ -249,7 +163,7 @@ def _solve(phasors: _Phasors) -> _Solution:
         matrix, target = phasors.regression(delay)
         rows, wanted = _real(matrix * weights[:, None]), _real(target * weights)
         scale = np.linalg.norm(rows, axis=0)
-        bounds = (phasors.lower, np.inf)
+        bounds = (lower_bounds(phasors.names), np.inf)
         fit = lsq_linear(rows / scale, wanted, bounds=bounds, method="bvls", tol=1e-14)
         previous, values = values, fit.x / scale
         step = 0.0 if late is None else values[late] / values[gain]
@@ -287,20 +201,6 @@ def _model_variance(
     if excess(0.0) <= 0:
         return 0.0
     return float(brentq(excess, 1e-12 * largest, largest * (1 + 1e-9), xtol=1e-9 * largest))
-
-
-def _leave_one_mass_out(
-    points: Sequence[ResponsePoint], names: tuple[str, ...], *, small: bool
-) -> dict[AddedMass, NDArray[np.float64]]:
-    left_out = {}
-    for mass in sorted({p.added_mass for p in points}):
-        kept = [p for p in points if p.added_mass != mass]
-        try:
-            _refuse_too_few(kept, names)
-        except IdentifiabilityError:
-            continue
-        left_out[mass] = _solve(_Phasors.of(kept, names, small=small)).values
-    return left_out
 
 
 def _remarks(on_bound: Sequence[str], *, checked: bool, settled: bool) -> list[str]:

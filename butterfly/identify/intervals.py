@@ -7,12 +7,39 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import stdtrit
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import CONFIDENCE
+from butterfly.identify.identifiability import refuse_one_mass
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
+
+    from butterfly.model.parameters import AddedMass
+
+
+def without_each_mass(
+    masses: Iterable[AddedMass], refit: Callable[[AddedMass], NDArray[np.float64]]
+) -> dict[AddedMass, NDArray[np.float64]]:
+    """Estimate again without each added mass, but where the rest cannot determine the parameters.
+
+    Parameters
+    ----------
+    masses
+        Of the logs.
+    refit
+        Returns the (n,) estimates from all logs but those of one added mass.
+    """
+    different = sorted(set(masses))
+    left_out = {}
+    for mass in different:
+        try:
+            refuse_one_mass(other for other in different if other != mass)
+            left_out[mass] = refit(mass)
+        except IdentifiabilityError:
+            continue
+    return left_out
 
 
 def honest_limits(

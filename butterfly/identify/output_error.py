@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from butterfly.errors import IdentifiabilityError
 from butterfly.identify.covariance import cluster_covariance, compress
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.free_run_problem import FreeRunProblem, Loss, OutputErrorOptions
 from butterfly.identify.identifiability import Conditioning, refuse_one_mass, sort_by_precision
-from butterfly.identify.intervals import honest_limits
+from butterfly.identify.intervals import honest_limits, without_each_mass
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -89,9 +88,18 @@ def fit_output_error(
     shared = slice(len(problem.names))
     solved = solution.scaled * problem.scale
     values = solved[shared]
-    left_out = {}
-    if options.check:
-        left_out = _leave_one_mass_out(problem, solution, start, zeros, options)
+    known = dict(zip(problem.keys, solved.tolist(), strict=True))
+
+    def without(mass: AddedMass) -> NDArray[np.float64]:
+        """Fit from where the whole fit ended."""
+        kept = [log for log in logs if log.added_mass != mass]
+        part = FreeRunProblem(kept, start, zeros, options)
+        initial = np.array([known[key] for key in part.keys]) / part.scale
+        solved = _solve(part, initial, options).scaled * part.scale
+        return np.asarray(solved[: len(part.names)])
+
+    checked = [log.added_mass for log in logs] if options.check else []
+    left_out = without_each_mass(checked, without)
     lower, upper = honest_limits(values, covariance, freedom, left_out.values())
     lower = np.maximum(lower, (problem.lower() * problem.scale)[shared])
     on_bound = tuple(np.array(problem.names)[solution.on_bound[shared]].tolist())
@@ -168,28 +176,6 @@ def _judge(
     covariance *= np.outer(problem.scale, problem.scale)
     count = len(problem.names)
     return conditioning, covariance[:count, :count], freedom[:count]
-
-
-def _leave_one_mass_out(
-    problem: FreeRunProblem,
-    solution: _Solution,
-    start: LumpedParameters,
-    zeros: Mapping[AddedMass, float],
-    options: OutputErrorOptions,
-) -> dict[AddedMass, NDArray[np.float64]]:
-    """Fit again without each added mass, from where the whole fit ended."""
-    left_out = {}
-    known = dict(zip(problem.keys, solution.scaled * problem.scale, strict=True))
-    for mass in sorted({log.added_mass for log in problem.logs}):
-        kept = [log for log in problem.logs if log.added_mass != mass]
-        try:
-            refuse_one_mass(log.added_mass for log in kept)
-        except IdentifiabilityError:
-            continue
-        part = FreeRunProblem(kept, start, zeros, options)
-        initial = np.array([known[key] for key in part.keys]) / part.scale
-        left_out[mass] = (_solve(part, initial, options).scaled * part.scale)[: len(part.names)]
-    return left_out
 
 
 def _local(

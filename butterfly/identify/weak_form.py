@@ -23,11 +23,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import lsq_linear
 from scipy.signal import fftconvolve
 
-from butterfly.errors import IdentifiabilityError, InputError, nearest
+from butterfly.errors import InputError, nearest
 from butterfly.identify.covariance import cluster_covariance, compress
-from butterfly.identify.estimate import PARAMETERS, ParameterEstimate
+from butterfly.identify.estimate import PARAMETERS, ParameterEstimate, lower_bounds
 from butterfly.identify.identifiability import Conditioning, refuse_one_mass, sort_by_precision
-from butterfly.identify.intervals import honest_limits
+from butterfly.identify.intervals import honest_limits, without_each_mass
 from butterfly.logs.log import Intersample
 from butterfly.model.friction import FrictionTerms
 from butterfly.signals.resample import resample, uniform_grid
@@ -48,7 +48,6 @@ TERMS = ("drag", "load", "bias", "p3_offset", "stribeck", "cogging", "cogging_co
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
 
-_NOT_NEGATIVE = frozenset({"p2", "coulomb", "drag", "stribeck"})
 _VELOCITY_SHARE = 0.25  # half-width of the velocity's bump over that of the test functions
 _SPACING = 0.5  # of the test functions, in half-widths
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
@@ -109,16 +108,14 @@ def fit_weak_form(
     conditioning = Conditioning.of(rows.reshape(-1, len(names)), names)
     conditioning.refuse_singular()
     covariance, freedom = cluster_covariance(rows, residuals)
-    left_out = {}
-    for mass in sorted({log.added_mass for log in logs}):
+
+    def without(mass: AddedMass) -> NDArray[np.float64]:
         kept = [log for log in logs if log.added_mass != mass]
-        try:
-            refuse_one_mass(log.added_mass for log in kept)
-        except IdentifiabilityError:
-            continue
-        left_out[mass] = _solve(kept, zeros, names, half_width)[0]
+        return _solve(kept, zeros, names, half_width)[0]
+
+    left_out = without_each_mass((log.added_mass for log in logs), without)
     lower, upper = honest_limits(values, covariance, freedom, left_out.values())
-    lower = np.maximum(lower, _lower(names))
+    lower = np.maximum(lower, lower_bounds(names))
     bounded = tuple(np.array(names)[on_bound].tolist())
     verdict = [sort_by_precision(values, lower, upper, names), *conditioning.words()]
     if bounded:
@@ -137,10 +134,6 @@ def fit_weak_form(
     )
 
 
-def _lower(names: Sequence[str]) -> NDArray[np.float64]:
-    return np.array([0.0 if name in _NOT_NEGATIVE else -np.inf for name in names])
-
-
 def _solve(
     logs: Sequence[Log], zeros: Mapping[AddedMass, float], names: Sequence[str], half_width: float
 ) -> tuple[NDArray[np.float64], list[_Windows], NDArray[np.bool_]]:
@@ -152,7 +145,7 @@ def _solve(
         rows = np.concatenate([w.rows / w.target.size**0.5 for w in windows])
         target = np.concatenate([w.target / w.target.size**0.5 for w in windows])
         scale = np.linalg.norm(rows, axis=0)
-        bounds = (_lower(names), np.inf)
+        bounds = (lower_bounds(names), np.inf)
         fit = lsq_linear(rows / scale, target, bounds=bounds, method="bvls", tol=1e-14)
         values = fit.x / scale
         step = values[late] / values[gain]
