@@ -122,11 +122,9 @@ class FreeRunProblem:
         scales = _scales(logs, start)
         self.scale = np.array([scales[name] for name, _ in self.keys])
         self.initial = np.array([self._first_guess(*key) for key in self.keys]) / self.scale
-        self._trajectories = [Trajectory(log, start) for log in logs]
-        self._first = [_first_sample(log, options.window) for log in logs]
-        self._motion = [
-            float(np.std(log.angle[first:])) for log, first in zip(logs, self._first, strict=True)
-        ]
+        first = [_first_sample(log, options.window) for log in logs]
+        self._trajectories = [Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)]
+        self._motion = [float(np.std(log.angle[k:])) for log, k in zip(logs, first, strict=True)]
 
     def residuals(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         """Errors of all logs relative to their rms motion; a log's squares sum to their mean."""
@@ -165,7 +163,6 @@ class FreeRunProblem:
             zero=own.pop("zero"),
             velocity=own.pop("velocity", 0.0),
             parameters=replace(self._start, **own),
-            first=self._first[index],
         )
         return np.asarray(errors / (self._motion[index] * errors.size**0.5))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
@@ -16,6 +15,8 @@ from butterfly.signals.resample import uniform_grid
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    Samples = NDArray[np.float64]
 
     from butterfly.logs.log import Log
     from butterfly.model.parameters import LumpedParameters
@@ -35,9 +36,11 @@ class Trajectory:
         With increasing stamps.
     parameters
         Of the bare hand; their resonance and the log's drive set the step of the grid.
+    first
+        Number of the first sample whose error counts.
     """
 
-    def __init__(self, log: Log, parameters: LumpedParameters) -> None:
+    def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
         self.log = log
         drive = log.excitation.omega if log.excitation else 0.0
         loaded = parameters.with_added_mass(log.added_mass)
@@ -45,7 +48,11 @@ class Trajectory:
         step = min(LONGEST_STEP, 1 / (_STEPS_PER_RADIAN * fastest)) if fastest else LONGEST_STEP
         grid = uniform_grid(log.time, step)
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
-        self._cell = np.minimum(np.searchsorted(self.grid, log.time, "right") - 1, grid.size - 2)
+        time, angle = log.time[first:], log.angle[first:]
+        cell = np.searchsorted(self.grid, time, "right") - 1
+        cell = np.minimum(cell, self.grid.size - 2)
+        self._cells = np.unique(cell)
+        self._averages = self._average(cell, time, angle)
         self._inputs = lru_cache(maxsize=4)(self._delayed_input)
 
     def simulate(
@@ -76,24 +83,45 @@ class Trajectory:
         return np.asarray(CubicHermiteSpline(self.grid, angle, speed)(self.log.time))
 
     def errors(
-        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0, *, first: int = 0
+        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
     ) -> NDArray[np.float64]:
         """Return simulated less measured angle, averaged over the samples of each grid interval.
 
-        The average keeps what the samples tell at a fraction of their number.
+        The average keeps what the samples tell at a fraction of their number. Being linear in the
+        ends of the interval, it takes four numbers for each, worked out beforehand.
 
         Parameters
         ----------
         parameters, zero, velocity
             As in `simulate`.
-        first
-            Number of the first sample that counts.
         """
         angle, speed = self.simulate(parameters, zero, velocity)
-        log = self.log
-        return _mean_errors(
-            self.grid, angle, speed, log.time[first:], log.angle[first:], self._cell[first:]
+        from_start, start_slope, from_end, end_slope, measured = self._averages
+        begin, end = self._cells, self._cells + 1
+        return np.asarray(
+            from_start * angle[begin]
+            + start_slope * speed[begin]
+            + from_end * angle[end]
+            + end_slope * speed[end]
+            - measured
         )
+
+    def _average(self, cell: NDArray[np.intp], time: Samples, angle: Samples) -> Samples:
+        """Average the cubic Hermite polynomials, and the measured angle, over each grid interval.
+
+        Returns
+        -------
+        (5, m) weights of angle and velocity at both ends, and mean measured angle.
+        """
+        length = np.diff(self.grid)[cell]
+        s = (time - self.grid[cell]) / length
+        r = 1 - s
+        values = np.array(
+            [(1 + 2 * s) * r**2, s * r**2 * length, (1 + 2 * r) * s**2, -r * s**2 * length, angle]
+        )
+        starts = np.flatnonzero(np.diff(cell, prepend=-1))
+        counts = np.diff(starts, append=cell.size)
+        return np.add.reduceat(values, starts, axis=1) / counts
 
     def _delayed_input(self, delay: float) -> NDArray[np.float64]:
         """(n - 1, 3) input at start, middle and end of each grid interval, ``delay`` s late.
@@ -109,23 +137,3 @@ class Trajectory:
         impulse = np.concatenate([[0.0], np.cumsum(log.input[:-1] * np.diff(log.time))])
         means = np.diff(np.interp(grid - delay, log.time, impulse)) / np.diff(grid)
         return np.repeat(means[:, None], 3, axis=1)
-
-
-@numba.njit(cache=True, nogil=True)
-def _mean_errors(grid, angle, speed, time, measured, cell):
-    """Interpolate by cubic Hermite polynomials, subtract, and average over each cell."""
-    means = np.empty(cell[-1] - cell[0] + 1)
-    count, total, filled = 0, 0.0, 0
-    for k in range(time.size):
-        i = cell[k]
-        h = grid[i + 1] - grid[i]
-        s = (time[k] - grid[i]) / h
-        r = 1.0 - s
-        value = (1.0 + 2.0 * s) * r * r * angle[i] + s * r * r * h * speed[i]
-        value += (1.0 + 2.0 * r) * s * s * angle[i + 1] - r * s * s * h * speed[i + 1]
-        total += value - measured[k]
-        count += 1
-        if k + 1 == time.size or cell[k + 1] != i:
-            means[filled] = total / count
-            count, total, filled = 0, 0.0, filled + 1
-    return means[:filled]
