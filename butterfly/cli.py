@@ -16,6 +16,7 @@ from butterfly.experiment import runner
 from butterfly.experiment.schema import read_experiment
 from butterfly.identify.identification import identify
 from butterfly.identify.methods import Method, Options
+from butterfly.identify.resonance_regression import INSEPARABLE, PendulumEstimate, physical_hand
 from butterfly.identify.thesis import DECIMATION
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
 from butterfly.logs.log import InputKind, Intersample
@@ -123,6 +124,14 @@ def identify_command(
             show_default="the method's own choice",
         ),
     ] = None,
+    hand_mass: Annotated[
+        float | None,
+        typer.Option(
+            help="Mass of the hand in kg, if it was weighed: separates its inertia and centre of "
+            "mass (83).",
+            show_default=False,
+        ),
+    ] = None,
     decimation: Annotated[
         int, typer.Option(min=1, help="Every how-manieth sample the thesis's method uses.")
     ] = DECIMATION,
@@ -141,6 +150,15 @@ def identify_command(
     options = Options(terms=parse_terms(terms), decimation=decimation)
     result = identify(manifest, method, options, against=others, track=show_progress)
     show_identification(result)
+    if hand_mass is not None:
+        hand = physical_hand(PendulumEstimate.of(result.estimate), hand_mass)
+        show_pairs(
+            [
+                ("centre of mass", f"{hand.com_distance:.4g} ± {hand.com_distance_error:.2g} m"),
+                ("inertia about it", f"{hand.inertia:.4g} ± {hand.inertia_error:.2g} kg m²"),
+            ]
+        )
+        typer.echo(INSEPARABLE)
     if report is not None:
         write_report(result, report)
         typer.echo(f"Report: {report}")

@@ -19,6 +19,7 @@ from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.design import LARGEST_SWING, rank_experiments
 from butterfly.identify.free_run import FitSummary
 from butterfly.identify.methods import Method, Options, estimate
+from butterfly.identify.resampling import bootstrap
 from butterfly.identify.residual import residual_torque
 from butterfly.identify.validation import Split, fits_of, hold_out, select_terms
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
@@ -60,6 +61,12 @@ def validate_command(
     split: Annotated[
         Split, typer.Option(help="What is left out together: one added mass, or some frequencies.")
     ] = Split.MASS,
+    repetitions: Annotated[
+        int,
+        typer.Option(
+            "--bootstrap", min=0, help="Also estimate so often from logs drawn with replacement."
+        ),
+    ] = 0,
     root: RootOption = None,
 ) -> None:
     """Predict logs that the estimator has not seen, and compare with those it has.
@@ -69,7 +76,8 @@ def validate_command(
     logs = _read(data, root)
     options = Options(terms=parse_terms(terms), check=False)
     held = hold_out(logs, lambda part: estimate(part, method, options), split, track=show_progress)
-    seen = FitSummary.of(fits_of(logs, estimate(logs, method, options)))
+    whole = estimate(logs, method, options)
+    seen = FitSummary.of(fits_of(logs, whole))
     table = _table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
     for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
         table.add_row(name, *_fit(fit))
@@ -80,6 +88,18 @@ def validate_command(
             f"{key} {value:.4g}" for key, value in zip(found.names, found.values, strict=True)
         )
         typer.echo(f"Without {name}: {values}")
+    if repetitions:
+        drawn = bootstrap(
+            logs,
+            lambda part: estimate(part, method, options),
+            repetitions=repetitions,
+            track=show_progress,
+        )
+        table = _table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
+        rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
+        for name, *numbers in rows:
+            table.add_row(str(name), *(f"{number:.4g}" for number in numbers))
+        CONSOLE.print(table)
 
 
 def select_command(

@@ -1,3 +1,5 @@
+import re
+
 import pytest
 
 
@@ -14,6 +16,18 @@ def test_unseen_masses_and_frequencies_are_predicted(butterfly, data):
         assert code == 0, err
         assert f"one {split} left out" in out
         assert "above 90 %" in out
+
+
+def test_a_weighed_hand_and_the_bootstrap(butterfly, data):
+    code, out, err = butterfly("identify", data, "--hand-mass", 0.1)
+    assert code == 0, err
+    assert "centre of mass" in out
+    distance = float(re.search(r"centre of mass\s+([\d.]+) ±", out).group(1))
+    assert distance == pytest.approx(0.05, rel=0.05)
+    assert "weigh the hand" in out
+    code, out, err = butterfly("validate", data, "--bootstrap", 20)
+    assert code == 0, err
+    assert "bootstrap over logs" in out
 
 
 def test_terms_are_chosen(butterfly, data):

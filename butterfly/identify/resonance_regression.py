@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.resonance import Resonance
     from butterfly.model.parameters import AddedMass
 
@@ -32,6 +33,13 @@ class PendulumEstimate:
     p1: float
     p3: float
     covariance: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, estimate: ParameterEstimate) -> PendulumEstimate:
+        """Take them from an estimate of all parameters."""
+        rows = [estimate.names.index(name) for name in ("p1", "p3")]
+        p = estimate.parameters
+        return cls(p1=p.p1, p3=p.p3, covariance=estimate.covariance[np.ix_(rows, rows)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

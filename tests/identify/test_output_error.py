@@ -88,6 +88,14 @@ def test_sign_unit_and_start_of_the_clock_and_order_of_logs_change_nothing_else(
     np.testing.assert_allclose((after.values - expected) / small, 0, atol=0.1)
 
 
+def test_a_third_of_the_sampling_rate_gives_the_same(logs):
+    coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
+    fine, thinned = (_fit(each, check=False) for each in (logs, coarse))
+    shift = np.abs(thinned.values - fine.values)
+    assert np.all(shift < 5 * np.hypot(fine.standard_errors, thinned.standard_errors))
+    np.testing.assert_allclose(thinned.values, fine.values, rtol=0.02)
+
+
 def test_what_differs_from_log_to_log_can_be_fitted(logs):
     turned = [replace(log, angle=log.angle + 0.01 * k, source=f"{k}") for k, log in enumerate(logs)]
     estimate = _fit(turned, per_log=("zero",), terms=("drag", "load", "stribeck", "bias"))

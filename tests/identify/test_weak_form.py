@@ -68,6 +68,13 @@ def test_unit_sign_clock_and_order_change_p4_alone(logs):
     np.testing.assert_allclose(after, before, rtol=1e-4)
 
 
+def test_a_third_of_the_sampling_rate_gives_the_same(logs):
+    coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
+    terms = ("drag", "p3_offset")
+    fine, thinned = (fit_weak_form(each, ZEROS, terms).values for each in (logs, coarse))
+    np.testing.assert_allclose(thinned[:4], fine[:4], rtol=0.01)
+
+
 def test_output_error_starts_from_it_when_there_are_no_sines(logs):
     data = DataSet.of(logs)
     found = estimate(data, Method.OUTPUT_ERROR).parameters

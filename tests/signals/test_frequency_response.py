@@ -65,3 +65,11 @@ def test_an_input_that_is_not_the_commanded_sine_is_refused(sine_log):
 def test_a_log_without_a_sine_is_refused(sine_log):
     with pytest.raises(InputError, match="excitation: got none"):
         response_point(replace(sine_log, excitation=None))
+
+
+def test_time_shift_and_sampling_rate_do_not_change_the_response(sine_log):
+    reference = response_point(sine_log)
+    shifted = response_point(replace(sine_log, time=sine_log.time + 12.3))
+    assert shifted.gain == pytest.approx(reference.gain, rel=1e-9)
+    thinned = response_point(sine_log.take(np.arange(0, sine_log.time.size, 3)))
+    assert thinned.gain == pytest.approx(reference.gain, rel=1e-4)
