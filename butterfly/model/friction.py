@@ -27,7 +27,8 @@ class FrictionTerms:
     coulomb
         T_c in N m, of the bare hand.
     load
-        Growth of T_c in N m per N of added weight: friction coefficient times bearing radius, in m.
+        Growth of T_c in N m per N of added weight: friction coefficient times bearing radius, in m;
+        negative if the added weight relieves the bearing.
     stribeck
         T_s in N m, by which friction at rest exceeds T_c.
     stribeck_velocity
@@ -91,11 +92,18 @@ class Friction(FrictionTerms):
     viscous: float = 0.0
 
     def __post_init__(self) -> None:
-        signed = ("bias", "cogging", "cogging_cosine", "cogging_periods", "stribeck_velocity")
+        signed = (
+            "load",
+            "bias",
+            "cogging",
+            "cogging_cosine",
+            "cogging_periods",
+            "stribeck_velocity",
+        )
         plain = {name: value for name, value in self.terms().items() if name not in signed}
         require_number("Friction", viscous=self.viscous, **plain)
         require_number("Friction", positive=True, stribeck_velocity=self.stribeck_velocity)
-        for name in ("bias", "cogging", "cogging_cosine"):
+        for name in ("load", "bias", "cogging", "cogging_cosine"):
             if not math.isfinite(getattr(self, name)):
                 raise InputError("Friction", name, getattr(self, name), "a finite number")
         if not (self.cogging_periods >= 1 and float(self.cogging_periods).is_integer()):

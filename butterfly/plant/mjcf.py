@@ -113,7 +113,7 @@ def mjcf(
     InputError
         If MuJoCo alone cannot run the robot.
     """
-    friction = robot.lumped.with_added_mass(added)
+    friction = _loaded(robot, added)
     if friction.sticks_harder and not assisted:
         raise InputError(
             "Friction",
@@ -154,12 +154,20 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
     body = model.body("added_mass").id
     model.body_mass[body] = added.mass
     model.body_pos[body] = [0, 0, -added.arm]
-    loaded = robot.lumped.with_added_mass(added)
+    loaded = _loaded(robot, added)
     if loaded.bristle_stiffness:
         model.actuator("bristles").biasprm[3:5] = loaded.coulomb, loaded.holding
     else:
         model.joint("hinge").frictionloss[0] = loaded.coulomb
     mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _loaded(robot: Robot, added: AddedMass) -> LumpedParameters:
+    loaded = robot.lumped.with_added_mass(added)
+    if loaded.coulomb < 0:
+        expected = f"one that leaves Coulomb friction at {added} positive"
+        raise InputError("Friction", "load", robot.friction.load, expected)
+    return loaded
 
 
 def _parse(path: Path) -> ElementTree.Element:

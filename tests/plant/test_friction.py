@@ -159,6 +159,13 @@ def test_the_added_weight_raises_coulomb_friction():
     np.testing.assert_array_equal(heavy, light)
 
 
+def test_a_weight_cannot_relieve_the_bearing_of_more_friction_than_there_is():
+    robot = _robot(Friction(coulomb=1e-3, load=-5e-3))
+    with pytest.raises(InputError, match="load"):
+        MujocoJoint(robot, ADDED)
+    MujocoJoint(robot, AddedMass(mass=0.01, arm=0.1))
+
+
 @pytest.mark.parametrize("friction", [SMOOTH, LUGRE, replace(SMOOTH, coulomb=1e-3)])
 @pytest.mark.parametrize("drive", [DRIVE, TorqueDrive(gain=0.02)])
 def test_every_term_is_in_the_exported_model(friction, drive):
