@@ -17,9 +17,13 @@ from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.identification import identify
 from butterfly.identify.output_error import fit_output_error
 from butterfly.logs.log import Sine
+from butterfly.model.energy import Orbit
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
+from butterfly.orbit.controller import EnergyShaping, gain_for
+from butterfly.orbit.velocity import Observer
 from butterfly.plant.mjcf import Robot, compile_model
+from butterfly.plant.motor import Reading
 from butterfly.plant.sweep import Controller, sweep, through_wrapper
 
 
@@ -108,3 +112,16 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
     ratio = _seconds(bare) / _seconds(swept)
     print(f"\nsweep of 39 runs: {ratio:.2f} of the speed of a bare rollout on {threads} threads")
     assert ratio > 0.7
+
+
+def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
+    lumped = ROBOT.lumped
+    orbit = Orbit.of_amplitude(lumped, 1.0)
+    law = EnergyShaping(orbit, gain_for(orbit, 0.5), velocity=Observer(lumped))
+    readings = [Reading(1e-3 * k, 0.5 * np.sin(4e-3 * k).item(), 0.0) for k in range(20_000)]
+    deciding = _seconds(lambda: [law(reading) for reading in readings]) / len(readings)
+    model = compile_model(ROBOT)
+    data = mujoco.MjData(model)
+    step = _seconds(lambda: [mujoco.mj_step(model, data) for _ in readings]) / len(readings)
+    print(f"\ncontroller: {1e6 * deciding:.1f} us a step, {deciding / step:.2f} of a MuJoCo step")
+    assert deciding < 2 * step

@@ -1,0 +1,100 @@
+"""How an orbit is approached: comparison system, lifted matrix, multipliers, invariant."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from butterfly.model.energy import energy, pull, stiffness
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from butterfly.model.energy import Orbit
+    from butterfly.model.parameters import LumpedParameters
+
+_FINE = 64  # points of the nominal motion in one interval of the comparison system
+
+
+def invariant(
+    parameters: LumpedParameters,
+    orbit: Orbit,
+    angle: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return (n,) values of I = E - E* (107) in J along a motion."""
+    pairs = zip(angle.tolist(), velocity.tolist(), strict=True)
+    return np.array([energy(parameters, x, v) - orbit.energy for x, v in pairs])
+
+
+def comparison_factors(orbit: Orbit, gamma: float, count: int) -> NDArray[np.float64]:
+    """Return (count,) factors a-bar of (115), by which I shrinks over each part of the period.
+
+    Parameters
+    ----------
+    orbit, gamma
+        The loop.
+    count
+        Number of equal parts of the period, from the upper turning point on.
+    """
+    times = np.linspace(0, orbit.period, count * _FINE + 1)
+    _, velocity = orbit.solution(times)
+    squared = velocity**2
+    parts = [slice(k * _FINE, (k + 1) * _FINE + 1) for k in range(count)]
+    areas = np.array([_simpson(squared[part], times[part]) for part in parts])
+    return np.exp(-abs(orbit.parameters.p4) * gamma * areas)
+
+
+def lifted_matrix(factors: NDArray[np.float64], step: int) -> NDArray[np.float64]:
+    """Return A_k of X_(k+1) = A_k X_k (116), X_k the last n values of I, newest first (117).
+
+    As printed the matrix is constant; it is P^k A_0 P^-k with P the cyclic shift, since each entry
+    of X moves on by one part of the period with each step.
+
+    Parameters
+    ----------
+    factors
+        (n,) from `comparison_factors`.
+    step
+        k.
+    """
+    newest_first = np.roll(factors, -step)[::-1]
+    return np.diag(newest_first)
+
+
+def monodromy(orbit: Orbit, gamma: float) -> NDArray[np.float64]:
+    """Return the (2, 2) monodromy matrix of the exact loop (104), (109) on its orbit.
+
+    Integrated numerically with the variational equation; one of its eigenvalues is 1, along the
+    orbit, the other `butterfly.orbit.controller.multiplier_of`.
+    """
+    p = orbit.parameters
+    strength = abs(p.p4) * gamma
+
+    def rhs(_: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, v = float(y[0]), float(y[1])
+        torque, excess = pull(p, x), energy(p, x, v) - orbit.energy
+        acceleration = (torque - strength * v * excess) / p.p1
+        jacobian = np.array(
+            [
+                [0.0, 1.0],
+                [
+                    (strength * v * torque - stiffness(p, x)) / p.p1,
+                    -strength * (excess + p.p1 * v**2) / p.p1,
+                ],
+            ]
+        )
+        return np.concatenate([[v, acceleration], (jacobian @ y[2:].reshape(2, 2)).ravel()])
+
+    start = np.concatenate([[orbit.upper, 0.0], np.eye(2).ravel()])
+    solved = solve_ivp(rhs, (0, orbit.period), start, "DOP853", rtol=1e-10, atol=1e-12)
+    return np.asarray(solved.y[2:, -1].reshape(2, 2))
+
+
+def _simpson(values: NDArray[np.float64], times: NDArray[np.float64]) -> float:
+    """Integrate an odd number of equally spaced values."""
+    weights = np.ones(values.size)
+    weights[1:-1:2], weights[2:-1:2] = 4, 2
+    return float(weights @ values * (times[1] - times[0]) / 3)

@@ -1,0 +1,107 @@
+"""Energy shaping: pump or brake until the hand swings with the energy of an orbit (103), (109)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from butterfly.errors import InputError
+from butterfly.model.energy import Orbit, energy
+from butterfly.orbit.velocity import FilteredDifference
+
+if TYPE_CHECKING:
+    from butterfly.model.parameters import LumpedParameters
+    from butterfly.orbit.velocity import VelocityEstimator
+    from butterfly.plant.motor import Reading
+
+_STARTED = 0.01  # share of the target's energy above which the hand needs no kick
+_STANDSTILL = 1e-3  # rad/s, below which Coulomb friction is not compensated
+
+
+def gain_for(orbit: Orbit, multiplier: float) -> float:
+    """Return gamma with which perturbations shrink to ``multiplier`` of themselves in a period.
+
+    The Floquet multiplier is exp(-p4 gamma oint thd^2 dt), from (114) over a period.
+
+    Raises
+    ------
+    InputError
+        If the multiplier is not between 0 and 1.
+    """
+    if not 0 < multiplier < 1:
+        raise InputError("orbit", "multiplier", multiplier, "between 0 and 1")
+    return -math.log(multiplier) / (abs(orbit.parameters.p4) * orbit.squared_speed)
+
+
+def multiplier_of(orbit: Orbit, gamma: float) -> float:
+    """Return the Floquet multiplier exp(-p4 gamma oint thd^2 dt) of the loop on its orbit."""
+    return math.exp(-abs(orbit.parameters.p4) * gamma * orbit.squared_speed)
+
+
+def steady_invariant(true: LumpedParameters, believed: LumpedParameters, gamma: float) -> float:
+    """Return the invariant I in J at which the loop settles when p2 or p4 are believed wrongly.
+
+    Along the motion dI/dt = thd^2 (p4 p2hat/p4hat - p2 - p4 gamma I), zero at
+    (p4 p2hat/p4hat - p2)/(p4 gamma); p1 and p3 are taken to be right.
+    """
+    return (true.p4 * believed.p2 / believed.p4 - true.p2) / (true.p4 * gamma)
+
+
+class EnergyShaping:
+    """The control law (103) with (109), to be run on a bench.
+
+    v = (p2 thd + T_c sgn thd)/p4 - gamma thd (E - E*) sgn p4. A kick along the velocity starts a
+    hand that hangs still, which (109) would leave alone.
+
+    Parameters
+    ----------
+    orbit
+        To be held, of the hand with what it carries, as believed.
+    gamma
+        In units of the input per rad/s and J.
+    zero
+        Encoder reading in rad where the model's angle is 0.
+    velocity
+        Estimator; a filtered difference if not given.
+    kick
+        Command added along the velocity while the energy is below a hundredth of the target's.
+    compensate_coulomb
+        Whether to compensate Coulomb friction too.
+    """
+
+    def __init__(
+        self,
+        orbit: Orbit,
+        gamma: float,
+        *,
+        zero: float = 0.0,
+        velocity: VelocityEstimator | None = None,
+        kick: float = 0.0,
+        compensate_coulomb: bool = True,
+    ) -> None:
+        if not (math.isfinite(gamma) and gamma > 0):
+            raise InputError("EnergyShaping", "gamma", gamma, "a positive number")
+        p = orbit.parameters
+        self._p = p
+        self._target = orbit.energy
+        self._rest = energy(p, 0.0, 0.0)
+        self._gain = math.copysign(gamma, p.p4)
+        self._zero = zero
+        self._velocity = velocity or FilteredDifference()
+        self._kick = kick
+        self._coulomb = p.coulomb if compensate_coulomb else 0.0
+        self._command = 0.0
+
+    def __call__(self, reading: Reading) -> float:
+        """Return the command for one reading."""
+        p = self._p
+        speed = self._velocity.update(reading.time, reading.angle, self._command)
+        angle = reading.angle - self._zero
+        excess = energy(p, angle, speed) - self._target
+        command = p.p2 / p.p4 * speed - self._gain * speed * excess
+        if abs(speed) > _STANDSTILL:
+            command += math.copysign(self._coulomb, speed) / p.p4
+        if excess < (1 - _STARTED) * (self._rest - self._target):
+            command += math.copysign(self._kick, speed)
+        self._command = command
+        return command

@@ -1,0 +1,175 @@
+"""The energy-shaping loop and its orbit, against closed forms of the pendulum."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import ellipe, ellipk
+
+from butterfly.errors import InputError
+from butterfly.model.energy import Orbit, energy, potential
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
+from butterfly.orbit.analysis import comparison_factors, invariant, lifted_matrix, monodromy
+from butterfly.orbit.controller import EnergyShaping, gain_for, multiplier_of, steady_invariant
+from butterfly.orbit.velocity import FilteredDifference, Observer
+from butterfly.plant.bench import Bench
+from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.mjcf import Robot
+from butterfly.plant.motor import CommandPath, SimulatedMotor
+from butterfly.plant.sensors import Clock, Encoder
+
+HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
+THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
+SIXTY = math.radians(60)
+
+
+def _robot(coulomb=0.0):
+    return Robot(
+        hand=HAND, drive=TorqueDrive(gain=10.0), friction=Friction(viscous=1e-3, coulomb=coulomb)
+    )
+
+
+def _swing(joint, law, duration, encoder=None, path=CommandPath()):
+    motor = SimulatedMotor(joint, encoder=encoder or Encoder(steps=2**40), path=path)
+    with Bench(motor, clock=Clock(step=1e-3)) as bench:
+        return bench.run(law, duration)
+
+
+def test_the_60_degree_orbit_has_the_known_period_and_squared_speed():
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    assert orbit.period == pytest.approx(1.7357, abs=5e-5)
+    assert orbit.squared_speed == pytest.approx(12.627, abs=5e-4)
+
+
+@given(amplitude=st.floats(0.05, 3.0))
+def test_quadrature_equals_the_elliptic_integrals(amplitude):
+    orbit = Orbit.of_amplitude(THESIS, amplitude)
+    natural, k = math.sqrt(THESIS.p3 / THESIS.p1), math.sin(amplitude / 2)
+    assert orbit.period == pytest.approx(4 * ellipk(k**2) / natural, rel=1e-7)
+    closed = 16 * natural * (ellipe(k**2) - (1 - k**2) * ellipk(k**2))
+    assert orbit.squared_speed == pytest.approx(closed, rel=1e-7)
+
+
+@given(st.floats(-0.02, 0.02), st.floats(-0.005, 0.005), st.floats(-0.01, 0.01))
+def test_with_offset_bias_and_cogging_the_energy_is_conserved(offset, bias, cogging):
+    p = replace(THESIS, p3_offset=offset, bias=bias, cogging=cogging, cogging_periods=3)
+    orbit = Orbit.of_energy(p, potential(p, 0.9))
+    times = np.linspace(0, orbit.period, 50)
+    angle, velocity = orbit.solution(times)
+    assert np.abs(invariant(p, orbit, angle, velocity)).max() < 1e-10
+    assert angle[-1] == pytest.approx(orbit.upper, abs=1e-7)
+    assert angle.min() == pytest.approx(orbit.lower, abs=0.02)
+
+
+@pytest.mark.parametrize("target", [-0.01, 0.0, 2 * THESIS.p3, 0.2])
+def test_energies_without_a_swing_are_refused_with_the_reason(target):
+    with pytest.raises(InputError, match="turns over"):
+        Orbit.of_energy(THESIS, target)
+    with pytest.raises(InputError, match="between 0 and pi"):
+        Orbit.of_amplitude(THESIS, 4.0)
+
+
+def test_state_amplitude_and_energy_name_the_same_orbit():
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    speed = math.sqrt(2 * orbit.energy / THESIS.p1)
+    assert Orbit.of_state(THESIS, 0.0, speed).upper == pytest.approx(SIXTY, rel=1e-9)
+    assert energy(THESIS, 0.0, speed) == pytest.approx(THESIS.p3 * (1 - math.cos(SIXTY)))
+
+
+@pytest.mark.parametrize("wanted", [0.9, 0.5, 0.1])
+def test_the_multipliers_of_the_exact_loop_are_1_and_the_closed_form(wanted):
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    gamma = gain_for(orbit, wanted)
+    assert multiplier_of(orbit, gamma) == pytest.approx(wanted, rel=1e-12)
+    found = np.sort(np.linalg.eigvals(monodromy(orbit, gamma)).real)
+    np.testing.assert_allclose(found, [wanted, 1.0], atol=1e-6)
+
+
+def test_the_lifted_matrices_multiply_to_the_multiplier():
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    gamma = gain_for(orbit, 0.4)
+    factors = comparison_factors(orbit, gamma, 8)
+    assert np.prod(factors) == pytest.approx(0.4, rel=1e-8)
+    whole = np.eye(8)
+    for k in range(8):
+        whole = lifted_matrix(factors, k) @ whole
+    np.testing.assert_allclose(whole, 0.4 * np.eye(8), atol=1e-8)
+    assert not np.allclose(lifted_matrix(factors, 0), lifted_matrix(factors, 1))
+
+
+@pytest.mark.parametrize("joint", [GreyBoxJoint, MujocoJoint])
+def test_the_loop_holds_the_orbit_from_within_and_from_without(joint):
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    gamma = gain_for(orbit, 0.5)
+    for start in (0.3, 1.6):
+        log = _swing(joint(_robot(), angle=start), EnergyShaping(orbit, gamma), 25.0)
+        last = log.angle[log.time > 20]
+        assert np.abs(last).max() == pytest.approx(SIXTY, abs=0.02)
+
+
+def test_from_rest_a_kick_starts_it_and_the_command_stays_within_its_limit():
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    law = EnergyShaping(orbit, gain_for(orbit, 0.3), kick=5e-4)
+    log = _swing(GreyBoxJoint(_robot()), law, 60.0, path=CommandPath(limit=2e-3))
+    assert np.abs(log.input).max() <= 2e-3
+    assert np.abs(log.angle[log.time > 50]).max() == pytest.approx(SIXTY, abs=0.02)
+
+
+def test_the_invariant_decays_as_the_closed_form_says():
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    gamma = gain_for(orbit, 0.6)
+    law = EnergyShaping(orbit, gamma, velocity=Observer(THESIS, bandwidth=200.0))
+    log = _swing(GreyBoxJoint(_robot(), angle=SIXTY + 0.05), law, 4 * orbit.period)
+    velocity = np.gradient(log.angle, log.time)
+    values = invariant(THESIS, orbit, log.angle, velocity)
+    areas = np.concatenate([[0], np.cumsum(velocity[:-1] ** 2 * np.diff(log.time))])
+    expected = values[5] * np.exp(-THESIS.p4 * gamma * (areas - areas[5]))  # (114)
+    np.testing.assert_allclose(values[5:], expected[5:], atol=0.03 * values[5])
+
+
+def test_a_wrong_belief_about_friction_settles_at_the_predicted_invariant():
+    believed = replace(THESIS, p2=0.0013, p4=9.0)
+    orbit = Orbit.of_amplitude(believed, SIXTY)
+    gamma = gain_for(orbit, 0.1)
+    predicted = steady_invariant(THESIS, believed, gamma)
+    exact = Observer(replace(THESIS), bandwidth=400.0)
+    law = EnergyShaping(orbit, gamma, velocity=exact)
+    log = _swing(GreyBoxJoint(_robot(), angle=1.0), law, 30.0)
+    rows = log.time > 20
+    velocity = np.gradient(log.angle, log.time)
+    values = invariant(THESIS, orbit, log.angle[rows], velocity[rows])
+    weights = velocity[rows] ** 2
+    assert np.average(values, weights=weights) == pytest.approx(predicted, rel=0.01)
+
+
+def test_the_lag_of_the_filtered_difference_is_as_stated_and_the_observer_has_none():
+    step, omega = 1e-3, 6.0
+    time = np.arange(0, 10, step)
+    for estimator in (FilteredDifference(0.005, step), Observer(THESIS, bandwidth=100.0)):
+        angle = 0.3 * np.cos(omega * time)
+        acceleration = -(omega**2) * angle
+        torque = THESIS.p1 * acceleration + THESIS.p3 * np.sin(angle)
+        torque += THESIS.p2 * -0.3 * omega * np.sin(omega * time)
+        found = np.array(
+            [
+                estimator.update(t, x, u)
+                for t, x, u in zip(time, angle, np.roll(torque / THESIS.p4, 1), strict=True)
+            ]
+        )
+        late = 0.3 * omega * -np.sin(omega * (time - estimator.lag))
+        assert np.abs(found - late)[2000:].max() < 0.02 * 0.3 * omega
+
+
+def test_what_makes_no_sense_is_refused():
+    orbit = Orbit.of_amplitude(THESIS, SIXTY)
+    for wrong in (0.0, 1.0, -1.0):
+        with pytest.raises(InputError, match="multiplier"):
+            gain_for(orbit, wrong)
+    with pytest.raises(InputError, match="gamma"):
+        EnergyShaping(orbit, 0.0)
+    with pytest.raises(InputError, match="bandwidth"):
+        Observer(THESIS, bandwidth=0.0)
