@@ -21,7 +21,6 @@ from butterfly.model.energy import Orbit
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.orbit.velocity import Observer
 from butterfly.plant.mjcf import Robot, compile_model
 from butterfly.plant.motor import Reading
 from butterfly.plant.sweep import Controller, sweep, through_wrapper
@@ -117,7 +116,7 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
 def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
     lumped = ROBOT.lumped
     orbit = Orbit.of_amplitude(lumped, 1.0)
-    law = EnergyShaping(orbit, gain_for(orbit, 0.5), velocity=Observer(lumped))
+    law = EnergyShaping(orbit, gain_for(orbit, 0.5))
     readings = [Reading(1e-3 * k, 0.5 * np.sin(4e-3 * k).item(), 0.0) for k in range(20_000)]
     deciding = _seconds(lambda: [law(reading) for reading in readings]) / len(readings)
     model = compile_model(ROBOT)
