@@ -14,6 +14,7 @@ from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment import runner
 from butterfly.experiment.schema import read_experiment
+from butterfly.identify.free_run_problem import Loss
 from butterfly.identify.identification import identify
 from butterfly.identify.methods import Method, Options
 from butterfly.identify.resonance_regression import INSEPARABLE, PendulumEstimate, physical_hand
@@ -124,6 +125,9 @@ def identify_command(
             show_default="the method's own choice",
         ),
     ] = None,
+    loss: Annotated[
+        Loss, typer.Option(help="How residuals count in output-error; all but linear are robust.")
+    ] = Loss.LINEAR,
     hand_mass: Annotated[
         float | None,
         typer.Option(
@@ -147,7 +151,7 @@ def identify_command(
     """
     manifest = _manifest(data, root, arm, input_kind, hold)
     others = {text: parse_parameters(text, "--against") for text in against or []}
-    options = Options(terms=parse_terms(terms), decimation=decimation)
+    options = Options(terms=parse_terms(terms), loss=loss, decimation=decimation)
     result = identify(manifest, method, options, against=others, track=show_progress)
     show_identification(result)
     if hand_mass is not None:

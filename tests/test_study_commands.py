@@ -72,6 +72,12 @@ def test_the_thesis_is_reproduced(butterfly, logs_folder, tmp_path):
     assert "thesis" in err
 
 
+def test_a_robust_loss_can_be_asked_for(butterfly, data):
+    code, out, err = butterfly("identify", data, "--method", "output-error", "--loss", "soft_l1")
+    assert code == 0, err
+    assert "converged" in out
+
+
 def test_every_method_identifies_the_simulated_robot(butterfly, data):
     for method in ("harmonic-balance", "output-error", "weak-form", "linear"):
         code, out, err = butterfly("identify", data, "--method", method)

@@ -131,7 +131,7 @@ class Experiment(StrictModel):
     added_masses
         What the hand carries, one after another.
     excitations, signals
-        Sines, and other inputs. Only sines can be identified from.
+        Sines, and other inputs, which the methods weak-form and output-error take.
     duration
         Of each run in s.
     method, terms

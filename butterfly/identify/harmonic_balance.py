@@ -146,6 +146,10 @@ def _fit(
 
 
 def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> None:
+    if not points:
+        raise IdentifiabilityError(
+            "no log is a sine: the methods weak-form and output-error take other inputs"
+        )
     refuse_one_mass(point.added_mass for point in points)
     if 2 * len(points) <= len(names):
         raise IdentifiabilityError(

@@ -158,10 +158,11 @@ def _first_not_finite(log: Log, row: int) -> str:
 
 
 def _refuse_constant(log: Log) -> None:
-    for name, meaning in (
-        ("input", "an input that excites the joint"),
-        ("angle", "a moving joint"),
-    ):
+    """Refuse a joint that does not move, and a sine that is none; a free decay has no input."""
+    meanings = {"angle": "a moving joint"}
+    if log.excitation is not None:
+        meanings["input"] = "an input that excites the joint"
+    for name, meaning in meanings.items():
         column = log.columns()[name]
         if np.ptp(column) == 0.0:
             raise InputError(log.source, name, f"a constant {column[0]:g}", meaning)

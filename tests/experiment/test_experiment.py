@@ -9,6 +9,7 @@ from butterfly.experiment.runner import run, simulate
 from butterfly.experiment.schema import read_experiment
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.plant.sensors import Faults
+from butterfly.report.identification import write_report
 from butterfly.resources import shipped
 
 QUICKSTART = shipped("experiments/quickstart.yaml")
@@ -203,3 +204,28 @@ def test_lost_and_repeated_samples_are_counted_and_leave_the_estimate_right(tmp_
     for name in ("p1", "p2", "p3", "p4"):
         found = getattr(result.estimate.parameters, name)
         assert found == pytest.approx(getattr(truth, name), rel=0.01)
+
+
+def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(tmp_path):
+    content = yaml.safe_load(QUICKSTART.read_text())
+    del content["excitations"]
+    content.update(
+        duration=20.0,
+        added_masses=content["added_masses"][:2],
+        signals=[
+            {"multisine": {"base": 0.5, "harmonics": [3, 5, 8, 11, 14], "peak": 0.4, "seed": 0}},
+            {"free_decay": {"angle": 0.5}},
+        ],
+        method="output-error",
+        terms=["drag"],
+    )
+    path = tmp_path / "signals.yaml"
+    path.write_text(yaml.safe_dump(content))
+    experiment = read_experiment(path)
+    result = run(experiment, tmp_path / "out")
+    truth, found = experiment.plant.robot.lumped, result.estimate.parameters
+    for name in ("p1", "p2", "p3", "p4"):
+        assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=5e-3)
+    assert result.summary.worst > 99
+    write_report(result, tmp_path / "report.html", truth)
+    assert "signal" in (tmp_path / "report.html").read_text(encoding="utf-8")

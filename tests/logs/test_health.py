@@ -113,3 +113,9 @@ def test_the_real_logs_have_the_known_faults_and_no_others(real):
             health.backward_stamps == health.non_finite == health.saturated == health.clipped == 0
         )
         assert 1.5e-4 < health.jitter < 3e-4
+
+
+def test_a_free_decay_needs_no_input(sine_log):
+    released = replace(sine_log, input=np.zeros_like(sine_log.time), excitation=None)
+    clean, _ = examine(released)
+    assert clean.time.size == sine_log.time.size
