@@ -93,10 +93,10 @@ def test_inspect_repairs_what_it_is_told_to(butterfly, log_file):
         (lambda d: d[:, :2], ("D", "shape (40000, 2)")),
         (lambda d: d[::-1], ("time", "ascending")),
         (lambda d: d * [0, 1, 1, 1] + [2, 0, 0, 0], ("time", "never advances")),
-        (lambda d: d * [1, 0, 1, 1], ("input", "constant 0")),
+        (lambda d: d * [1, 1, 0, 1], ("angle", "constant 0")),
         (lambda d: d[:4], ("time", "4 samples")),
     ],
-    ids=["shape", "unsorted", "stopped clock", "no excitation", "too short"],
+    ids=["shape", "unsorted", "stopped clock", "no motion", "too short"],
 )
 def test_a_bad_log_is_one_line_with_file_field_value_and_exit_code_2(
     butterfly, log_file, change, parts

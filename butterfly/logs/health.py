@@ -58,6 +58,8 @@ class Health:
         Samples that the input spends flat on its own extreme value.
     clipped
         Samples that the angle spends on a flat top it ran into at speed.
+    idle
+        Samples of a log whose input never changes, as in a free decay.
     """
 
     samples: int
@@ -72,6 +74,7 @@ class Health:
     jitter: float
     saturated: int
     clipped: int
+    idle: int
 
     @property
     def findings(self) -> list[str]:
@@ -84,6 +87,7 @@ class Health:
             f"gap bridged, longest {1e3 * self.longest_gap:.1f} ms": self.gaps,
             "sample with the input saturated": self.saturated,
             "sample with the angle clipped": self.clipped,
+            "sample with the same input throughout": self.idle,
         }
         return [f"{count} × {what}" for what, count in counted.items() if count]
 
@@ -101,7 +105,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     ------
     InputError
         If the log has a fault that ``repairs`` does not allow to be repaired, if its time does
-        not advance, or if its input or angle never changes.
+        not advance, if its angle never changes, or its sine's input.
     """
     finite = np.logical_and.reduce([np.isfinite(column) for column in log.columns().values()])
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
@@ -133,6 +137,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         jitter=float(np.sqrt(np.mean((intervals[~is_gap] - step) ** 2))),
         saturated=_saturated(clean.input),
         clipped=_clipped(clean.angle),
+        idle=clean.time.size if np.ptp(clean.input) == 0 else 0,
     )
     return clean, health
 
@@ -165,7 +170,7 @@ def _refuse_constant(log: Log) -> None:
     for name, meaning in meanings.items():
         column = log.columns()[name]
         if np.ptp(column) == 0.0:
-            raise InputError(log.source, name, f"a constant {column[0]:g}", meaning)
+            raise InputError(log.source, name, f"a constant {column[0] + 0.0:g}", meaning)
 
 
 def _flat_runs(values: NDArray[np.float64], level: float) -> list[tuple[int, int]]:

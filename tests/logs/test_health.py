@@ -117,5 +117,6 @@ def test_the_real_logs_have_the_known_faults_and_no_others(real):
 
 def test_a_free_decay_needs_no_input(sine_log):
     released = replace(sine_log, input=np.zeros_like(sine_log.time), excitation=None)
-    clean, _ = examine(released)
+    clean, health = examine(released)
     assert clean.time.size == sine_log.time.size
+    assert any("same input throughout" in finding for finding in health.findings)
