@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.weak_form import weak_signals
+from butterfly.identify.weak_signals import weak_signals
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,30 +7,25 @@ acceleration of the angle th:
         = p4 int phi u(t - d)
 
 so every trajectory will do, not sines alone (Shinbrot, Trans. ASME 79, 1957; Messenger & Bortz,
-J. Comput. Phys. 443, 2021). The bump is (1 - s^2)^4. Only the friction terms need a velocity, from
-a bump of their own; windows in which the joint sticks are left out, since friction is then not a
+J. Comput. Phys. 443, 2021). The bump is (1 - s^2)^4. Only the friction terms need a velocity, the
+slope of local polynomials; windows in which the joint sticks are left out, since friction is then not a
 function of the motion. The delay enters as p4 d int phi' u, about the current one.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.optimize import lsq_linear
-from scipy.signal import fftconvolve
 
 from butterfly.errors import InputError, nearest
 from butterfly.identify.covariance import cluster_covariance, compress
 from butterfly.identify.estimate import PARAMETERS, ParameterEstimate, lower_bounds
 from butterfly.identify.identifiability import Conditioning, refuse_one_mass, sort_by_precision
 from butterfly.identify.intervals import honest_limits, without_each_mass
-from butterfly.logs.log import Intersample
-from butterfly.model.friction import FrictionTerms
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.identify.weak_signals import HALF_WIDTH, weak_signals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -45,12 +40,6 @@ METHOD = "weak form"
 TERMS = ("drag", "load", "bias", "p3_offset", "stribeck", "cogging", "cogging_cosine")
 """What can be estimated besides `PARAMETERS`; Stribeck velocity and cogging periods are held."""
 
-HALF_WIDTH = 0.25
-"""Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
-
-_VELOCITY_SHARE = 0.25  # half-width of the velocity's bump over that of the test functions
-_SPACING = 0.5  # of the test functions, in half-widths
-_STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _ROUNDS = 8  # about the delay
 _SETTLED = 1e-7  # s
@@ -156,89 +145,6 @@ def _solve(
     return values, windows, np.asarray(fit.active_mask != 0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WeakSignals:
-    """What a log says at the centres of its test functions.
-
-    Parameters
-    ----------
-    time, angle, velocity
-        (n,) instants in s, angle from the hanging position in rad, velocity in rad/s.
-    mean
-        By parameter: (n,) averages over each test function of what it multiplies in the equation.
-    still
-        (n,) share of each test function in which the joint may stick.
-    """
-
-    time: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    mean: dict[str, NDArray[np.float64]]
-    still: NDArray[np.float64]
-
-
-def weak_signals(log: Log, zero: float, half_width: float, delay: float) -> WeakSignals:
-    """Average every term of the equation of motion over the test functions of one log.
-
-    Parameters
-    ----------
-    log
-        Of any input.
-    zero
-        Encoder reading in rad of the hand at rest.
-    half_width
-        Of the test functions in s; they stand half of it apart.
-    delay
-        From input to torque, in s.
-
-    Raises
-    ------
-    InputError
-        If the log is shorter than two test functions.
-    """
-    grid = uniform_grid(log.time)
-    step = float(grid[1] - grid[0])
-    if grid[-1] - grid[0] < 4 * half_width:
-        raise InputError(log.source, "time", f"{grid[-1]:.3g} s", f"{4 * half_width:.3g} s or more")
-    angle = resample(log.time, log.angle, grid) - zero
-    inputs = _input_at(log, grid - delay)
-    everywhere = np.arange(angle.size)
-    narrow = max(_VELOCITY_SHARE * half_width, 2 * step)
-    velocity = -_against(1, angle, narrow, step, everywhere)
-    velocity /= _against(0, np.ones_like(angle), narrow, step, everywhere)
-    speed = float(np.sqrt(np.mean(velocity**2)))
-    still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
-    edge = math.ceil((half_width + narrow) / step) + math.ceil(abs(delay) / step)
-    centres = np.arange(edge, grid.size - edge, max(1, round(_SPACING * half_width / step)))
-    sign, stribeck = np.sign(velocity), np.exp(-((velocity / FrictionTerms.stribeck_velocity) ** 2))
-    columns = {
-        "p1": (2, angle),
-        "p2": (1, -angle),
-        "p3": (0, np.sin(angle)),
-        "p3_offset": (0, np.cos(angle)),
-        "coulomb": (0, sign),
-        "load": (0, log.added_mass.weight * sign),
-        "stribeck": (0, stribeck * sign),
-        "drag": (0, np.abs(velocity) * velocity),
-        "bias": (0, -np.ones_like(angle)),
-        "cogging": (0, -np.sin(angle)),
-        "cogging_cosine": (0, -np.cos(angle)),
-        "p4": (0, -inputs),
-        "delay": (1, -inputs),
-    }
-    area = _against(0, np.ones_like(angle), half_width, step, centres[:1])
-    return WeakSignals(
-        time=grid[centres],
-        angle=angle[centres],
-        velocity=velocity[centres],
-        mean={
-            name: _against(*column, half_width, step, centres) / area
-            for name, column in columns.items()
-        },
-        still=_against(0, still, half_width, step, centres) / area,
-    )
-
-
 def _windows(
     log: Log, zero: float, names: Sequence[str], half_width: float, delay: float
 ) -> _Windows:
@@ -250,32 +156,3 @@ def _windows(
     size = float(np.sqrt(np.mean(inertia**2))) if inertia.size else 1.0
     known = log.added_mass.inertia * inertia + log.added_mass.gravity_moment * gravity
     return _Windows(rows=rows / size, target=-known / size)
-
-
-def _input_at(log: Log, instants: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Input at instants, by the log's hold; 0 before its start."""
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        return np.interp(instants, log.time, log.input, left=0.0)
-    held = np.searchsorted(log.time, instants + 1e-12, side="right") - 1
-    return np.asarray(np.where(held >= 0, log.input[np.maximum(held, 0)], 0.0))
-
-
-def _against(
-    order: int,
-    signal: NDArray[np.float64],
-    half: float,
-    step: float,
-    centres: NDArray[np.intp],
-) -> NDArray[np.float64]:
-    """Integrate a signal against the bump's derivative of an order, centred at some samples."""
-    reach = int(half / step)
-    s = np.arange(-reach, reach + 1) * step / half
-    inside = 1 - s**2
-    bump = (
-        inside**4,
-        -8 * s * inside**3 / half,
-        (-8 * inside**3 + 48 * s**2 * inside**2) / half**2,
-    )[order]
-    if centres.size == signal.size:
-        return np.asarray(fftconvolve(signal, bump[::-1], mode="same") * step)
-    return np.asarray(sliding_window_view(signal, bump.size)[centres - reach] @ bump * step)
