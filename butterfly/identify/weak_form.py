@@ -7,8 +7,8 @@ acceleration of the angle th:
         = p4 int phi u(t - d)
 
 so every trajectory will do, not sines alone (Shinbrot, Trans. ASME 79, 1957; Messenger & Bortz,
-J. Comput. Phys. 443, 2021). The bump is (1 - s^2)^4. Only the friction terms need a velocity, the
-slope of local polynomials; windows in which the joint sticks are left out, since friction is then not a
+J. Comput. Phys. 443, 2021). The bump is (1 - s^2)^4. Only the friction terms need a velocity, from
+local polynomials; windows in which the joint sticks are left out, since friction is then not a
 function of the motion. The delay enters as p4 d int phi' u, about the current one.
 """
 

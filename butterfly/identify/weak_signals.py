@@ -133,7 +133,7 @@ def _momentum(
     inputs: NDArray[np.float64],
     periods: float,
 ) -> _Columns:
-    """What each parameter multiplies: derivative of the bump to be taken, and (m,) signal."""
+    """Return what each parameter multiplies: order of the bump's derivative, and (m,) signal."""
     sign = np.sign(velocity)
     return {
         "p1": (2, angle),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from scipy.integrate import solve_ivp
 
 from butterfly.model.energy import energy, pull, stiffness
@@ -12,9 +14,12 @@ from butterfly.model.energy import energy, pull, stiffness
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from butterfly.logs.log import Log
     from butterfly.model.energy import Orbit
     from butterfly.model.parameters import LumpedParameters
 
+_TOP = 0.25  # share of a half swing, either side of its middle, to which a turning point is fitted
+_FEWEST = 10  # samples of a half swing
 _FINE = 64  # points of the nominal motion in one interval of the comparison system
 
 
@@ -91,6 +96,49 @@ def monodromy(orbit: Orbit, gamma: float) -> NDArray[np.float64]:
     start = np.concatenate([[orbit.upper, 0.0], np.eye(2).ravel()])
     solved = solve_ivp(rhs, (0, orbit.period), start, "DOP853", rtol=1e-10, atol=1e-12)
     return np.asarray(solved.y[2:, -1].reshape(2, 2))
+
+
+def swing(log: Log, zero: float, since: float) -> float:
+    """Measure the amplitude in rad that a log has come to, half the mean peak-to-peak swing.
+
+    Parameters
+    ----------
+    log
+        Of any clock.
+    zero
+        Encoder reading in rad of the hanging hand.
+    since
+        Stamp in s from which on turning points count.
+
+    Returns
+    -------
+    NaN if the hand turned over, 0 if it stopped turning back and forth.
+    """
+    rows = log.time >= since
+    time, angle = log.time[rows], log.angle[rows] - zero
+    if np.abs(angle).max() > math.pi:
+        return math.nan
+    upper, lower = (_turning_points(time, sign * angle) for sign in (1, -1))
+    if not (upper and lower):
+        return 0.0
+    return float(np.mean(upper) + np.mean(lower)) / 2
+
+
+def _turning_points(time: NDArray[np.float64], angle: NDArray[np.float64]) -> list[float]:
+    """Heights of the maxima above 0, each the top of a quartic through the samples about it."""
+    above = np.concatenate([[False], angle > 0, [False]])
+    edges = np.flatnonzero(np.diff(above.astype(int)))
+    heights = []
+    for start, end in edges.reshape(-1, 2).tolist():
+        if start == 0 or end == angle.size or end - start < _FEWEST:
+            continue  # cut off by the ends of the log, or noise about 0
+        length = time[end - 1] - time[start]
+        top = np.abs(time - 0.5 * (time[start] + time[end - 1])) < _TOP * length
+        middle = 0.5 * (time[start] + time[end - 1])
+        fit = Polynomial.fit(time[top] - middle, angle[top], 4)
+        fine = np.linspace(float(fit.domain[0]), float(fit.domain[1]), 201)
+        heights.append(float(fit(fine).max()))
+    return heights
 
 
 def _simpson(values: NDArray[np.float64], times: NDArray[np.float64]) -> float:

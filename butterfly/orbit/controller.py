@@ -5,16 +5,24 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from butterfly.errors import InputError
+import numpy as np
+
+from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
 from butterfly.orbit.velocity import FilteredDifference
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.velocity import VelocityEstimator
+    from butterfly.plant.bench import ControlLaw
     from butterfly.plant.motor import Reading
 
+    Target = Callable[[LumpedParameters], Orbit]
+
 _STARTED = 0.01  # share of the target's energy above which the hand needs no kick
+_SINES = 12  # of a dither
 _STANDSTILL = 1e-3  # rad/s, below which Coulomb friction is not compensated
 
 
@@ -79,6 +87,21 @@ class EnergyShaping:
         kick: float = 0.0,
         compensate_coulomb: bool = True,
     ) -> None:
+        self._zero = zero
+        self._velocity = velocity or FilteredDifference()
+        self._kick = kick
+        self._compensate_coulomb = compensate_coulomb
+        self._command = 0.0
+        self.retune(orbit, gamma)
+
+    def retune(self, orbit: Orbit, gamma: float) -> None:
+        """Hold another orbit, of other believed parameters, from the next reading on.
+
+        Raises
+        ------
+        InputError
+            If gamma is not positive.
+        """
         if not (math.isfinite(gamma) and gamma > 0):
             raise InputError("EnergyShaping", "gamma", gamma, "a positive number")
         p = orbit.parameters
@@ -86,11 +109,7 @@ class EnergyShaping:
         self._target = orbit.energy
         self._rest = energy(p, 0.0, 0.0)
         self._gain = math.copysign(gamma, p.p4)
-        self._zero = zero
-        self._velocity = velocity or FilteredDifference()
-        self._kick = kick
-        self._coulomb = p.coulomb if compensate_coulomb else 0.0
-        self._command = 0.0
+        self._coulomb = p.coulomb if self._compensate_coulomb else 0.0
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
@@ -105,3 +124,38 @@ class EnergyShaping:
             command += math.copysign(self._kick, speed)
         self._command = command
         return command
+
+
+class Dithered:
+    """A law with a random sum of sines added, of a given share of the law's own rms command.
+
+    Parameters
+    ----------
+    law
+        The law.
+    share
+        Of its running rms.
+    omega
+        In rad/s, of the orbit; the sines lie between half of it and four times it.
+    rng
+        Source of frequencies and phases.
+    """
+
+    def __init__(
+        self, law: ControlLaw, share: float, omega: float, rng: np.random.Generator
+    ) -> None:
+        require_number("Dithered", share=share)
+        require_number("Dithered", positive=True, omega=omega)
+        self._law, self._share = law, share
+        self._omega = rng.uniform(0.5, 4.0, _SINES) * omega
+        self._phase = rng.uniform(0, 2 * math.pi, _SINES)
+        self._rate, self._square, self._time = omega / (2 * math.pi), 0.0, 0.0
+
+    def __call__(self, reading: Reading) -> float:
+        """Return the command for one reading."""
+        command = self._law(reading)
+        fade = math.exp(-self._rate * (reading.time - self._time))
+        self._time = reading.time
+        self._square = fade * self._square + (1 - fade) * command**2
+        sines = float(np.sin(self._omega * reading.time + self._phase).sum())
+        return command + self._share * math.sqrt(2 * self._square / _SINES) * sines

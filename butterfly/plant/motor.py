@@ -64,16 +64,21 @@ class CommandPath:
         Step to which a command is rounded; 0 for none.
     delay
         In s, from command to terminals.
+    compression
+        c in 1/unit of the command: the drive yields v/(1 + c |v|), its gain falling with the
+        command v. Unlike the others a flaw that the log does not show.
     """
 
     limit: float = math.inf
     resolution: float = 0.0
     delay: float = 0.0
+    compression: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.limit > 0:
             raise InputError("CommandPath", "limit", self.limit, "a positive number")
         require_number("CommandPath", resolution=self.resolution, delay=self.delay)
+        require_number("CommandPath", compression=self.compression)
 
     def shape(self, value: float) -> float:
         """Return the command that leaves the path: rounded, then saturated."""
@@ -88,6 +93,10 @@ class CommandPath:
         if self.resolution > 0:
             values = self.resolution * np.round(values / self.resolution)
         return np.clip(values, -self.limit, self.limit)
+
+    def deliver(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (n,) inputs that the joint gets when (n,) shaped commands have been set."""
+        return values / (1 + self.compression * np.abs(values))
 
 
 class Joint(Protocol):
@@ -161,10 +170,11 @@ class SimulatedMotor:
     def command(self, value: float) -> float:
         """Set the command; see `Motor`."""
         value = self._path.shape(value)
+        delivered = value / (1 + self._path.compression * abs(value))
         if self._path.delay > 0:
-            self._pending.append((self._time + self._path.delay, value))
+            self._pending.append((self._time + self._path.delay, delivered))
         else:
-            self._applied = value
+            self._applied = delivered
         return value
 
     def read(self) -> Reading:

@@ -152,7 +152,9 @@ class _CompiledLoop:
         excitations = [excitation for (_, excitation), _ in batch]
         inputs = np.array([controller.path.shape_all(each.sample(time)) for each in excitations])
         start = np.array([initial_angle(each) for each in excitations])
-        angles = self._roll_out([added for (added, _), _ in batch], start, inputs[:, :-1])
+        angles = self._roll_out(
+            [added for (added, _), _ in batch], start, controller.path.deliver(inputs[:, :-1])
+        )
         for ((added, excitation), rng), command, true in zip(batch, inputs, angles, strict=True):
             angle = controller.encoder.read(time, true, rng)
             about = _about(added, excitation)

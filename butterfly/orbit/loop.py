@@ -1,0 +1,258 @@
+"""Control, log, re-calibrate, control again, until the hand swings as wanted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+from butterfly.errors import IdentifiabilityError, require_number
+from butterfly.model.energy import Orbit
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.orbit.analysis import swing
+from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
+from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
+from butterfly.orbit.velocity import FilteredDifference
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+    from butterfly.logs.log import Log
+    from butterfly.orbit.controller import Target
+    from butterfly.orbit.velocity import VelocityEstimator
+    from butterfly.plant.bench import ControlLaw
+
+_SETTLED = 0.5  # share of a run after which its amplitude is measured
+
+
+class Rig(Protocol):
+    """Runs a control law on a robot; see `butterfly.experiment.orbit` for the simulated one."""
+
+    def __call__(self, law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
+        """Return the log of ``duration`` s from rest at the angle ``start``, carrying ``added``.
+
+        A robot that cannot be held at an angle may start from where it hangs.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What each round does.
+
+    Parameters
+    ----------
+    target
+        From parameters to the orbit that is to be held.
+    multiplier
+        Wanted Floquet multiplier, for gamma.
+    duration
+        Of each run in s.
+    starts
+        Angles in rad from which a run of each round starts; the amplitude is measured in the
+        first.
+    orbits
+        Amplitudes in rad of further orbits, held in a run each.
+    dither
+        Share of the control's rms added to all runs but the first, at random.
+    added_masses
+        Which of them each run is made with; with two different ones the scale becomes known. The
+        first is the one that the controller is for.
+    kick
+        See `EnergyShaping`.
+    velocity
+        From parameters to an estimator.
+    rounds
+        At most so many.
+    amplitude_tolerance
+        In rad; the loop ends when the amplitude is off by less.
+    parameter_tolerance
+        The loop ends, too, when no parameter changes by more than this share.
+    """
+
+    target: Target
+    multiplier: float = 0.5
+    duration: float = 20.0
+    starts: tuple[float, ...]
+    orbits: tuple[float, ...] = ()
+    dither: float = 0.0
+    added_masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)
+    kick: float = 0.0
+    velocity: Callable[[LumpedParameters], VelocityEstimator] = lambda _: FilteredDifference()
+    rounds: int = 4
+    amplitude_tolerance: float = 3.5e-3
+    parameter_tolerance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require_number("Plan", dither=self.dither, kick=self.kick)
+        require_number(
+            "Plan",
+            positive=True,
+            duration=self.duration,
+            rounds=self.rounds,
+            starts=len(self.starts),
+            added_masses=len(self.added_masses),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Round:
+    """One turn of the loop.
+
+    Parameters
+    ----------
+    believed
+        Parameters of the hand with what it carries, that the controller went by.
+    orbit, gamma
+        Its target and gain.
+    logs
+        What it recorded, the nominal run first.
+    amplitude
+        That the nominal run came to, in rad; NaN if it turned over.
+    recalibration
+        From the logs; None in a last round that needed none.
+    """
+
+    believed: LumpedParameters
+    orbit: Orbit
+    gamma: float
+    logs: tuple[Log, ...]
+    amplitude: float
+    recalibration: Recalibration | None
+
+    @property
+    def amplitude_error(self) -> float:
+        """Amplitude less that of the target, in rad."""
+        return self.amplitude - 0.5 * (self.orbit.upper - self.orbit.lower)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibration:
+    """What the loop came to.
+
+    Parameters
+    ----------
+    rounds
+        In order.
+    ending
+        Why it ended, in words.
+    """
+
+    rounds: tuple[Round, ...]
+    ending: str
+
+    @property
+    def recalibration(self) -> Recalibration:
+        """The last one made."""
+        found = [each.recalibration for each in self.rounds if each.recalibration is not None]
+        if not found:
+            raise IdentifiabilityError("the first round held the orbit: nothing was re-calibrated")
+        return found[-1]
+
+    @property
+    def parameters(self) -> LumpedParameters:
+        """What the last round went by, or what it would have been followed by."""
+        last = self.rounds[-1]
+        found = last.recalibration
+        if found is None:
+            return last.believed
+        return found.loaded(last.logs[0].added_mass, last.believed.p1)
+
+
+def calibrate(
+    rig: Rig,
+    believed: LumpedParameters,
+    zero: float,
+    plan: Plan,
+    options: RecalibrationOptions = RecalibrationOptions(),
+    *,
+    rng: np.random.Generator,
+    track: Track = untracked,
+) -> Calibration:
+    """Hold the orbit, re-calibrate next to it, and hold it better.
+
+    Parameters
+    ----------
+    rig
+        The robot.
+    believed
+        Parameters of the bare hand to begin with, from small swings say.
+    zero
+        Encoder reading in rad of the hanging hand.
+    plan, options
+        What each round does, and how it re-calibrates.
+    rng
+        Source of the dither.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If a round's logs cannot tell the parameters apart.
+    """
+    loaded = {mass: believed.with_added_mass(mass) for mass in plan.added_masses}
+    rounds: list[Round] = []
+    ending = f"{plan.rounds} rounds were made"
+    for _ in track(range(plan.rounds), "Calibrating"):
+        last = _round(rig, loaded, zero, plan, rng=rng)
+        rounds.append(last)
+        if abs(last.amplitude_error) <= plan.amplitude_tolerance:
+            ending = "the amplitude is within its bound"
+            break
+        found = recalibrate(last.logs, zero, options)
+        rounds[-1] = replace(last, recalibration=found)
+        before = last.believed
+        loaded = {mass: found.loaded(mass, before.p1) for mass in plan.added_masses}
+        if _largest_change(before, loaded[plan.added_masses[0]]) <= plan.parameter_tolerance:
+            ending = "the parameters no longer change"
+            break
+    return Calibration(rounds=tuple(rounds), ending=ending)
+
+
+def _round(
+    rig: Rig,
+    loaded: dict[AddedMass, LumpedParameters],
+    zero: float,
+    plan: Plan,
+    *,
+    rng: np.random.Generator,
+) -> Round:
+    """Run the controller from every start, on every orbit, with every added mass."""
+    logs: list[Log] = []
+    for added, model in loaded.items():
+        runs = [(start, plan.target(model)) for start in plan.starts]
+        runs += [(each, Orbit.of_amplitude(model, each)) for each in plan.orbits]
+        for start, orbit in runs:
+            law: ControlLaw = EnergyShaping(
+                orbit,
+                gain_for(orbit, plan.multiplier),
+                zero=zero,
+                velocity=plan.velocity(model),
+                kick=plan.kick,
+            )
+            if plan.dither > 0 and logs:
+                law = Dithered(law, plan.dither, 2 * math.pi / orbit.period, rng)
+            logs.append(rig(law, start, plan.duration, added))
+    believed = loaded[plan.added_masses[0]]
+    nominal, first = plan.target(believed), logs[0]
+    since = first.time[0] + _SETTLED * (first.time[-1] - first.time[0])
+    return Round(
+        believed=believed,
+        orbit=nominal,
+        gamma=gain_for(nominal, plan.multiplier),
+        logs=tuple(logs),
+        amplitude=swing(first, zero, since),
+        recalibration=None,
+    )
+
+
+def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
+    """Largest relative change of p2, p3, p4 over p1, and of Coulomb torque over p1."""
+    pairs: list[tuple[float, float]] = [
+        (getattr(before, name) / before.p1, getattr(after, name) / after.p1)
+        for name in ("p2", "p3", "p4", "coulomb")
+    ]
+    return max(abs(new - old) / max(abs(new), abs(old), 1e-12) for old, new in pairs)
