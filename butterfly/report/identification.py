@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from plotly.offline import get_plotlyjs
 
-from butterfly import __version__
 from butterfly.files import replacing
 from butterfly.identify.estimate import UNITS
 from butterfly.model.harmonic import resonance_frequency
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.format import interval, with_error
+from butterfly.report.page import render
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -111,19 +109,13 @@ def write_report(
     InputError
         If the file cannot be written.
     """
-    environment = Environment(
-        loader=PackageLoader("butterfly.report"),
-        autoescape=select_autoescape(default=True),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     parameters = identification.estimate.parameters
     runs, data = identification.free_runs, identification.data
-    page = environment.get_template("identification.html.j2").render(
+    page = render(
+        "identification.html.j2",
         name=data.name,
         description=data.description,
-        version=__version__,
+        kind="identification",
         summary=summary(identification),
         parameters=parameter_rows(identification, truth),
         with_truth=truth is not None,
@@ -141,7 +133,6 @@ def write_report(
         fit=identification.summary,
         logs=list(zip(data.points, data.health, runs, strict=True)),
         first=int(np.argsort(identification.fits)[len(runs) // 2]),
-        plotly=get_plotlyjs(),
         response=frequency_response_figure(identification).to_json(),
         series=[time_figure(run).to_json() for run in runs],
     )

@@ -1,0 +1,105 @@
+"""A report: one HTML file that opens offline, its figures as pictures, its numbers as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from plotly.offline import get_plotlyjs
+
+from butterfly import __version__
+from butterfly.files import replacing
+from butterfly.report.still import write_stills
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from plotly.graph_objects import Figure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Rows of texts under headers, units in the headers."""
+
+    headers: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    caption: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Section:
+    """A part of a report: text, then tables, then figures by name."""
+
+    title: str
+    text: str = ""
+    tables: tuple[Table, ...] = ()
+    figures: dict[str, Figure] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Page:
+    """A report.
+
+    Parameters
+    ----------
+    name, description
+        Of what it is about.
+    kind
+        Of report.
+    summary
+        In plain words, on top.
+    sections
+        In order.
+    numbers
+        What it says, for programs: anything that JSON can hold.
+    """
+
+    name: str
+    description: str
+    kind: str
+    summary: list[str]
+    sections: list[Section]
+    numbers: dict[str, Any]
+
+
+def render(template: str, **content: Any) -> str:  # noqa: ANN401 - whatever the template shows
+    """Fill in a template of this package; see ``templates/base.html.j2`` for what all need."""
+    environment = Environment(
+        loader=PackageLoader("butterfly.report"),
+        autoescape=select_autoescape(default=True, default_for_string=True),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template(template)
+    return page.render(version=__version__, plotly=get_plotlyjs(), **content)
+
+
+def write_page(page: Page, path: Path) -> None:
+    """Write a report as ``path`` (HTML), its numbers beside it as JSON, its figures as PNG and SVG.
+
+    The figures go to a folder ``NAME-figures`` beside ``NAME.html``.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    figures = {name: each for part in page.sections for name, each in part.figures.items()}
+    parts = ",".join(f"{json.dumps(name)}: {each.to_json()}" for name, each in figures.items())
+    text = render(
+        "page.html.j2",
+        name=page.name,
+        description=page.description,
+        kind=page.kind,
+        summary=page.summary,
+        sections=page.sections,
+        figures="{" + parts.replace("</", "<\\/") + "}",
+    )
+    write_stills(figures, path.with_name(f"{path.stem}-figures"))
+    with replacing(path.with_suffix(".json")) as draft:
+        draft.write_text(json.dumps(page.numbers, indent=1, allow_nan=True), encoding="utf-8")
+    with replacing(path) as draft:
+        draft.write_text(text, encoding="utf-8")
