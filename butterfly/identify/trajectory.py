@@ -11,6 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import simulate
 from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.parameters import compressed
 from butterfly.signals.resample import uniform_grid
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class Trajectory:
         cell = np.minimum(cell, self.grid.size - 2)
         self._cells = np.unique(cell)
         self._averages = self._average(cell, time, angle)
-        self._inputs = lru_cache(maxsize=4)(self._delayed_input)
+        self._inputs = lru_cache(maxsize=4)(self._delivered)
 
     def simulate(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
@@ -71,7 +72,7 @@ class Trajectory:
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
         start = float(self.log.angle[0]) - zero
-        inputs = self._inputs(parameters.delay)
+        inputs = self._inputs(parameters.delay, parameters.compression)
         angle, speed = simulate(loaded, self.grid, inputs, start, velocity)
         return zero + angle, speed
 
@@ -123,17 +124,18 @@ class Trajectory:
         counts = np.diff(starts, append=cell.size)
         return np.add.reduceat(values, starts, axis=1) / counts
 
-    def _delayed_input(self, delay: float) -> NDArray[np.float64]:
-        """(n - 1, 3) input at start, middle and end of each grid interval, ``delay`` s late.
+    def _delivered(self, delay: float, compression: float) -> NDArray[np.float64]:
+        """(n - 1, 3) delivered input at start, middle and end of each interval, ``delay`` s late.
 
         A held input is averaged over each interval, so that no impulse is lost or gained when its
         steps fall between the instants of the grid.
         """
         log, grid = self.log, self.grid
+        inputs = compressed(log.input, compression)
         if log.intersample is Intersample.FIRST_ORDER_HOLD:
-            ends = np.interp(grid - delay, log.time, log.input)
-            middles = np.interp(grid[:-1] + np.diff(grid) / 2 - delay, log.time, log.input)
+            ends = np.interp(grid - delay, log.time, inputs)
+            middles = np.interp(grid[:-1] + np.diff(grid) / 2 - delay, log.time, inputs)
             return np.column_stack([ends[:-1], middles, ends[1:]])
-        impulse = np.concatenate([[0.0], np.cumsum(log.input[:-1] * np.diff(log.time))])
+        impulse = np.concatenate([[0.0], np.cumsum(inputs[:-1] * np.diff(log.time))])
         means = np.diff(np.interp(grid - delay, log.time, impulse)) / np.diff(grid)
         return np.repeat(means[:, None], 3, axis=1)

@@ -19,6 +19,7 @@ from scipy.signal import savgol_filter
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
 from butterfly.model.friction import FrictionTerms
+from butterfly.model.parameters import compressed
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ def weak_signals(
     *,
     balance: Balance = Balance.MOMENTUM,
     cogging_periods: float = 1.0,
+    compression: float = 0.0,
 ) -> WeakSignals:
     """Average every term of the equation of motion over the test functions of one log.
 
@@ -91,6 +93,8 @@ def weak_signals(
         Of momentum, or of energy.
     cogging_periods
         Of the cogging torque in one turn.
+    compression
+        Of the drive, in 1/unit of input, about which "compression" is the derivative of p4 v.
 
     Raises
     ------
@@ -104,7 +108,11 @@ def weak_signals(
         longer = f"{2 * reach * step:.3g} s or more"
         raise InputError(log.source, "time", f"{grid[-1] - grid[0]:.3g} s", longer)
     angle = resample(log.time, log.angle, grid) - zero
-    inputs = _mean_input(log, grid - delay, step)
+    delivered = compressed(log.input, compression)
+    inputs, lost = (
+        _mean(log, values, grid - delay, step)
+        for values in (delivered, delivered * np.abs(delivered))
+    )
     width = 2 * max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1) + 1
     width = min(width, angle.size - 1 + angle.size % 2)
     velocity = savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step)
@@ -113,6 +121,7 @@ def weak_signals(
     centres = np.arange(reach, grid.size - reach, max(1, round(_SPACING * half_width / step)))
     of = _momentum if balance is Balance.MOMENTUM else _energy
     columns = of(angle, velocity, inputs, cogging_periods)
+    columns["compression"] = (0, lost if balance is Balance.MOMENTUM else lost * velocity)
     columns["load"] = (0, log.added_mass.weight * columns["coulomb"][1])
     area = _against(0, np.ones_like(angle), half_width, step, centres[:1])
     return WeakSignals(
@@ -178,11 +187,13 @@ def _weakening(velocity: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.exp(-((velocity / FrictionTerms.stribeck_velocity) ** 2)))
 
 
-def _mean_input(log: Log, instants: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Input averaged over ``step`` s about instants, by the log's hold; 0 before its start."""
+def _mean(
+    log: Log, values: NDArray[np.float64], instants: NDArray[np.float64], step: float
+) -> NDArray[np.float64]:
+    """Average values held as the log's input is over ``step`` s about instants; 0 before it."""
     if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        return np.interp(instants, log.time, log.input, left=0.0)
-    impulse = np.concatenate([[0.0], np.cumsum(log.input[:-1] * np.diff(log.time))])
+        return np.interp(instants, log.time, values, left=0.0)
+    impulse = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(log.time))])
     ends = np.concatenate([instants - step / 2, instants[-1:] + step / 2])
     return np.asarray(np.diff(np.interp(ends, log.time, impulse)) / step)
 

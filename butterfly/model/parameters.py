@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.friction import Friction, FrictionTerms
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 GRAVITY = 9.81
 """Acceleration due to gravity in m/s^2, the thesis's value (61)."""
@@ -198,6 +204,8 @@ class LumpedParameters(FrictionTerms):
     time_constant
         Of the armature, L/R in s: the motor's torque p4 v - back_emf thd then follows with this
         lag. 0 is the reduced model (5).
+    compression
+        c in 1/unit of input: the drive gives p4 v/(1 + c |v|).
     """
 
     p1: float
@@ -209,6 +217,7 @@ class LumpedParameters(FrictionTerms):
     delay: float = 0.0
     back_emf: float = 0.0
     time_constant: float = 0.0
+    compression: float = 0.0
 
     def with_added_mass(self, added: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand carrying ``added`` (78), its weight on the bearing."""
@@ -218,6 +227,11 @@ class LumpedParameters(FrictionTerms):
             p3=self.p3 + added.gravity_moment * math.cos(self.tilt),
             coulomb=self.coulomb + self.load * added.weight,
         )
+
+
+def compressed(inputs: NDArray[np.float64], compression: float) -> NDArray[np.float64]:
+    """Return (n,) inputs as a drive whose gain falls with them delivers them, v/(1 + c |v|)."""
+    return inputs / (1 + compression * np.abs(inputs))
 
 
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     Target = Callable[[LumpedParameters], Orbit]
 
 _STARTED = 0.01  # share of the target's energy above which the hand needs no kick
+_LEAST_GAIN = 0.1  # share of its gain that a drive is believed to keep at any command
 _SINES = 12  # of a dither
 _STANDSTILL = 1e-3  # rad/s, below which Coulomb friction is not compensated
 
@@ -58,7 +59,8 @@ def steady_invariant(true: LumpedParameters, believed: LumpedParameters, gamma: 
 class EnergyShaping:
     """The control law (103) with (109), to be run on a bench.
 
-    v = (p2 thd + T_c sgn thd)/p4 - gamma thd (E - E*) sgn p4. A kick along the velocity starts a
+    v = (p2 thd + T_c sgn thd)/p4 - gamma thd (E - E*) sgn p4, and whatever other friction the
+    model has is compensated like T_c. A kick along the velocity starts a
     hand that hangs still, which (109) would leave alone.
 
     Parameters
@@ -73,8 +75,8 @@ class EnergyShaping:
         Estimator; a filtered difference if not given.
     kick
         Command added along the velocity while the energy is below a hundredth of the target's.
-    compensate_coulomb
-        Whether to compensate Coulomb friction too.
+    compensate_terms
+        Whether to compensate the friction terms besides p2, too.
     """
 
     def __init__(
@@ -85,12 +87,12 @@ class EnergyShaping:
         zero: float = 0.0,
         velocity: VelocityEstimator | None = None,
         kick: float = 0.0,
-        compensate_coulomb: bool = True,
+        compensate_terms: bool = True,
     ) -> None:
         self._zero = zero
         self._velocity = velocity or FilteredDifference()
         self._kick = kick
-        self._compensate_coulomb = compensate_coulomb
+        self._compensate_terms = compensate_terms
         self._command = 0.0
         self.retune(orbit, gamma)
 
@@ -109,7 +111,6 @@ class EnergyShaping:
         self._target = orbit.energy
         self._rest = energy(p, 0.0, 0.0)
         self._gain = math.copysign(gamma, p.p4)
-        self._coulomb = p.coulomb if self._compensate_coulomb else 0.0
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
@@ -118,8 +119,10 @@ class EnergyShaping:
         angle = reading.angle - self._zero
         excess = energy(p, angle, speed) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
-        if abs(speed) > _STANDSTILL:
-            command += math.copysign(self._coulomb, speed) / p.p4
+        if self._compensate_terms and abs(speed) > _STANDSTILL:
+            braking = p.level(speed) + p.drag * speed**2
+            command += math.copysign(braking, speed) / p.p4
+        command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         if excess < (1 - _STARTED) * (self._rest - self._target):
             command += math.copysign(self._kick, speed)
         self._command = command

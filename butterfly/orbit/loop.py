@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from butterfly.errors import IdentifiabilityError, require_number
+from butterfly.errors import require_number
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.analysis import swing
@@ -112,7 +112,7 @@ class Round:
     amplitude
         That the nominal run came to, in rad; NaN if it turned over.
     recalibration
-        From the logs; None in a last round that needed none.
+        From the logs.
     """
 
     believed: LumpedParameters
@@ -120,7 +120,7 @@ class Round:
     gamma: float
     logs: tuple[Log, ...]
     amplitude: float
-    recalibration: Recalibration | None
+    recalibration: Recalibration
 
     @property
     def amplitude_error(self) -> float:
@@ -144,21 +144,10 @@ class Calibration:
     ending: str
 
     @property
-    def recalibration(self) -> Recalibration:
-        """The last one made."""
-        found = [each.recalibration for each in self.rounds if each.recalibration is not None]
-        if not found:
-            raise IdentifiabilityError("the first round held the orbit: nothing was re-calibrated")
-        return found[-1]
-
-    @property
     def parameters(self) -> LumpedParameters:
-        """What the last round went by, or what it would have been followed by."""
+        """What the last round's logs say of the hand with what it carries."""
         last = self.rounds[-1]
-        found = last.recalibration
-        if found is None:
-            return last.believed
-        return found.loaded(last.logs[0].added_mass, last.believed.p1)
+        return last.recalibration.loaded(last.logs[0].added_mass, last.believed.p1)
 
 
 def calibrate(
@@ -197,15 +186,13 @@ def calibrate(
     rounds: list[Round] = []
     ending = f"{plan.rounds} rounds were made"
     for _ in track(range(plan.rounds), "Calibrating"):
-        last = _round(rig, loaded, zero, plan, rng=rng)
+        last = _round(rig, loaded, zero, plan, options, rng=rng)
         rounds.append(last)
+        before, found = last.believed, last.recalibration
+        loaded = {mass: found.loaded(mass, before.p1) for mass in plan.added_masses}
         if abs(last.amplitude_error) <= plan.amplitude_tolerance:
             ending = "the amplitude is within its bound"
             break
-        found = recalibrate(last.logs, zero, options)
-        rounds[-1] = replace(last, recalibration=found)
-        before = last.believed
-        loaded = {mass: found.loaded(mass, before.p1) for mass in plan.added_masses}
         if _largest_change(before, loaded[plan.added_masses[0]]) <= plan.parameter_tolerance:
             ending = "the parameters no longer change"
             break
@@ -217,10 +204,11 @@ def _round(
     loaded: dict[AddedMass, LumpedParameters],
     zero: float,
     plan: Plan,
+    options: RecalibrationOptions,
     *,
     rng: np.random.Generator,
 ) -> Round:
-    """Run the controller from every start, on every orbit, with every added mass."""
+    """Run the controller from every start, on every orbit, with every added mass; re-calibrate."""
     logs: list[Log] = []
     for added, model in loaded.items():
         runs = [(start, plan.target(model)) for start in plan.starts]
@@ -245,7 +233,7 @@ def _round(
         gamma=gain_for(nominal, plan.multiplier),
         logs=tuple(logs),
         amplitude=swing(first, zero, since),
-        recalibration=None,
+        recalibration=recalibrate(logs, zero, options),
     )
 
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from butterfly.errors import require_number
+from butterfly.errors import InputError, require_number
 from butterfly.identify.weak_signals import weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import gain_for
-from butterfly.orbit.recalibration import BASE, RecalibrationOptions, least
+from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.regression import BASE, LARGEST_STICK, least
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from butterfly.plant.motor import Reading
 
 _SPACING = 0.5  # of the test functions, in half-widths
-_LARGEST_STICK = 0.05  # share of a window that may stand still
 
 
 class OnlineRecalibration:
@@ -53,6 +53,8 @@ class OnlineRecalibration:
         options: RecalibrationOptions = RecalibrationOptions(),
     ) -> None:
         require_number("OnlineRecalibration", positive=True, memory=memory)
+        if "compression" in terms:
+            raise InputError("OnlineRecalibration", "terms", "compression", "terms linear in u")
         self._zero = zero
         self._options = options
         self._names = (*BASE[1:], *terms)
@@ -92,7 +94,7 @@ class OnlineRecalibration:
             balance=options.balance,
             cogging_periods=options.cogging_periods,
         )
-        if signals.still[0] > _LARGEST_STICK:
+        if signals.still[0] > LARGEST_STICK:
             return False
         row = np.array([signals.mean[name][0] for name in self._names])
         self._information = self._keep * self._information + np.outer(row, row)

@@ -12,19 +12,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identify.covariance import cluster_covariance, compress
-from butterfly.identify.estimate import lower_bounds
 from butterfly.identify.identifiability import (
     SINGULAR_CONDITION,
     Conditioning,
     sort_by_precision,
 )
 from butterfly.identify.intervals import honest_limits
-from butterfly.identify.weak_signals import HALF_WIDTH, Balance, weak_signals
+from butterfly.identify.weak_signals import HALF_WIDTH, Balance
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.orbit.regression import BASE, FOLDS, Equations, Regression, least
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,16 +32,12 @@ if TYPE_CHECKING:
 
     from butterfly.logs.log import Log
 
-BASE = ("p1", "p2", "p3", "p4")
-"""Always estimated."""
-
-CANDIDATES = ("coulomb", "drag", "p3_offset", "bias", "cogging", "cogging_cosine", "stribeck")
+CANDIDATES = (
+    *("coulomb", "drag", "p3_offset", "bias", "cogging", "cogging_cosine", "stribeck"),
+    "compression",
+)
 """Terms that can be estimated besides."""
 
-_SEGMENT = 10  # test functions in a row, which share noise; segments count as independent
-_FOLDS = 5
-_SIGNIFICANT = 2.0  # standard errors by which a term must lower the held-out loss
-_LARGEST_STICK = 0.05  # share of a window that may stand still
 _FEWEST_RUNS = 3  # to leave one out
 
 
@@ -65,7 +60,7 @@ class RecalibrationOptions:
     """
 
     balance: Balance = Balance.MOMENTUM
-    candidates: tuple[str, ...] = ("coulomb", "drag", "p3_offset", "bias")
+    candidates: tuple[str, ...] = ("coulomb", "drag", "p3_offset", "bias", "compression")
     half_width: float = HALF_WIDTH
     delay: float = 0.0
     cogging_periods: float = 1.0
@@ -91,7 +86,7 @@ class Recalibration:
         How they were obtained.
     names, values, covariance
         n names, (n,) values and their (n, n) covariance; p1 is among them if they are absolute,
-        otherwise all are divided by the p1 of the hand with what it carried.
+        otherwise all but a compression are divided by the p1 of the hand with what it carried.
     lower, upper
         (n,) limits of 95 % intervals, widened to hold the estimates that leave one run out.
     rejected
@@ -155,22 +150,9 @@ class Recalibration:
                 f"ratios p_i/p1 with {self.carried} say nothing of the hand with {added}: "
                 "re-calibrate with both"
             )
-        scaled = {name: inertia * value for name, value in values.items()}
+        factors = {"compression": 1.0}
+        scaled = {name: factors.get(name, inertia) * value for name, value in values.items()}
         return LumpedParameters(p1=inertia, **scaled, cogging_periods=self.cogging_periods)
-
-
-@dataclass(frozen=True, eq=False)
-class _Segment:
-    """A few consecutive test functions of one run: columns by parameter, and the known torque."""
-
-    run: int
-    columns: dict[str, NDArray[np.float64]]
-    known: NDArray[np.float64]
-
-    def equations(self, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(m, n) regressors and (m,) targets; without p1 among the names it is taken as 1."""
-        known = self.known if "p1" in names else self.columns["p1"]
-        return np.column_stack([self.columns[name] for name in names]), -known
 
 
 def recalibrate(
@@ -195,28 +177,25 @@ def recalibrate(
     InputError
         If a log is shorter than a test function.
     """
-    segments = [part for k, log in enumerate(logs) for part in _segments(k, log, zero, options)]
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]
-    if len(segments) < 2 * _FOLDS:
+    regression = Regression(logs, zero, options)
+    _, _, plain = regression.fit(base)
+    if not plain.segment.size or plain.segment[-1] < 2 * FOLDS:
+        moving = plain.segment.size * options.half_width / 2
         raise IdentifiabilityError(
-            f"{len(segments)} s of motion are too little to re-calibrate: record longer runs"
+            f"{moving:.3g} s of motion are too little to re-calibrate: record longer runs"
         )
-    terms = _select(segments, base, options.candidates)
-    names = (*base, *terms)
-    rows, target = _stack(segments, names)
-    conditioning = Conditioning.of(rows, names)
+    names = (*base, *regression.select(base, options.candidates))
+    values, on_bound, equations = regression.fit(names)
+    conditioning = Conditioning.of(equations.rows, names)
     if conditioning.number > SINGULAR_CONDITION:
         raise IdentifiabilityError(
             f"these runs do not tell {' and '.join(conditioning.weakest)} apart (condition number "
             f"{conditioning.number:.1e}): perturb the start, hold several orbits, or add dither"
         )
-    values, on_bound = _solve(rows, target, names)
-    parts = [part.equations(names) for part in segments]
-    compressed = [compress(r, r @ values - t) for r, t in parts]
-    factors, residuals = (np.array(each) for each in zip(*compressed, strict=True))
-    covariance, freedom = cluster_covariance(factors, residuals)
-    lower, upper = honest_limits(values, covariance, freedom, _without_each(segments, names))
+    covariance, freedom = _covariance(equations, values)
+    lower, upper = honest_limits(values, covariance, freedom, _without_each_run(equations))
     lower = np.maximum(lower, least(names))
     bounded = tuple(np.array(names)[on_bound].tolist())
     return Recalibration(
@@ -226,7 +205,7 @@ def recalibrate(
         covariance=covariance,
         lower=lower,
         upper=upper,
-        rejected=tuple(name for name in options.candidates if name not in terms),
+        rejected=tuple(name for name in options.candidates if name not in names),
         on_bound=bounded,
         condition=conditioning.number,
         carried=masses.pop() if len(masses) == 1 else None,
@@ -242,87 +221,23 @@ def recalibrate(
     )
 
 
-def _segments(run: int, log: Log, zero: float, options: RecalibrationOptions) -> list[_Segment]:
-    signals = weak_signals(
-        log,
-        zero,
-        options.half_width,
-        options.delay,
-        balance=options.balance,
-        cogging_periods=options.cogging_periods,
-    )
-    moving = np.flatnonzero(signals.still < _LARGEST_STICK)
-    columns = {name: signals.mean[name] for name in (*BASE, *options.candidates)}
-    added = log.added_mass
-    known = added.inertia * columns["p1"] + added.gravity_moment * columns["p3"]
-    parts = [moving[k : k + _SEGMENT] for k in range(0, moving.size, _SEGMENT)]
-    return [_Segment(run, {n: c[part] for n, c in columns.items()}, known[part]) for part in parts]
-
-
-def _stack(
-    segments: Sequence[_Segment], names: Sequence[str]
+def _covariance(
+    equations: Equations, values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    rows, targets = zip(*(part.equations(names) for part in segments), strict=True)
-    return np.concatenate(rows), np.concatenate(targets)
+    """Return (n, n) covariance, clustered by segment, and (n,) degrees of freedom."""
+    jacobian, residuals = equations.jacobian(values), equations.residuals(values)
+    owned = [equations.segment == number for number in range(equations.segment[-1] + 1)]
+    compressed = [compress(jacobian[own], residuals[own]) for own in owned]
+    factors, rest = (np.array(each) for each in zip(*compressed, strict=True))
+    return cluster_covariance(factors, rest)
 
 
-def least(names: Sequence[str]) -> NDArray[np.float64]:
-    """(n,) least values of parameters: as everywhere, and the input drives forwards."""
-    return np.where(np.array(names) == "p4", 0.0, lower_bounds(names))
-
-
-def _solve(
-    rows: NDArray[np.float64], target: NDArray[np.float64], names: Sequence[str]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return (n,) values, and which are held by a bound."""
-    scale = np.linalg.norm(rows, axis=0)
-    fit = lsq_linear(rows / scale, target, (least(names), np.inf), method="bvls", tol=1e-14)
-    return fit.x / scale, np.asarray(fit.active_mask != 0)
-
-
-def _without_each(segments: Sequence[_Segment], names: Sequence[str]) -> list[NDArray[np.float64]]:
+def _without_each_run(equations: Equations) -> list[NDArray[np.float64]]:
     """Estimate again without each run, where enough are left to tell the parameters apart."""
-    runs = {part.run for part in segments}
+    runs = np.unique(equations.run)
     found = []
-    for run in sorted(runs) if len(runs) >= _FEWEST_RUNS else []:
-        rows, target = _stack([part for part in segments if part.run != run], names)
-        if Conditioning.of(rows, tuple(names)).number < SINGULAR_CONDITION:
-            found.append(_solve(rows, target, names)[0])
+    for run in runs if runs.size >= _FEWEST_RUNS else []:
+        kept = equations.run != run
+        if Conditioning.of(equations.rows[kept], equations.names).number < SINGULAR_CONDITION:
+            found.append(equations.solve(kept)[0])
     return found
-
-
-def _select(
-    segments: Sequence[_Segment], base: tuple[str, ...], candidates: Sequence[str]
-) -> tuple[str, ...]:
-    """Add terms one by one, the most helpful first, while held-out segments gain by it."""
-    chosen: tuple[str, ...] = ()
-    losses = _held_out_losses(segments, base)
-    while True:
-        gains = {
-            name: losses - _held_out_losses(segments, (*base, *chosen, name))
-            for name in candidates
-            if name not in chosen
-        }
-        scores = {name: _score(gain) for name, gain in gains.items()}
-        best = max(scores, key=lambda name: scores[name], default="")
-        if not best or scores[best] < _SIGNIFICANT:
-            return chosen
-        chosen = (*chosen, best)
-        losses = losses - gains[best]
-
-
-def _score(gain: NDArray[np.float64]) -> float:
-    """Mean gain over its standard error."""
-    return float(gain.mean() / max(gain.std(ddof=1) / gain.size**0.5, 1e-300))
-
-
-def _held_out_losses(segments: Sequence[_Segment], names: Sequence[str]) -> NDArray[np.float64]:
-    """(k,) mean squared residuals of k segments, each by a fit that has not seen it."""
-    losses = np.zeros(len(segments))
-    for fold in range(_FOLDS):
-        seen = [part for k, part in enumerate(segments) if k % _FOLDS != fold]
-        values, _ = _solve(*_stack(seen, names), names)
-        for k in range(fold, len(segments), _FOLDS):
-            rows, target = segments[k].equations(names)
-            losses[k] = np.mean((rows @ values - target) ** 2)
-    return losses

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from butterfly.errors import InputError, require_number
+from butterfly.model.parameters import compressed
 from butterfly.plant.sensors import Encoder
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class CommandPath:
 
     def deliver(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (n,) inputs that the joint gets when (n,) shaped commands have been set."""
-        return values / (1 + self.compression * np.abs(values))
+        return compressed(values, self.compression)
 
 
 class Joint(Protocol):

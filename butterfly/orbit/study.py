@@ -1,0 +1,158 @@
+"""How much better the re-calibrated model is next to the orbit, and how far from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.free_run import free_run
+from butterfly.model.energy import Orbit
+from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
+from butterfly.orbit.loop import calibrate
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import LumpedParameters
+    from butterfly.orbit.loop import Calibration, Plan, Rig
+
+PERIODS = 5
+"""Length of the free runs that are compared, in periods of the orbit."""
+
+_BESIDE = 1.08  # amplitude over the orbit's, at which a held-out run starts
+_DITHER = 0.2  # of a held-out run
+_AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its calibration start
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OrbitStudy:
+    """A calibration, and how well its model predicts runs that it has not seen.
+
+    Parameters
+    ----------
+    name, description
+        Of the experiment.
+    zero
+        Encoder reading in rad of the hanging hand.
+    generic
+        Parameters of the loaded hand that the loop began with.
+    calibration
+        The loop.
+    held_out
+        A run next to the orbit that was used for nothing else.
+    errors
+        By model ("generic", "re-calibrated"): rms error in rad of its free run over `PERIODS`.
+    amplitudes
+        (n,) amplitudes in rad of the orbits of the next.
+    cross
+        (n, n) rms error in rad of models re-calibrated at the orbit of the row, at that of the
+        column.
+    """
+
+    name: str
+    description: str
+    zero: float
+    generic: LumpedParameters
+    calibration: Calibration
+    held_out: Log
+    errors: dict[str, float]
+    amplitudes: tuple[float, ...]
+    cross: NDArray[np.float64]
+
+
+def study_orbit(
+    rig: Rig,
+    believed: LumpedParameters,
+    zero: float,
+    plan: Plan,
+    options: RecalibrationOptions,
+    *,
+    amplitudes: tuple[float, ...] = (),
+    rng: np.random.Generator,
+    name: str = "orbit",
+    description: str = "",
+    track: Track = untracked,
+) -> OrbitStudy:
+    """Calibrate, and compare free runs of the generic and the re-calibrated model.
+
+    Parameters
+    ----------
+    rig, believed, zero, plan, options
+        As `butterfly.orbit.loop.calibrate` takes them.
+    amplitudes
+        Of the orbits in rad at which models are re-calibrated and used crosswise.
+    rng
+        Source of the dither.
+    name, description
+        For the report.
+    track
+        Shows progress.
+    """
+    calibration = calibrate(rig, believed, zero, plan, options, rng=rng, track=track)
+    carried = plan.added_masses[0]
+    final = calibration.parameters
+
+    def run(amplitude: float, start: float, dither: float) -> Log:
+        orbit = Orbit.of_amplitude(final, amplitude)
+        shaping = EnergyShaping(
+            orbit,
+            gain_for(orbit, plan.multiplier),
+            zero=zero,
+            velocity=plan.velocity(final),
+            kick=plan.kick,
+        )
+        law = Dithered(shaping, dither, 2 * np.pi / orbit.period, rng)
+        return rig(law, start, plan.duration, carried)
+
+    nominal = calibration.rounds[-1].orbit.upper
+    held_out = run(nominal, _BESIDE * nominal, _DITHER)
+    generic = calibration.rounds[0].believed
+    models = {"generic": generic, "re-calibrated": final}
+    fresh, models_at = [], []
+    for amplitude in track(amplitudes, "Cross-checking orbits"):
+        fresh.append(run(amplitude, _BESIDE * amplitude, _DITHER))
+        logs = [run(amplitude, share * amplitude, _DITHER) for share in _AROUND]
+        models_at.append(recalibrate(logs, zero, options).loaded(carried, final.p1))
+    return OrbitStudy(
+        name=name,
+        description=description,
+        zero=zero,
+        generic=generic,
+        calibration=calibration,
+        held_out=held_out,
+        errors={key: prediction_error(held_out, model, zero) for key, model in models.items()},
+        amplitudes=amplitudes,
+        cross=np.array(
+            [[prediction_error(log, model, zero) for log in fresh] for model in models_at]
+        ).reshape(len(amplitudes), len(amplitudes)),
+    )
+
+
+def prediction_error(
+    log: Log, loaded: LumpedParameters, zero: float, periods: float = PERIODS
+) -> float:
+    """Return the rms error in rad of a free run from the log's first sample, with its input.
+
+    Parameters
+    ----------
+    log
+        That starts at rest.
+    loaded
+        Parameters of the hand with what it carries.
+    zero
+        Encoder reading in rad of the hanging hand.
+    periods
+        How many of the swing from the first sample to compare.
+    """
+    start = abs(float(log.angle[0]) - zero)
+    period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
+    rows = log.time - log.time[0] <= periods * period
+    cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
+    error = free_run(cut, loaded, zero).simulated - cut.angle
+    return float(np.sqrt(np.mean(error**2)))
