@@ -14,7 +14,9 @@ from butterfly.arguments import parse_terms
 from butterfly.console import CONSOLE, show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.figure_data import write_figure_data
+from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.reproduction import has_real_logs, reproduce
+from butterfly.experiment.schema import read_experiment
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.design import LARGEST_SWING, rank_experiments
 from butterfly.identify.free_run import FitSummary
@@ -24,6 +26,8 @@ from butterfly.identify.residual import residual_torque
 from butterfly.identify.validation import Split, fits_of, hold_out, select_terms
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.report.orbit import orbit_page
+from butterfly.report.page import write_page
 from butterfly.report.residual import write_residual
 from butterfly.resources import locate
 
@@ -51,6 +55,7 @@ def register(app: typer.Typer) -> None:
     app.command("residual")(residual_command)
     app.command("design")(design_command)
     app.command("reproduce")(reproduce_command)
+    app.command("calibrate-orbit")(calibrate_orbit_command)
 
 
 def validate_command(
@@ -230,6 +235,44 @@ def reproduce_command(
     if out is not None:
         for path in write_figure_data(out, root):
             typer.echo(f"Figure data: {path}")
+
+
+def calibrate_orbit_command(
+    *,
+    experiment: Annotated[
+        Path, typer.Argument(help="An experiment file with control:, or a shipped one's name.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for logs and report; results/NAME if not given.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Hold a large orbit, re-calibrate the model next to it, and hold it better.
+
+    Rounds of control, log and re-calibration on the simulated robot, until the amplitude is within
+    its bound. Writes the logs and a report: amplitude per round, invariant, parameters with
+    intervals, free-run error of the model it began with and of the re-calibrated one.
+
+    Example: `butterfly calibrate-orbit experiments/orbit-recalibration.yaml`
+    """
+    plan = read_experiment(locate(experiment))
+    folder = out or Path("results") / plan.name
+    study, _ = calibrate_orbit(plan, folder, show_progress)
+    carried = study.calibration.rounds[0].logs[0].added_mass
+    truth = plan.plant.robot.lumped.with_added_mass(carried)
+    page = orbit_page(study, truth)
+    for section in page.sections:
+        for part in section.tables:
+            table = _table(section.title, *part.headers)
+            for row in part.rows:
+                table.add_row(*row)
+            CONSOLE.print(table)
+    for sentence in page.summary:
+        typer.echo(sentence)
+    write_page(page, folder / "report.html")
+    typer.echo(f"Report: {folder / 'report.html'}")
 
 
 def _read(data: Path, root: Path | None) -> DataSet:

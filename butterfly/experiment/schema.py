@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from butterfly.experiment.control import ControlSpec
+from butterfly.experiment.oneof import OneOf
 from butterfly.identify.methods import Method
 from butterfly.logs.csv import read_columns
 from butterfly.logs.log import InputKind, Sine
@@ -30,25 +32,6 @@ from butterfly.yaml_input import StrictModel, read_yaml
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
-
-
-class OneOf(StrictModel):
-    """Several optional keys of which exactly one must be given."""
-
-    @model_validator(mode="after")
-    def _one_of_them(self) -> OneOf:
-        if len(self._given()) != 1:
-            raise ValueError("exactly one of the keys " + ", ".join(type(self).model_fields))
-        return self
-
-    def _given(self) -> list[Any]:
-        values = (getattr(self, name) for name in type(self).model_fields)
-        return [value for value in values if value is not None]
-
-    @property
-    def chosen(self) -> Any:  # noqa: ANN401 - as different as the keys
-        """The value of the one key that was given."""
-        return self._given()[0]
 
 
 class DriveSpec(OneOf):
@@ -137,6 +120,8 @@ class Experiment(StrictModel):
     method, terms
         The estimator, and what it fits besides p1..p4, Coulomb torque and delay; its own choice if
         not given.
+    control
+        An orbit to hold, for `butterfly calibrate-orbit`.
     """
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
@@ -149,11 +134,13 @@ class Experiment(StrictModel):
     duration: Annotated[float, Field(gt=0)]
     method: Method = Method.HARMONIC_BALANCE
     terms: tuple[str, ...] | None = None
+    control: ControlSpec | None = None
 
     @model_validator(mode="after")
     def _some_input(self) -> Experiment:
-        if not (self.excitations or self.signals):
-            raise ValueError("at least one of the keys excitations and signals")
+        believed = self.control is not None and self.control.believed is not None
+        if not (self.excitations or self.signals or believed):
+            raise ValueError("at least one of the keys excitations, signals and control.believed")
         return self
 
     def runs(self) -> list[tuple[AddedMass, Excitation]]:

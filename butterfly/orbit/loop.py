@@ -109,6 +109,8 @@ class Round:
         Its target and gain.
     logs
         What it recorded, the nominal run first.
+    starts
+        How many of them, from the first on, hold the target's orbit.
     amplitude
         That the nominal run came to, in rad; NaN if it turned over.
     recalibration
@@ -119,6 +121,7 @@ class Round:
     orbit: Orbit
     gamma: float
     logs: tuple[Log, ...]
+    starts: int
     amplitude: float
     recalibration: Recalibration
 
@@ -181,7 +184,10 @@ def calibrate(
     ------
     IdentifiabilityError
         If a round's logs cannot tell the parameters apart.
+    InputError
+        If no controller can be built on ``believed``.
     """
+    require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in plan.added_masses}
     rounds: list[Round] = []
     ending = f"{plan.rounds} rounds were made"
@@ -232,6 +238,7 @@ def _round(
         orbit=nominal,
         gamma=gain_for(nominal, plan.multiplier),
         logs=tuple(logs),
+        starts=len(plan.starts),
         amplitude=swing(first, zero, since),
         recalibration=recalibrate(logs, zero, options),
     )

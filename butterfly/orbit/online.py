@@ -20,8 +20,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.orbit.controller import EnergyShaping, Target
+    from butterfly.plant.bench import ControlLaw
     from butterfly.plant.motor import Reading
 
+_FEWEST = 20  # readings in a test function
+_MARGIN = 3  # readings by which the buffer is longer than a test function
 _SPACING = 0.5  # of the test functions, in half-widths
 
 
@@ -65,10 +68,16 @@ class OnlineRecalibration:
         self._rows = 0
 
     def observe(self, reading: Reading, command: float) -> bool:
-        """Take in a reading and the command that followed it; return whether a row was added."""
+        """Take in a reading and the command that followed it; return whether a row was added.
+
+        After a pause of the loop it begins with an empty window.
+        """
+        if self._samples and reading.time - self._samples[-1][0] > self._options.half_width:
+            self._samples.clear()
         self._samples.append((reading.time, command, reading.angle - self._zero))
-        length = self._samples[-1][0] - self._samples[0][0]
-        if length < 2 * (self._options.half_width + self._options.delay) * (1 + 1e-3):
+        needed = 2 * (self._options.half_width + self._options.delay)
+        enough = len(self._samples) >= _FEWEST
+        if not enough or reading.time - self._samples[_MARGIN][0] < needed:
             return False
         added = self._add_row()
         start = self._samples[0][0] + _SPACING * self._options.half_width
@@ -139,6 +148,9 @@ class SelfTuning:
         p1 of the hand with what it carries, which sets the scale.
     every
         Time in s between two retunings.
+    commands
+        What makes the commands of ``law``, such as `Dithered` about it; the law itself if not
+        given. The estimator must see the commands that are set, so a dither belongs in here.
     """
 
     def __init__(
@@ -150,9 +162,11 @@ class SelfTuning:
         multiplier: float,
         inertia: float,
         every: float,
+        commands: ControlLaw | None = None,
     ) -> None:
         require_number("SelfTuning", positive=True, every=every, inertia=inertia)
         self._law, self._online, self._target = law, online, target
+        self._commands = commands or law
         self._multiplier, self._inertia, self._every = multiplier, inertia, every
         self._next = every
 
@@ -164,6 +178,6 @@ class SelfTuning:
             if believed.p3 > 0 and believed.p4 > 0:
                 orbit = self._target(believed)
                 self._law.retune(orbit, gain_for(orbit, self._multiplier))
-        command = self._law(reading)
+        command = self._commands(reading)
         self._online.observe(reading, command)
         return command

@@ -14,6 +14,7 @@ from butterfly.files import replacing
 from butterfly.report.still import write_stills
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from plotly.graph_objects import Figure
@@ -24,7 +25,7 @@ class Table:
     """Rows of texts under headers, units in the headers."""
 
     headers: tuple[str, ...]
-    rows: list[tuple[str, ...]]
+    rows: Sequence[tuple[str, ...]]
     caption: str = ""
 
 

@@ -125,8 +125,10 @@ def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
         if labels is not None:
             position(range(len(labels)), [str(label) for label in labels], fontsize="x-small")
     if trace.texttemplate:
+        middle = (np.nanmin(values) + np.nanmax(values)) / 2
         for (row, column), value in np.ndenumerate(values):
-            axes.text(column, row, f"{value:.3g}", ha="center", va="center", color="white")
+            colour = "black" if value > middle else "white"
+            axes.text(column, row, f"{value:.3g}", ha="center", va="center", color=colour)
     title = trace.colorbar.title.text
     axes.figure.colorbar(shown, ax=axes, label=_plain(title or ""))
 

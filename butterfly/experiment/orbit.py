@@ -1,0 +1,105 @@
+"""Run an experiment's ``control:`` on the simulated robot, and keep its logs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.experiment import runner
+from butterfly.logs.mat import write_mat
+from butterfly.orbit.study import OrbitStudy, study_orbit
+from butterfly.plant.bench import Bench
+from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.motor import SimulatedMotor
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from butterfly.experiment.control import ControlSpec
+    from butterfly.experiment.schema import Experiment, PlantSpec
+    from butterfly.identify.identification import Identification
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass
+    from butterfly.orbit.loop import Rig
+    from butterfly.plant.bench import ControlLaw
+    from butterfly.plant.motor import Joint
+
+_JOINTS: dict[str, Callable[..., Joint]] = {"mujoco": MujocoJoint, "grey-box": GreyBoxJoint}
+
+
+def simulated_rig(plant: PlantSpec, simulator: str, rng: np.random.Generator) -> Rig:
+    """Return a rig that runs control laws on the simulated robot.
+
+    Parameters
+    ----------
+    plant
+        Robot, clock, encoder, command path and faults.
+    simulator
+        "mujoco" or "grey-box".
+    rng
+        Source of everything random.
+    """
+
+    def run(law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
+        joint = _JOINTS[simulator](plant.robot, added, angle=start)
+        motor = SimulatedMotor(joint, path=plant.path, encoder=plant.encoder, rng=rng)
+        with Bench(motor, clock=plant.clock, rng=rng) as bench:
+            log = bench.run(law, duration, added_mass=added, source=simulator)
+        return plant.faults.apply(log, rng)
+
+    return run
+
+
+def calibrate_orbit(
+    experiment: Experiment, folder: Path, track: Track = untracked
+) -> tuple[OrbitStudy, Identification | None]:
+    """Identify from small swings, hold the orbit, re-calibrate, and compare.
+
+    The logs are written to ``folder``: of the small swings into ``small``, of the rounds as
+    ``round0_run0.mat`` and so on.
+
+    Returns
+    -------
+    The study, and the identification that it began with, if there was one.
+
+    Raises
+    ------
+    InputError
+        If the experiment has no ``control``, or its orbit does not exist.
+    IdentifiabilityError
+        If the logs cannot tell the parameters apart.
+    """
+    control = experiment.control
+    if control is None:
+        raise InputError(experiment.name, "control", "nothing", "an orbit to hold (control: ...)")
+    generic, believed, zero = None, control.believed, 0.0
+    if believed is None:
+        generic = runner.run(experiment, folder / "small", track)
+        believed, zero = generic.estimate.parameters, _zero(control, generic)
+    rng = np.random.default_rng(np.random.SeedSequence(experiment.seed).spawn(1)[0])
+    study = study_orbit(
+        simulated_rig(experiment.plant, control.simulator, rng),
+        believed,
+        zero,
+        control.plan(zero),
+        control.recalibration,
+        amplitudes=control.cross_check,
+        rng=rng,
+        name=experiment.name,
+        description=experiment.description,
+        track=track,
+    )
+    for number, each in enumerate(study.calibration.rounds):
+        for run, log in enumerate(each.logs):
+            write_mat(log, folder / f"round{number}_run{run}.mat")
+    return study, generic
+
+
+def _zero(control: ControlSpec, generic: Identification) -> float:
+    """Return the encoder reading in rad of the hand at rest, with its first mass if known."""
+    known = generic.data.equilibria
+    return known.get(control.added_masses[0], float(np.mean(list(known.values()))))

@@ -1,0 +1,282 @@
+"""The report of an orbit's re-calibration."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from plotly.graph_objects import Figure, Heatmap, Scatter
+from plotly.subplots import make_subplots
+
+from butterfly.model.energy import energy
+from butterfly.orbit.analysis import invariant
+from butterfly.orbit.study import PERIODS
+from butterfly.report.figures import PALETTE
+from butterfly.report.format import interval, with_error
+from butterfly.report.page import Page, Section, Table
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import LumpedParameters
+    from butterfly.orbit.loop import Round
+    from butterfly.orbit.study import OrbitStudy
+
+_RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
+_EVERY = 0.01  # s between drawn points
+_SMOOTH = 0.02  # s over which the drawn velocity is averaged
+
+
+def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page:
+    """Put together the report of an orbit's re-calibration.
+
+    Parameters
+    ----------
+    study
+        The result.
+    truth
+        True parameters of the hand with what it carries, where they are known.
+    """
+    rounds = study.calibration.rounds
+    sections = [
+        Section(
+            title="Amplitude per round",
+            text="Each round holds the orbit with what the round before has found; the first goes "
+            "by the model that was given or identified from small swings.",
+            tables=(_rounds_table(rounds),),
+            figures={"amplitude": _amplitude_figure(rounds)},
+        ),
+        Section(
+            title="Phase plane and invariant",
+            text="The run of the first and of the last round that starts farthest from the orbit, "
+            "and the orbit that was to be held. The invariant I = E − E* by the re-calibrated "
+            "model decays as exp(−p₄γ∫θ̇² dt) predicts where the controller's model is right and "
+            "no dither is added; dotted.",
+            figures={
+                "phase-plane": _phase_figure(study),
+                "invariant": _invariant_figure(study),
+            },
+        ),
+        Section(
+            title="Parameters",
+            tables=(_parameters_table(study, truth),),
+            text=" ".join(rounds[-1].recalibration.verdict),
+        ),
+        Section(
+            title="Free-run prediction next to the orbit",
+            text=f"Over {PERIODS} periods of a run that was used for nothing else, simulated from "
+            "its first sample with the recorded input.",
+            tables=(
+                Table(
+                    headers=("model", "rms error in °"),
+                    rows=[(name, _degrees(error)) for name, error in study.errors.items()],
+                ),
+            ),
+        ),
+    ]
+    if study.amplitudes:
+        sections.append(
+            Section(
+                title="Calibrated at one orbit, used at another",
+                text="Rms error of free runs in °: the model re-calibrated at the orbit of the "
+                "row, on a run at the orbit of the column.",
+                figures={"cross-orbit": _cross_figure(study)},
+            )
+        )
+    return Page(
+        name=study.name,
+        description=study.description,
+        kind="orbit re-calibration",
+        summary=summary(study),
+        sections=sections,
+        numbers=numbers(study),
+    )
+
+
+def summary(study: OrbitStudy) -> list[str]:
+    """Say in plain words what was found."""
+    rounds, generic = study.calibration.rounds, study.errors["generic"]
+    last, wanted = rounds[-1], _wanted(rounds[-1])
+    better = generic / max(study.errors["re-calibrated"], 1e-12)
+    recalibration = last.recalibration
+    rejected = ", ".join(recalibration.rejected) or "none"
+    return [
+        f"The hand was to swing {math.degrees(wanted):.2f}° and swung "
+        + ", ".join(_degrees(each.amplitude) for each in rounds)
+        + f"° in {len(rounds)} rounds; {study.calibration.ending}.",
+        f"Next to the orbit the re-calibrated model's free run is off by "
+        f"{_degrees(study.errors['re-calibrated'])}° rms, the model it began with by "
+        f"{_degrees(generic)}°: {better:.3g} times less.",
+        f"Estimated by {recalibration.method}: {', '.join(recalibration.names)}; "
+        f"terms that did not help on held-out data: {rejected}.",
+        *recalibration.verdict,
+    ]
+
+
+def numbers(study: OrbitStudy) -> dict[str, Any]:
+    """Return what the report says, for programs; angles in rad."""
+    last = study.calibration.rounds[-1].recalibration
+    return {
+        "target_rad": _wanted(study.calibration.rounds[-1]),
+        "amplitudes_rad": [each.amplitude for each in study.calibration.rounds],
+        "ending": study.calibration.ending,
+        "absolute": last.is_absolute,
+        "parameters": {
+            name: {"value": value, "standard_error": error, "lower": lower, "upper": upper}
+            for name, value, error, lower, upper in zip(
+                last.names,
+                *(
+                    column.tolist()
+                    for column in (last.values, last.standard_errors, last.lower, last.upper)
+                ),
+                strict=True,
+            )
+        },
+        "free_run_rms_rad": study.errors,
+        "cross_orbit": {"amplitudes_rad": study.amplitudes, "rms_rad": study.cross.tolist()},
+    }
+
+
+def _wanted(each: Round) -> float:
+    return 0.5 * (each.orbit.upper - each.orbit.lower)
+
+
+def _degrees(angle: float) -> str:
+    return "turned over" if math.isnan(angle) else f"{math.degrees(angle):.4g}"
+
+
+def _rounds_table(rounds: tuple[Round, ...]) -> Table:
+    return Table(
+        headers=("round", "amplitude in °", "error in °", "γ", "p₂/p₁", "p₃/p₁", "p₄/p₁", "T_c/p₁"),
+        rows=[
+            (
+                str(number),
+                _degrees(each.amplitude),
+                _degrees(each.amplitude_error),
+                f"{each.gamma:.4g}",
+                *(
+                    f"{getattr(each.believed, name) / each.believed.p1:.5g}"
+                    for name in ("p2", "p3", "p4", "coulomb")
+                ),
+            )
+            for number, each in enumerate(rounds)
+        ],
+        caption="The ratios are what the controller of that round believed, of the hand with what "
+        "it carries.",
+    )
+
+
+def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Table:
+    last = study.calibration.rounds[-1]
+    found, generic = last.recalibration, study.generic
+    rows = []
+    for k, name in enumerate(found.names):
+        value, error = float(found.values[k]), float(found.standard_errors[k])
+        ratio = not found.is_absolute and name != "compression"
+        scale = generic.p1 if ratio else 1.0
+        symbol = _RATIOS.get(name, f"{name}/p₁") if ratio else name
+        true = "" if truth is None else f"{getattr(truth, name) / (truth.p1 if ratio else 1):.6g}"
+        limits = interval(float(found.lower[k]), float(found.upper[k]))
+        before = f"{getattr(generic, name) / scale:.5g}" if ratio else "–"
+        rows.append((symbol, with_error(value, error), f"{error:.2g}", limits, before, true))
+    return Table(
+        headers=("", "value", "standard error", "95 % interval", "at first", "true"),
+        rows=rows,
+        caption="SI units; ratios where no known mass was changed. Intervals are widened to hold "
+        "the estimates that leave one run out.",
+    )
+
+
+def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
+    counts = list(range(len(rounds)))
+    figure = Figure()
+    style = {"color": PALETTE[0], "size": 9}
+    reached = [math.degrees(each.amplitude) for each in rounds]
+    figure.add_trace(
+        Scatter(x=counts, y=reached, mode="lines+markers", marker=style, name="reached")
+    )
+    wanted = [math.degrees(_wanted(rounds[-1]))] * len(rounds)
+    line = {"color": PALETTE[5], "dash": "dash"}
+    figure.add_trace(Scatter(x=counts, y=wanted, mode="lines", line=line, name="wanted"))
+    figure.update_xaxes(title="round", dtick=1)
+    figure.update_yaxes(title="amplitude in °")
+    figure.update_layout(height=320)
+    return figure
+
+
+def _motion(study: OrbitStudy, each: Round) -> tuple[NDArray[np.float64], ...]:
+    """Time, angle and smoothed velocity of the run that starts farthest from the orbit."""
+
+    def distance(log: Log) -> float:
+        return abs(abs(float(log.angle[0]) - study.zero) - _wanted(each))
+
+    log = max(each.logs[: each.starts], key=distance)
+    width = max(1, round(_SMOOTH / log.mean_step))
+    angle = np.convolve(log.angle - study.zero, np.ones(width) / width, mode="valid")
+    time = np.convolve(log.time, np.ones(width) / width, mode="valid")
+    return time, angle, np.gradient(angle, time)
+
+
+def _phase_figure(study: OrbitStudy) -> Figure:
+    rounds = study.calibration.rounds
+    figure = Figure()
+    for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
+        time, angle, velocity = _motion(study, rounds[number])
+        every = max(1, round(_EVERY / float(np.mean(np.diff(time)))))
+        x, y = (np.degrees(part[::every]).astype(np.float32) for part in (angle, velocity))
+        line = {"color": colour, "width": 1}
+        figure.add_trace(Scatter(x=x, y=y, mode="lines", line=line, name=f"round {number}"))
+    orbit = rounds[-1].orbit
+    angle, velocity = orbit.solution(np.linspace(0, orbit.period, 200))
+    dashed = {"color": PALETTE[5], "width": 2, "dash": "dash"}
+    figure.add_trace(
+        Scatter(x=np.degrees(angle), y=np.degrees(velocity), line=dashed, name="orbit")
+    )
+    figure.update_xaxes(title="angle in °")
+    figure.update_yaxes(title="velocity in °/s")
+    figure.update_layout(height=520)
+    return figure
+
+
+def _invariant_figure(study: OrbitStudy) -> Figure:
+    """Invariant of the nominal runs, as a share of E*, and its predicted decay."""
+    rounds, model = study.calibration.rounds, study.calibration.parameters
+    figure = make_subplots(rows=1, cols=1)
+    orbit = type(rounds[-1].orbit).of_amplitude(model, rounds[-1].orbit.upper)
+    depth = orbit.energy - energy(model, 0.0, 0.0)
+    for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
+        each = rounds[number]
+        time, angle, velocity = _motion(study, each)
+        values = invariant(model, orbit, angle, velocity) / depth
+        area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2 * np.diff(time))])
+        predicted = values[0] * np.exp(-each.believed.p4 * each.gamma * area)
+        every = max(1, round(_EVERY / float(np.mean(np.diff(time)))))
+        for y, dash, what in ((values, "solid", "measured"), (predicted, "dot", "predicted")):
+            line = {"color": colour, "width": 1.2, "dash": dash}
+            name = f"round {number}, {what}"
+            x, y32 = time[::every].astype(np.float32), y[::every].astype(np.float32)
+            figure.add_trace(Scatter(x=x, y=y32, mode="lines", line=line, name=name))
+    figure.update_xaxes(title="time in s")
+    figure.update_yaxes(title="I/E*")
+    figure.update_layout(height=360)
+    return figure
+
+
+def _cross_figure(study: OrbitStudy) -> Figure:
+    labels = [f"{math.degrees(each):.3g}°" for each in study.amplitudes]
+    figure = Figure(
+        Heatmap(
+            z=np.degrees(study.cross),
+            x=labels,
+            y=labels,
+            texttemplate="%{z:.3g}",
+            colorscale="Cividis",
+            colorbar={"title": {"text": "°"}},
+        )
+    )
+    figure.update_xaxes(title="used at")
+    figure.update_yaxes(title="calibrated at")
+    figure.update_layout(height=380)
+    return figure

@@ -1,0 +1,103 @@
+"""The thesis's synthetic robot next to its 60 degree orbit, as the tests and benchmarks use it."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from butterfly.experiment.orbit import simulated_rig
+from butterfly.experiment.schema import PlantSpec
+from butterfly.identify.harmonic_balance import fit_linear
+from butterfly.logs.log import Sine
+from butterfly.model.energy import Orbit
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.orbit.controller import EnergyShaping, gain_for
+from butterfly.orbit.loop import Plan
+from butterfly.plant.sweep import Controller, sweep
+from butterfly.signals.frequency_response import response_point
+
+SIXTY = math.radians(60)
+KNOWN = AddedMass(mass=0.05, arm=0.1)
+STARTS = (0.6, 0.9, 1.2, 1.5)
+
+
+def plant(friction=None, hand=None, **path):
+    hand = hand or {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003}
+    return PlantSpec.model_validate(
+        {
+            "hand": hand,
+            "drive": {"torque": {"gain": 10.0}},
+            "friction": {"viscous": 1e-3} | (friction or {}),
+            "clock": {"step": 0.001},
+            "encoder": {"steps": 8192, "noise": 2e-4},
+            "path": path,
+        }
+    )
+
+
+def wrong(parameters, rng):
+    """Believe p1..p4 wrong by 10 to 30 % either way, and nothing of Coulomb friction."""
+    factors = 1 + rng.choice([-1, 1], 4) * rng.uniform(0.1, 0.3, 4)
+    names = ("p1", "p2", "p3", "p4")
+    values = {n: getattr(parameters, n) * f for n, f in zip(names, factors, strict=True)}
+    return replace(parameters, coulomb=0.0, **values)
+
+
+def runs(spec, rng, *, starts=STARTS, masses=(NO_ADDED_MASS,), duration=20.0):
+    """Log a badly informed controller from several starts."""
+    believed = wrong(spec.robot.lumped, rng)
+    rig = simulated_rig(spec, "grey-box", rng)
+    logs = []
+    for mass in masses:
+        orbit = Orbit.of_amplitude(believed.with_added_mass(mass), SIXTY)
+        for start in starts:
+            law = EnergyShaping(orbit, gain_for(orbit, 0.5))
+            logs.append(rig(law, start, duration, mass))
+    return logs
+
+
+def generic(spec, amplitudes):
+    """Identify a linear model from small sines of given torque amplitudes in units of 1e-5."""
+    omegas = (2.5, 3.2, 3.6, 3.9, 4.2, 4.8, 6.0)
+    sines = [Sine(omega=w, amplitude=1e-5 * a) for w, a in zip(omegas, amplitudes, strict=True)]
+    jobs = [(mass, sine) for mass in (NO_ADDED_MASS, KNOWN) for sine in sines]
+    controller = Controller(
+        duration=60.0, clock=spec.clock, encoder=spec.encoder, path=spec.path, faults=spec.faults
+    )
+    seeds = np.random.SeedSequence(0).spawn(len(jobs))
+    logs = sweep(spec.robot, jobs, controller, seeds)
+    return fit_linear([response_point(log) for log in logs]).parameters
+
+
+def sixty_degrees(**changes):
+    """Plan rounds at 60 degrees."""
+    target = {"target": lambda p: Orbit.of_amplitude(p, SIXTY), "starts": (1.05, 0.6, 0.9, 1.5)}
+    return Plan(**(target | {"duration": 30.0} | changes))
+
+
+SMALL = (10, 7, 4, 3, 4, 10, 20)
+"""Torques in 1e-5 units that swing the hand a few hundredths of a radian."""
+
+AGAINST_COULOMB = (20, 14, 10, 8, 10, 20, 40)
+"""The same where Coulomb friction of 4e-4 N m has to be overcome first."""
+
+EFFECTS = {
+    "none": (plant(), SMALL, {}),
+    "Coulomb": (plant({"coulomb": 4e-4}), AGAINST_COULOMB, {}),
+    "quadratic drag": (plant({"drag": 2e-4}), SMALL, {}),
+    "gain compression": (plant(compression=500.0), SMALL, {}),
+    "Stribeck": (plant({"coulomb": 3e-4, "stribeck": 3e-4}), (24, 17, 12, 10, 12, 24, 48), {}),
+    "bias": (plant({"bias": 1e-3}), SMALL, {}),
+    "offset of the centre of mass": (
+        plant(hand={"mass": 0.1, "com_distance": 0.05, "com_offset": 0.003, "inertia": 0.003}),
+        SMALL,
+        {},
+    ),
+    "cogging, 7 periods a turn": (plant({"cogging": 2e-3, "cogging_periods": 7}), SMALL, {}),
+    "the same, told of cogging": (
+        plant({"cogging": 2e-3, "cogging_periods": 7}),
+        SMALL,
+        {"candidates": ("coulomb", "drag", "cogging", "cogging_cosine"), "cogging_periods": 7},
+    ),
+}
+"""Plant, torques of the small sines, and what the re-calibration is told, for each effect."""

@@ -1,0 +1,245 @@
+"""Re-calibration next to the 60 degree orbit, against the true parameters."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.experiment.orbit import simulated_rig
+from butterfly.identify.weak_signals import Balance
+from butterfly.model.energy import Orbit
+from butterfly.orbit.analysis import swing
+from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
+from butterfly.orbit.loop import calibrate
+from butterfly.orbit.online import OnlineRecalibration, SelfTuning
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
+from butterfly.orbit.study import study_orbit
+from butterfly.orbit.thesis_index import Index, minimise_index
+from tests.orbit.setting import (
+    AGAINST_COULOMB,
+    EFFECTS,
+    KNOWN,
+    NO_ADDED_MASS,
+    SIXTY,
+    generic,
+    plant,
+    runs,
+    sixty_degrees,
+    wrong,
+)
+
+ROUGH = plant({"coulomb": 4e-4})
+TRUE = ROUGH.robot.lumped
+NAMES = ("p2", "p3", "p4", "coulomb")
+
+
+def _deviations(found, scale):
+    """Relative errors of the named parameters, in per cent."""
+    values = dict(zip(found.names, found.values, strict=True))
+    return {n: 100 * (values[n] * scale / getattr(TRUE, n) - 1) for n in values}
+
+
+@pytest.fixture(scope="module")
+def draws():
+    return [runs(ROUGH, np.random.default_rng(seed)) for seed in range(8)]
+
+
+def test_the_weak_form_finds_the_ratios_whatever_the_controller_believed(draws):
+    found = [_deviations(recalibrate(logs, 0.0), TRUE.p1) for logs in draws]
+    rms = {n: math.sqrt(np.mean([each[n] ** 2 for each in found])) for n in NAMES}
+    assert rms["p2"] < 0.05
+    assert rms["p3"] < 0.01
+    assert rms["p4"] < 0.06
+    assert rms["coulomb"] < 0.5
+
+
+def test_the_energy_balance_finds_them_too(draws):
+    options = RecalibrationOptions(balance=Balance.ENERGY)
+    found = [_deviations(recalibrate(logs, 0.0, options), TRUE.p1) for logs in draws]
+    limits = {"p2": 0.1, "p3": 0.01, "p4": 0.06, "coulomb": 1.0}
+    for name, limit in limits.items():
+        assert math.sqrt(np.mean([each[name] ** 2 for each in found])) < limit
+
+
+def test_terms_that_are_not_there_are_rejected_and_intervals_hold_the_truth(draws):
+    held = []
+    for logs in draws:
+        found = recalibrate(logs, 0.0)
+        assert found.names == NAMES
+        assert set(found.rejected) == {"drag", "p3_offset", "bias", "compression"}
+        true = np.array([getattr(TRUE, n) / TRUE.p1 for n in NAMES])
+        held.append((found.lower <= true) & (true <= found.upper))
+    assert np.mean(held) > 0.85
+    assert not found.is_absolute
+    assert "Ratios" in found.verdict[0]
+
+
+def test_with_a_known_mass_all_of_p1_to_p4_are_absolute():
+    found = [
+        _deviations(recalibrate(runs(ROUGH, rng, masses=(NO_ADDED_MASS, KNOWN)), 0.0), 1.0)
+        for rng in map(np.random.default_rng, range(3))
+    ]
+    for name in ("p1", "p2", "p3", "p4"):
+        assert math.sqrt(np.mean([each[name] ** 2 for each in found])) < 0.05
+
+
+def test_ratios_say_nothing_of_another_load(draws):
+    found = recalibrate(draws[0], 0.0)
+    assert found.loaded(inertia=TRUE.p1).p3 == pytest.approx(TRUE.p3, rel=1e-4)
+    with pytest.raises(IdentifiabilityError, match="50 g"):
+        found.loaded(KNOWN)
+
+
+def test_constraints_hold_where_the_data_would_have_it_otherwise():
+    smooth = plant({"viscous": 0.0})
+    found = recalibrate(runs(smooth, np.random.default_rng(5), duration=8.0), 0.0)
+    assert dict(zip(found.names, found.values, strict=True))["p2"] >= 0
+    assert (found.lower[0], found.names[0]) >= (0.0, "p2")
+
+
+def test_too_little_motion_is_refused():
+    logs = runs(ROUGH, np.random.default_rng(0), starts=(0.9,), duration=3.0)
+    with pytest.raises(IdentifiabilityError, match="record longer runs"):
+        recalibrate(logs, 0.0)
+    with pytest.raises(InputError, match="s or more"):
+        recalibrate([logs[0].take(logs[0].time < 0.2)], 0.0)
+
+
+def test_options_that_make_no_sense_are_refused():
+    with pytest.raises(InputError, match="'coulomb'"):
+        RecalibrationOptions(candidates=("coulom",))
+    with pytest.raises(InputError, match="told from p3"):
+        RecalibrationOptions(candidates=("cogging",))
+
+
+@pytest.mark.parametrize("effect", ["Coulomb", "quadratic drag", "gain compression"])
+def test_the_recalibrated_model_predicts_a_hundred_times_better(effect):
+    spec, amplitudes, told = EFFECTS[effect]
+    rng = np.random.default_rng(1)
+    study = study_orbit(
+        simulated_rig(spec, "grey-box", rng),
+        generic(spec, amplitudes),
+        0.0,
+        sixty_degrees(),
+        RecalibrationOptions(**told),
+        rng=rng,
+    )
+    assert study.errors["generic"] > 100 * study.errors["re-calibrated"]
+    assert study.cross.shape == (0, 0)
+
+
+def test_in_mujoco_the_loop_brings_97_degrees_to_60():
+    rng = np.random.default_rng(3)
+    small = generic(ROUGH, AGAINST_COULOMB)
+    found = calibrate(simulated_rig(ROUGH, "mujoco", rng), small, 0.0, sixty_degrees(), rng=rng)
+    reached = [math.degrees(each.amplitude) for each in found.rounds]
+    assert reached[0] == pytest.approx(97.0, abs=1.0)
+    assert reached[-1] == pytest.approx(60.0, abs=0.2)
+    assert len(reached) <= 4
+    assert found.parameters.p2 / found.parameters.p1 == pytest.approx(TRUE.p2 / TRUE.p1, rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_loop_converges_from_wrong_parameters(seed):
+    rng = np.random.default_rng(seed)
+    rig = simulated_rig(ROUGH, "grey-box", rng)
+    plan = sixty_degrees(duration=20.0)
+    found = calibrate(rig, wrong(TRUE, rng), 0.0, plan, rng=rng)
+    assert math.degrees(found.rounds[-1].amplitude) == pytest.approx(60.0, abs=0.2)
+    assert len(found.rounds) <= 4
+    for each in found.rounds:
+        assert (each.recalibration.values >= 0).all()
+
+
+def test_a_controller_needs_a_positive_gain():
+    with pytest.raises(InputError, match="p4"):
+        calibrate(None, replace(TRUE, p4=-1.0), 0.0, sixty_degrees(), rng=np.random.default_rng())
+
+
+@pytest.mark.parametrize(
+    ("index", "vanishing"),
+    [(Index.PRINTED, [0, 1]), (Index.NORMALISED, [2]), (Index.FIXED_INERTIA, [2])],
+)
+def test_118_fails_with_a_controller_built_on_wrong_parameters(index, vanishing):
+    rng = np.random.default_rng(2)
+    believed = replace(TRUE, coulomb=0.0, p2=1.3 * TRUE.p2, p4=0.8 * TRUE.p4)
+    orbit = Orbit.of_amplitude(believed, SIXTY)
+    gamma = gain_for(orbit, 0.5)
+    rig = simulated_rig(plant(), "grey-box", rng)
+    log = rig(EnergyShaping(orbit, gamma), 1.4, 30.0, NO_ADDED_MASS)
+    found = minimise_index(log, 0.0, believed, SIXTY, gamma=gamma, index=index)
+    start = np.array([believed.p1, believed.p3, believed.p4])
+    assert (found[vanishing] < 0.1 * start[vanishing]).all()
+
+
+def test_118_works_only_with_the_inertia_fixed_and_an_exact_controller_without_noise():
+    smooth = plant().model_copy(update={"encoder": plant().encoder.__class__(steps=2**40)})
+    true = smooth.robot.lumped
+    orbit = Orbit.of_amplitude(true, SIXTY)
+    gamma = gain_for(orbit, 0.8)
+    rig = simulated_rig(smooth, "grey-box", np.random.default_rng())
+    log = rig(EnergyShaping(orbit, gamma), 1.4, 12.0, NO_ADDED_MASS)
+    start = replace(true, p3=1.1 * true.p3, p4=0.9 * true.p4)
+    found = minimise_index(log, 0.0, start, SIXTY, gamma=gamma, index=Index.FIXED_INERTIA)
+    np.testing.assert_allclose(found[1:], [true.p3, true.p4], rtol=0.02)
+
+
+@pytest.mark.parametrize("dither", [0.0, 0.2])
+def test_on_line_the_ratios_are_known_and_the_orbit_held_after_ten_periods(dither):
+    rng = np.random.default_rng(0)
+    believed = wrong(TRUE, rng)
+    orbit = Orbit.of_amplitude(believed, SIXTY)
+    online = OnlineRecalibration(memory=30.0)
+    shaping = EnergyShaping(orbit, gain_for(orbit, 0.5))
+    law = SelfTuning(
+        shaping,
+        online,
+        lambda p: Orbit.of_amplitude(p, SIXTY),
+        multiplier=0.5,
+        inertia=TRUE.p1,
+        every=1.0,
+        commands=Dithered(shaping, dither, 3.6, rng),
+    )
+    period = Orbit.of_amplitude(TRUE, SIXTY).period
+    log = simulated_rig(ROUGH, "grey-box", rng)(law, 1.4, 10 * period, NO_ADDED_MASS)
+    assert math.degrees(swing(log, 0.0, 7 * period)) == pytest.approx(60.0, abs=0.2 + 5 * dither)
+    found = online.parameters(TRUE.p1)
+    limits = {"p2": 2e-3, "p3": 1e-4, "p4": 2e-3, "coulomb": 0.02}
+    for name, limit in limits.items():
+        assert getattr(found, name) == pytest.approx(getattr(TRUE, name), rel=limit)
+
+
+def test_on_line_what_changed_is_forgotten():
+    rng = np.random.default_rng(0)
+    orbit = Orbit.of_amplitude(TRUE, SIXTY)
+    online = OnlineRecalibration(terms=(), memory=4.0)
+    for spec, offset in ((plant(), 0.0), (plant({"viscous": 2e-3}), 21.0)):
+        rig = simulated_rig(spec, "grey-box", rng)
+        log = rig(Dithered(EnergyShaping(orbit, 0.005), 0.5, 3.6, rng), 1.4, 20.0, NO_ADDED_MASS)
+        for time, command, angle in zip(log.time, log.input, log.angle, strict=True):
+            online.observe(_Reading(time + offset, angle), command)
+        found = online.parameters(TRUE.p1)
+        assert found.p2 == pytest.approx(spec.robot.lumped.p2, rel=0.05)
+
+
+class _Reading:
+    def __init__(self, time, angle):
+        self.time, self.angle = time, angle
+
+
+def test_what_cannot_be_done_on_line_is_refused():
+    with pytest.raises(InputError, match="memory"):
+        OnlineRecalibration(memory=0.0)
+    with pytest.raises(InputError, match="linear in u"):
+        OnlineRecalibration(terms=("compression",))
+
+
+def test_the_swing_of_a_log_is_its_amplitude_or_says_that_there_is_none():
+    rng = np.random.default_rng(0)
+    log = runs(ROUGH, rng, starts=(0.9,), duration=3.0)[0]
+    sine = replace(log, angle=0.1 + 0.7 * np.cos(4 * log.time))
+    assert swing(sine, 0.1, 0.0) == pytest.approx(0.7, rel=1e-4)
+    assert math.isnan(swing(replace(log, angle=4 * log.time), 0.0, 0.0))
+    assert swing(replace(log, angle=0.1 + 0 * log.time), 0.0, 0.0) == 0.0
