@@ -28,9 +28,13 @@ def test_the_version_is_printed(butterfly):
     assert butterfly("--version") == (0, f"butterfly {__version__}\n", "")
 
 
-@pytest.mark.parametrize(
-    "command", ["identify", "simulate", "run", "inspect", "manifest", "model", "view", "video"]
+COMMANDS = (
+    *("identify", "simulate", "run", "inspect", "manifest", "model", "view", "video"),
+    *("validate", "select", "residual", "design", "reproduce", "calibrate-orbit"),
 )
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(butterfly, command):
     code, out, _ = butterfly(command, "--help")
     assert code == 0

@@ -1,0 +1,109 @@
+"""The figures of docs/orbit.md: 24 draws and all effects (run with -s to see them)."""
+
+import math
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+
+from butterfly.experiment.orbit import simulated_rig
+from butterfly.identify.weak_signals import Balance
+from butterfly.orbit.loop import calibrate
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
+from butterfly.orbit.study import study_orbit
+from tests.orbit.setting import (
+    AGAINST_COULOMB,
+    EFFECTS,
+    KNOWN,
+    generic,
+    plant,
+    runs,
+    sixty_degrees,
+    wrong,
+)
+
+DRAWS = 24
+ROUGH = plant({"coulomb": 4e-4})
+TRUE = ROUGH.robot.lumped
+EXPECTED = ("p1", "p2", "p3", "p4", "coulomb")
+
+
+def _errors(seed):
+    """Relative errors in per cent of one draw: ratios by both balances, and absolute values."""
+    rng = np.random.default_rng(seed)
+    logs = runs(ROUGH, rng)
+    both = [*logs, *runs(ROUGH, rng, masses=(KNOWN,))]
+    found = [recalibrate(logs, 0.0, RecalibrationOptions(balance=each)) for each in Balance]
+    cases = [(found[0], TRUE.p1), (found[1], TRUE.p1), (recalibrate(both, 0.0), 1.0)]
+    return [
+        {
+            name: 100 * (value * scale / getattr(TRUE, name) - 1) if name in EXPECTED else None
+            for name, value in zip(found.names, found.values, strict=True)
+        }
+        for found, scale in cases
+    ]
+
+
+def test_errors_over_24_draws():
+    with ProcessPoolExecutor() as pool:
+        draws = list(pool.map(_errors, range(DRAWS)))
+    titles = ("weak form, ratios", "energy balance, ratios", "weak form, known mass")
+    for title, found in zip(titles, zip(*draws, strict=True), strict=True):
+        names = [name for name in EXPECTED if name in found[0]]
+        rms = {name: math.sqrt(np.mean([each[name] ** 2 for each in found])) for name in names}
+        spurious = sum(None in each.values() for each in found)
+        print(f"\n{title}, rms error in %:", {n: round(value, 4) for n, value in rms.items()})
+        print(f"a term that is not there accepted in {spurious} of {DRAWS} draws")
+
+
+def _effect(name):
+    spec, amplitudes, told = EFFECTS[name]
+    rng = np.random.default_rng(0)
+    study = study_orbit(
+        simulated_rig(spec, "mujoco", rng),
+        generic(spec, amplitudes),
+        0.0,
+        sixty_degrees(),
+        RecalibrationOptions(**told),
+        rng=rng,
+    )
+    swings = [f"{math.degrees(each.amplitude):.2f}" for each in study.calibration.rounds]
+    before, after = (math.degrees(error) for error in study.errors.values())
+    terms = study.calibration.rounds[-1].recalibration.names
+    return (
+        f"{name:28} {', '.join(swings):28} {before:8.3f} {after:8.4f} {before / after:6.0f} {terms}"
+    )
+
+
+def test_free_run_errors_for_every_effect():
+    print(
+        "\neffect, swings in degrees, rms free-run error in degrees before and after, ratio, terms"
+    )
+    with ProcessPoolExecutor() as pool:
+        for line in pool.map(_effect, EFFECTS):
+            print(line)
+
+
+def _swings(seed):
+    """Swings in degrees of the loop in MuJoCo, from a small-swing model and from a wrong one."""
+    rng = np.random.default_rng(seed)
+    rig = simulated_rig(ROUGH, "mujoco", rng)
+    loops = [
+        calibrate(rig, believed, 0.0, sixty_degrees(duration=20.0), rng=rng)
+        for believed in (generic(ROUGH, AGAINST_COULOMB), wrong(TRUE, rng))
+    ]
+    lowest = min(each.recalibration.values.min() for loop in loops for each in loop.rounds)
+    assert lowest >= 0
+    return [[round(math.degrees(each.amplitude), 2) for each in loop.rounds] for loop in loops]
+
+
+def test_the_loop_over_24_draws():
+    with ProcessPoolExecutor() as pool:
+        swings = list(pool.map(_swings, range(DRAWS)))
+    for title, loops in zip(
+        ("small swings", "10-30 % wrong"), zip(*swings, strict=True), strict=True
+    ):
+        last = [each[-1] for each in loops]
+        print(
+            f"\nfrom {title}: first {min(e[0] for e in loops)}..{max(e[0] for e in loops)}, "
+            f"last {min(last)}..{max(last)}, rounds at most {max(map(len, loops))}"
+        )
