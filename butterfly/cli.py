@@ -13,7 +13,7 @@ from butterfly.arguments import parse_pairs, parse_parameters, parse_terms
 from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment import runner
-from butterfly.experiment.schema import read_experiment
+from butterfly.experiment.reading import read_experiment
 from butterfly.identify.free_run_problem import Loss
 from butterfly.identify.identification import identify
 from butterfly.identify.methods import Method, Options

@@ -15,8 +15,8 @@ from butterfly.console import CONSOLE, show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.figure_data import write_figure_data
 from butterfly.experiment.orbit import calibrate_orbit
+from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.reproduction import has_real_logs, reproduce
-from butterfly.experiment.schema import read_experiment
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.design import LARGEST_SWING, rank_experiments
 from butterfly.identify.free_run import FitSummary

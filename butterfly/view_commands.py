@@ -11,13 +11,14 @@ import typer
 
 from butterfly.console import show_progress
 from butterfly.errors import InputError
-from butterfly.experiment.schema import Experiment, read_experiment
+from butterfly.experiment.reading import read_experiment
 from butterfly.plant.sensors import Clock
 from butterfly.plant.sweep import Controller, sweep
 from butterfly.plant.viewing import film, watch
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    from butterfly.experiment.schema import Experiment
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.excitations import Excitation
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.reproduction import (
     COARSE,
     SYNTHETIC,
@@ -14,7 +15,6 @@ from butterfly.experiment.reproduction import (
     scripted_point,
     synthetic_log,
 )
-from butterfly.experiment.schema import Experiment, read_experiment
 from butterfly.files import replacing
 from butterfly.identify.thesis import scripted_amplitude
 from butterfly.logs.manifest import read_entry, read_manifest
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.experiment.schema import Experiment
     from butterfly.logs.log import Log
 
     Columns = dict[str, NDArray[np.float64]]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.experiment.schema import Experiment, read_experiment
+from butterfly.experiment.reading import read_experiment
 from butterfly.identify.data import read_data_set
 from butterfly.identify.harmonic_balance import fit_harmonic_balance
 from butterfly.identify.resonance import complex_fit
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
+    from butterfly.experiment.schema import Experiment
     from butterfly.model.parameters import AddedMass
 
 SYNTHETIC = "experiments/thesis/synthetic.yaml"

@@ -10,8 +10,10 @@ from pydantic import Field, model_validator
 
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.oneof import OneOf
+from butterfly.experiment.sweeps import SweepSpec
+from butterfly.identify.free_run_problem import Loss
 from butterfly.identify.methods import Method
-from butterfly.logs.csv import read_columns
+from butterfly.identify.validation import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
@@ -28,7 +30,7 @@ from butterfly.plant.excitations import (
 from butterfly.plant.mjcf import Clutch, Robot
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.sensors import Clock, Encoder, Faults
-from butterfly.yaml_input import StrictModel, read_yaml
+from butterfly.yaml_input import StrictModel
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
@@ -75,7 +77,7 @@ class TableFile(StrictModel):
 
 
 class SignalSpec(OneOf):
-    """An input other than a plain sine; a file must be read by `load` before it is one."""
+    """An input other than a plain sine; reading an experiment turns a file into a table."""
 
     stepped_sine: SteppedSine | None = None
     multisine: Multisine | None = None
@@ -85,19 +87,31 @@ class SignalSpec(OneOf):
     table: Table | None = None
     file: TableFile | None = None
 
-    def load(self, folder: Path) -> SignalSpec:
-        """Return the spec with a file, which is relative to ``folder``, read into a table.
 
-        Raises
-        ------
-        InputError
-            If the file cannot be read.
-        """
-        if self.file is None:
-            return self
-        time, values = read_columns(folder / self.file.path, [self.file.time, self.file.values])
-        table = Table(time=tuple(time.tolist()), values=tuple(values.tolist()))
-        return SignalSpec(table=table)
+class EstimatorSpec(StrictModel):
+    """An estimator, and what it fits besides p1..p4, Coulomb torque and delay."""
+
+    method: Method = Method.HARMONIC_BALANCE
+    terms: tuple[str, ...] | None = None
+    loss: Loss = Loss.LINEAR
+
+    @property
+    def label(self) -> str:
+        """Short name for tables."""
+        told = [*(self.terms or ()), *([self.loss.value] if self.loss is not Loss.LINEAR else [])]
+        return f"{self.method}({', '.join(told)})" if told else str(self.method)
+
+
+class ValidationSpec(StrictModel):
+    """What is left out, to be predicted by what is kept."""
+
+    split: Split = Split.MASS
+
+
+class ReportSpec(StrictModel):
+    """What the report of a sweep shows: how many of the worst runs."""
+
+    worst: Annotated[int, Field(ge=0)] = 10
 
 
 class Experiment(StrictModel):
@@ -120,8 +134,21 @@ class Experiment(StrictModel):
     method, terms
         The estimator, and what it fits besides p1..p4, Coulomb torque and delay; its own choice if
         not given.
+    estimators
+        Several of them, in place of ``method`` and ``terms``, for a sweep or `butterfly
+        leaderboard`.
+    validation
+        Of each run of a sweep, by data left out; none if not given.
+    report
+        Of a sweep.
     control
         An orbit to hold, for `butterfly calibrate-orbit`.
+    sweep
+        Variations of this experiment, for `butterfly run`.
+    keep_signals
+        Whether the runs of a sweep keep their logs, as Parquet.
+    extends
+        Another experiment file, beside this one or shipped, which this one changes.
     """
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
@@ -134,7 +161,13 @@ class Experiment(StrictModel):
     duration: Annotated[float, Field(gt=0)]
     method: Method = Method.HARMONIC_BALANCE
     terms: tuple[str, ...] | None = None
+    estimators: tuple[EstimatorSpec, ...] = ()
+    validation: ValidationSpec | None = None
+    report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None
+    sweep: SweepSpec | None = None
+    keep_signals: bool = False
+    extends: str | None = None
 
     @model_validator(mode="after")
     def _some_input(self) -> Experiment:
@@ -142,6 +175,17 @@ class Experiment(StrictModel):
         if not (self.excitations or self.signals or believed):
             raise ValueError("at least one of the keys excitations, signals and control.believed")
         return self
+
+    @model_validator(mode="after")
+    def _one_way_to_name_estimators(self) -> Experiment:
+        if self.estimators and {"method", "terms"} & self.model_fields_set:
+            raise ValueError("either estimators, or method and terms")
+        return self
+
+    @property
+    def all_estimators(self) -> tuple[EstimatorSpec, ...]:
+        """Every estimator that is named, by either way."""
+        return self.estimators or (EstimatorSpec(method=self.method, terms=self.terms),)
 
     def runs(self) -> list[tuple[AddedMass, Excitation]]:
         """List what each run carries and is driven with."""
@@ -165,16 +209,3 @@ class Experiment(StrictModel):
     def input_kind(self) -> InputKind:
         """What the commands mean."""
         return InputKind.TORQUE if self.plant.drive.voltage is None else InputKind.VOLTAGE
-
-
-def read_experiment(path: Path) -> Experiment:
-    """Read an experiment file.
-
-    Raises
-    ------
-    InputError
-        If it does not follow the schema, or a file that it names cannot be read.
-    """
-    experiment = read_yaml(path, Experiment)
-    signals = tuple(signal.load(path.parent) for signal in experiment.signals)
-    return experiment.model_copy(update={"signals": signals})

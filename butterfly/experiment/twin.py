@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from butterfly.experiment.schema import read_experiment
+from butterfly.experiment.reading import read_experiment
 from butterfly.files import replacing
 from butterfly.identify.identification import identify
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import LumpedParameters
+    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
 class Method(StrEnum):
@@ -75,15 +76,25 @@ def _output_error(data: DataSet, options: Options) -> ParameterEstimate:
     choice = OutputErrorOptions(loss=options.loss, check=options.check)
     if options.terms is not None:
         choice = replace(choice, terms=options.terms)
-    return fit_output_error(data.logs, _start(data), data.equilibria, choice)
+    start, zeros = _start(data)
+    return fit_output_error(data.logs, start, zeros, choice)
 
 
-def _start(data: DataSet) -> LumpedParameters:
-    """Return a closed form's estimate: from the sines alone if they suffice."""
+def _start(data: DataSet) -> tuple[LumpedParameters, dict[AddedMass, float]]:
+    """Return a closed form's estimate, from the sines alone if they suffice, and rest angles.
+
+    Where a hand that decays comes to rest depends on friction; the weak form, which then takes
+    over, corrects the rest angles by the offset of gravity that it sees about them.
+    """
+    zeros = data.equilibria
     try:
-        return fit_harmonic_balance(data.sines).parameters
+        return fit_harmonic_balance(data.sines).parameters, zeros
     except IdentifiabilityError:
-        return fit_weak_form(data.logs, data.equilibria).parameters
+        found = fit_weak_form(data.logs, zeros, ("p3_offset",)).parameters
+        loaded = {mass: found.with_added_mass(mass) for mass in zeros}
+        turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
+        corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}
+        return replace(found, p3_offset=0.0), corrected
 
 
 def _weak_form(data: DataSet, options: Options) -> ParameterEstimate:

@@ -5,8 +5,8 @@ import pytest
 import yaml
 
 from butterfly.errors import InputError
+from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.runner import run, simulate
-from butterfly.experiment.schema import read_experiment
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.plant.sensors import Faults
 from butterfly.report.identification import write_report
@@ -172,7 +172,7 @@ def test_other_inputs_than_sines_are_simulated_and_said_not_to_be_sines(short, t
             [{"prbs": {"amplitude": 1, "bit": 0.1, "register": 99}}],
             "signals.0.prbs.register: got 99",
         ),
-        ([], "at least one of the keys excitations and signals"),
+        ([], "at least one of the keys excitations, signals and control.believed"),
     ],
 )
 def test_a_slip_in_a_signal_is_named(short, signals, message):

@@ -1,6 +1,7 @@
 import numpy as np
 
 from butterfly.experiment.figure_data import write_figure_data
+from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.reproduction import (
     SYNTHETIC,
     _scripted_resonance,
@@ -8,7 +9,6 @@ from butterfly.experiment.reproduction import (
     scripted_point,
     synthetic_log,
 )
-from butterfly.experiment.schema import read_experiment
 from butterfly.resources import shipped
 
 

@@ -8,8 +8,8 @@ import subprocess
 
 import pytest
 
+from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.runner import run
-from butterfly.experiment.schema import read_experiment
 from butterfly.logs.health import examine
 from butterfly.report.format import interval, with_error
 from butterfly.report.identification import parameter_rows, summary, write_report

@@ -1,0 +1,185 @@
+"""What an experiment file may say under ``sweep:``, and the runs that come of it."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+from scipy.stats import norm
+from scipy.stats.qmc import LatinHypercube
+
+from butterfly.errors import InputError
+from butterfly.experiment.oneof import OneOf
+from butterfly.yaml_input import StrictModel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    Overrides = dict[str, Any]
+
+_SEEDS = 2**32
+_RANDOM, _HYPERCUBE = 1, 2  # streams of the experiment's seed
+
+
+class Distribution(OneOf):
+    """From what the values of a field are drawn."""
+
+    uniform: tuple[float, float] | None = None
+    log_uniform: tuple[float, float] | None = None
+    normal: tuple[float, float] | None = None
+    choice: Annotated[list[Any], Field(min_length=1)] | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Distribution:
+        for name in ("uniform", "log_uniform"):
+            limits = getattr(self, name)
+            if limits is not None and not limits[0] < limits[1]:
+                raise ValueError(f"{name}: [lower, upper], lower first")
+        if self.log_uniform is not None and not self.log_uniform[0] > 0:
+            raise ValueError("log_uniform: positive limits")
+        if self.normal is not None and not self.normal[1] > 0:
+            raise ValueError("normal: [mean, standard deviation], the latter positive")
+        return self
+
+    def quantile(self, share: float) -> Any:  # noqa: ANN401 - whatever may be chosen
+        """Return the value that a share of the draws lie below."""
+        if self.choice is not None:
+            return self.choice[min(int(share * len(self.choice)), len(self.choice) - 1)]
+        if self.uniform is not None:
+            low, high = self.uniform
+            return low + share * (high - low)
+        if self.log_uniform is not None:
+            low, high = (math.log(limit) for limit in self.log_uniform)
+            return math.exp(low + share * (high - low))
+        assert self.normal is not None  # noqa: S101 - exactly one is
+        return float(norm.ppf(share, *self.normal))
+
+
+class RandomSpec(StrictModel):
+    """Random points: how many, and the distribution of each field."""
+
+    count: Annotated[int, Field(gt=0)]
+    fields: Annotated[dict[str, Distribution], Field(min_length=1)]
+
+
+class SweepSpec(StrictModel):
+    """Variations of an experiment; what is given is combined, each with each.
+
+    Parameters
+    ----------
+    grid
+        Values of fields, all combinations. A field is named by its path, as ``plant.hand.mass`` or
+        ``added_masses.1.mass``.
+    rows
+        In YAML ``list``: values of fields, set together.
+    random, latin_hypercube
+        Random points, independent or evenly spread over each field.
+    repetitions
+        Of each point, with seeds of their own.
+    """
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    grid: dict[str, Annotated[list[Any], Field(min_length=1)]] = Field(default={})
+    rows: list[dict[str, Any]] = Field(default=[], alias="list")
+    random: RandomSpec | None = None
+    latin_hypercube: RandomSpec | None = None
+    repetitions: Annotated[int, Field(gt=0)] = 1
+
+    @property
+    def fields(self) -> list[str]:
+        """Paths of the fields that vary, in order."""
+        drawn = [spec.fields for spec in (self.random, self.latin_hypercube) if spec]
+        paths = [*self.grid, *(path for row in self.rows for path in row)]
+        return list(dict.fromkeys([*paths, *(path for each in drawn for path in each)]))
+
+    def points(self, seed: int) -> Iterator[tuple[Overrides, int, int]]:
+        """Yield the overrides, the repetition and the seed of each run, in order.
+
+        A run's seed depends on the experiment's seed, the repetition and the values set alone, so
+        a sweep that grows keeps the runs that it had.
+        """
+        axes: list[list[Overrides]] = [
+            [dict(zip(self.grid, values, strict=True)) for values in product(*self.grid.values())],
+            self.rows or [{}],
+            _random(self.random, np.random.SeedSequence(seed, spawn_key=(_RANDOM,))),
+            _hypercube(self.latin_hypercube, np.random.SeedSequence(seed, spawn_key=(_HYPERCUBE,))),
+        ]
+        for parts in product(*axes):
+            overrides = {path: value for part in parts for path, value in part.items()}
+            for repetition in range(self.repetitions):
+                yield overrides, repetition, _derived_seed(seed, repetition, overrides)
+
+
+def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:
+    """Return a copy of an experiment's mapping with fields set by their paths.
+
+    Mappings on the way to a field are made if need be.
+
+    Raises
+    ------
+    InputError
+        If a path leads through a value that has no parts, or beyond the end of a list.
+    """
+    changed = copy.deepcopy(dict(content))
+    for path, value in overrides.items():
+        *way, last = path.split(".")
+        place: Any = changed
+        for part in way:
+            place = _enter(place, part, path, source)
+        if isinstance(place, list):
+            place[_index(place, last, path, source)] = value
+        elif isinstance(place, dict):
+            place[last] = value
+        else:
+            raise InputError(source, f"sweep: {path}", place, "a path to a field")
+    return changed
+
+
+def _enter(place: Any, part: str, path: str, source: object) -> Any:  # noqa: ANN401 - any YAML
+    if isinstance(place, list):
+        return place[_index(place, part, path, source)]
+    if isinstance(place, dict):
+        return place.setdefault(part, {})
+    raise InputError(source, f"sweep: {path}", place, f"something with a part {part!r}")
+
+
+def _index(place: list[Any], part: str, path: str, source: object) -> int:
+    if not (part.isdigit() and int(part) < len(place)):
+        raise InputError(source, f"sweep: {path}", part, f"a number from 0 to {len(place) - 1}")
+    return int(part)
+
+
+def _random(spec: RandomSpec | None, seed: np.random.SeedSequence) -> list[Overrides]:
+    if spec is None:
+        return [{}]
+    shares = np.random.default_rng(seed).random((spec.count, len(spec.fields)))
+    return _drawn(spec, shares.tolist())
+
+
+def _hypercube(spec: RandomSpec | None, seed: np.random.SeedSequence) -> list[Overrides]:
+    if spec is None:
+        return [{}]
+    sampler = LatinHypercube(len(spec.fields), rng=np.random.default_rng(seed))
+    return _drawn(spec, sampler.random(spec.count).tolist())
+
+
+def _drawn(spec: RandomSpec, shares: list[list[float]]) -> list[Overrides]:
+    return [
+        {
+            path: each.quantile(share)
+            for (path, each), share in zip(spec.fields.items(), row, strict=True)
+        }
+        for row in shares
+    ]
+
+
+def _derived_seed(seed: int, repetition: int, overrides: Overrides) -> int:
+    text = json.dumps([seed, repetition, overrides], sort_keys=True, default=str)
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") % _SEEDS
