@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+DRAFT = ".draft-"
+"""How the names of files begin that were not finished."""
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``path`` that takes its name when the block succeeds.
@@ -21,7 +25,7 @@ def replacing(path: Path) -> Iterator[Path]:
     InputError
         If the folder cannot be made or written to.
     """
-    draft = path.with_name(f".{path.name}.part{path.suffix}")
+    draft = path.with_name(f"{DRAFT}{path.name}.part{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield draft

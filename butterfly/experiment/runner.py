@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from butterfly.experiment.schema import Experiment
+    from butterfly.logs.log import Log
 
 
 def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> Path:
@@ -36,33 +37,47 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     -------
     Path of the manifest, which is written last.
     """
+    runs = experiment.runs()
+    seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
+    robot, controller = experiment.plant.robot, controller_of(experiment)
+    entries = []
+    for number, log in enumerate(sweep(robot, runs, controller, seeds, track=track)):
+        entry = entry_of(number, log, "mat")
+        write_mat(log, folder / entry.file)
+        entries.append(entry)
+    path = folder / MANIFEST_NAME
+    write_manifest(manifest_of(experiment, entries), path)
+    return path
+
+
+def controller_of(experiment: Experiment) -> Controller:
+    """Return what applies the excitations of an experiment and records."""
     plant = experiment.plant
-    controller = Controller(
+    return Controller(
         duration=experiment.duration,
         clock=plant.clock,
         encoder=plant.encoder,
         path=plant.path,
         faults=plant.faults,
     )
-    runs = experiment.runs()
-    seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
-    logs = sweep(plant.robot, runs, controller, seeds, track=track)
-    entries = []
-    for number, (log, (added, _)) in enumerate(zip(logs, runs, strict=True)):
-        sine = log.excitation
-        what = f"{sine.omega:g}rads" if sine else "signal"
-        name = f"run{number:03d}_{1e3 * added.mass:g}g_{what}.mat"
-        write_mat(log, folder / name)
-        entries.append(
-            LogEntry(
-                file=name,
-                added_mass=added.mass,
-                arm=added.arm,
-                omega=sine.omega if sine else None,
-                amplitude=sine.amplitude if sine else None,
-            )
-        )
-    manifest = Manifest(
+
+
+def entry_of(number: int, log: Log, suffix: str) -> LogEntry:
+    """Name a file for one log of an experiment, and say what it holds."""
+    sine, added = log.excitation, log.added_mass
+    what = f"{sine.omega:g}rads" if sine else "signal"
+    return LogEntry(
+        file=f"run{number:03d}_{1e3 * added.mass:g}g_{what}.{suffix}",
+        added_mass=added.mass,
+        arm=added.arm,
+        omega=sine.omega if sine else None,
+        amplitude=sine.amplitude if sine else None,
+    )
+
+
+def manifest_of(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
+    """Return the manifest of an experiment's logs."""
+    return Manifest(
         name=experiment.name,
         description=experiment.description,
         input=experiment.input_kind,
@@ -70,9 +85,6 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
         arm=entries[0].arm or 0.0,
         logs=entries,
     )
-    path = folder / MANIFEST_NAME
-    write_manifest(manifest, path)
-    return path
 
 
 def run(experiment: Experiment, folder: Path, track: Track = untracked) -> Identification:

@@ -16,6 +16,7 @@ from butterfly.logs.csv import read_csv
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.mat import read_mat
+from butterfly.logs.parquet import read_parquet
 from butterfly.model.parameters import AddedMass
 from butterfly.yaml_input import StrictModel, read_yaml
 
@@ -166,16 +167,21 @@ def manifest_from_names(
     )
 
 
-def write_manifest(manifest: Manifest, path: Path) -> None:
-    """Write a manifest as YAML, one line per log."""
+def manifest_text(manifest: Manifest) -> str:
+    """Return a manifest as YAML, one line per log."""
     head = manifest.model_dump(mode="json", exclude={"logs"}, exclude_none=True)
     lines = [yaml.safe_dump(head, sort_keys=False), "logs:\n"]
     for entry in manifest.logs:
         row = entry.model_dump(exclude_none=True)
         flow = yaml.safe_dump(row, default_flow_style=True, sort_keys=False, width=1000)
         lines.append(f"  - {flow}")
+    return "".join(lines)
+
+
+def write_manifest(manifest: Manifest, path: Path) -> None:
+    """Write a manifest as YAML."""
     with replacing(path) as draft:
-        draft.write_text("".join(lines), encoding="utf-8")
+        draft.write_text(manifest_text(manifest), encoding="utf-8")
 
 
 def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
@@ -203,14 +209,16 @@ def read_log(path: Path, columns: Mapping[str, str] | None = None, **properties:
     Raises
     ------
     InputError
-        If the file cannot be read, or its ending is neither .mat nor .csv.
+        If the file cannot be read, or its ending is none of .mat, .csv and .parquet.
     """
     match path.suffix.lower():
         case ".csv":
             return read_csv(path, columns, **properties)
         case ".mat":
             return read_mat(path, **properties)
-    raise InputError(path, "file name", path.suffix or "no ending", ".mat or .csv")
+        case ".parquet":
+            return read_parquet(path, **properties)
+    raise InputError(path, "file name", path.suffix or "no ending", ".mat, .csv or .parquet")
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:

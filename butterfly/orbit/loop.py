@@ -126,9 +126,14 @@ class Round:
     recalibration: Recalibration
 
     @property
+    def wanted(self) -> float:
+        """Amplitude of the target, in rad."""
+        return 0.5 * (self.orbit.upper - self.orbit.lower)
+
+    @property
     def amplitude_error(self) -> float:
         """Amplitude less that of the target, in rad."""
-        return self.amplitude - 0.5 * (self.orbit.upper - self.orbit.lower)
+        return self.amplitude - self.wanted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
@@ -91,14 +91,14 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         kind="orbit re-calibration",
         summary=summary(study),
         sections=sections,
-        numbers=numbers(study),
+        numbers=study.numbers(),
     )
 
 
 def summary(study: OrbitStudy) -> list[str]:
     """Say in plain words what was found."""
     rounds, generic = study.calibration.rounds, study.errors["generic"]
-    last, wanted = rounds[-1], _wanted(rounds[-1])
+    last, wanted = rounds[-1], rounds[-1].wanted
     better = generic / max(study.errors["re-calibrated"], 1e-12)
     recalibration = last.recalibration
     rejected = ", ".join(recalibration.rejected) or "none"
@@ -113,34 +113,6 @@ def summary(study: OrbitStudy) -> list[str]:
         f"terms that did not help on held-out data: {rejected}.",
         *recalibration.verdict,
     ]
-
-
-def numbers(study: OrbitStudy) -> dict[str, Any]:
-    """Return what the report says, for programs; angles in rad."""
-    last = study.calibration.rounds[-1].recalibration
-    return {
-        "target_rad": _wanted(study.calibration.rounds[-1]),
-        "amplitudes_rad": [each.amplitude for each in study.calibration.rounds],
-        "ending": study.calibration.ending,
-        "absolute": last.is_absolute,
-        "parameters": {
-            name: {"value": value, "standard_error": error, "lower": lower, "upper": upper}
-            for name, value, error, lower, upper in zip(
-                last.names,
-                *(
-                    column.tolist()
-                    for column in (last.values, last.standard_errors, last.lower, last.upper)
-                ),
-                strict=True,
-            )
-        },
-        "free_run_rms_rad": study.errors,
-        "cross_orbit": {"amplitudes_rad": study.amplitudes, "rms_rad": study.cross.tolist()},
-    }
-
-
-def _wanted(each: Round) -> float:
-    return 0.5 * (each.orbit.upper - each.orbit.lower)
 
 
 def _degrees(angle: float) -> str:
@@ -197,7 +169,7 @@ def _amplitude_figure(rounds: tuple[Round, ...]) -> Figure:
     figure.add_trace(
         Scatter(x=counts, y=reached, mode="lines+markers", marker=style, name="reached")
     )
-    wanted = [math.degrees(_wanted(rounds[-1]))] * len(rounds)
+    wanted = [math.degrees(rounds[-1].wanted)] * len(rounds)
     line = {"color": PALETTE[5], "dash": "dash"}
     figure.add_trace(Scatter(x=counts, y=wanted, mode="lines", line=line, name="wanted"))
     figure.update_xaxes(title="round", dtick=1)
@@ -210,7 +182,7 @@ def _motion(study: OrbitStudy, each: Round) -> tuple[NDArray[np.float64], ...]:
     """Time, angle and smoothed velocity of the run that starts farthest from the orbit."""
 
     def distance(log: Log) -> float:
-        return abs(abs(float(log.angle[0]) - study.zero) - _wanted(each))
+        return abs(abs(float(log.angle[0]) - study.zero) - each.wanted)
 
     log = max(each.logs[: each.starts], key=distance)
     width = max(1, round(_SMOOTH / log.mean_step))

@@ -1,0 +1,117 @@
+"""Run a sweep: what is not done yet, on an engine, into a store."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from butterfly.errors import InputError
+from butterfly.experiment.execution import FAILED, OK, versions
+from butterfly.experiment.store import ResultStore
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from butterfly.experiment.engines import Engine
+    from butterfly.experiment.plan import SweepPlan, Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepSummary:
+    """How a sweep went: numbers of runs in all, done now, found done, and not successful."""
+
+    runs: int
+    done: int
+    reused: int
+    unsuccessful: int
+
+
+def run_sweep(
+    plan: SweepPlan,
+    folder: Path,
+    engine: Engine,
+    *,
+    force: bool = False,
+    only: str | None = None,
+    track: Track = untracked,
+) -> SweepSummary:
+    """Do the runs of a sweep that have no result yet, and write the tables.
+
+    Killed at any moment, it goes on where it stopped. A run that was refused (bad input, not
+    identifiable) would be refused again and is left; one that failed unexpectedly is tried again.
+
+    Parameters
+    ----------
+    plan
+        The sweep.
+    folder
+        Of the results.
+    engine
+        Where the runs are done.
+    force
+        Whether to do them again.
+    only
+        Numbers of the runs to do, as ``0,3,10-19``; all if not given.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If ``only`` names no runs, or the folder cannot be written.
+    """
+    store = ResultStore(folder)
+    chosen = plan.tasks if only is None else _chosen(plan.tasks, only)
+    unique = {task.key: task for task in chosen}
+    pending = [task for task in unique.values() if force or _to_do(store, task)]
+    store.write_sweep(
+        {
+            "name": plan.experiment.name,
+            "description": plan.experiment.description,
+            "seed": plan.experiment.seed,
+            "worst": plan.experiment.report.worst,
+            "fields": list(plan.fields),
+            "versions": versions(),
+            "runs": [
+                {
+                    "number": task.number,
+                    "key": task.key,
+                    "repetition": task.repetition,
+                    "seed": task.content.get("seed", plan.experiment.seed),
+                    "overrides": task.overrides,
+                }
+                for task in plan.tasks
+            ],
+        }
+    )
+    outcomes = engine.run(pending)
+    for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
+        store.write(outcome)
+    store.write_tables()
+    records = [store.read(task.key) for task in chosen]
+    return SweepSummary(
+        runs=len(chosen),
+        done=len(pending),
+        reused=len(unique) - len(pending),
+        unsuccessful=sum(record is None or record["status"] != OK for record in records),
+    )
+
+
+def _to_do(store: ResultStore, task: Task) -> bool:
+    record = store.read(task.key)
+    return record is None or record["status"] == FAILED
+
+
+def _chosen(tasks: Sequence[Task], only: str) -> list[Task]:
+    numbers: set[int] = set()
+    for part in only.split(","):
+        first, _, last = part.partition("-")
+        if not (first.isdigit() and (last or first).isdigit()):
+            raise InputError("butterfly run", "--only", part, "a number, or two as 10-19")
+        numbers |= set(range(int(first), int(last or first) + 1))
+    chosen = [task for task in tasks if task.number in numbers]
+    if not chosen:
+        raise InputError("butterfly run", "--only", only, f"numbers from 0 to {len(tasks) - 1}")
+    return chosen
