@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from butterfly import __version__, study_commands
+from butterfly import __version__, results_commands, run_commands, study_commands
 from butterfly.arguments import parse_pairs, parse_parameters, parse_terms
 from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
-from butterfly.experiment import runner
-from butterfly.experiment.reading import read_experiment
 from butterfly.identify.free_run_problem import Loss
 from butterfly.identify.identification import identify
 from butterfly.identify.methods import Method, Options
@@ -35,9 +33,6 @@ from butterfly.report.inspection import health_rows, write_inspection
 from butterfly.resources import locate
 from butterfly.view_commands import video_command, view_command
 
-if TYPE_CHECKING:
-    from butterfly.experiment.schema import Experiment
-
 EXIT_BAD_INPUT = 2
 
 app = typer.Typer(
@@ -49,7 +44,9 @@ app = typer.Typer(
     epilog="Start with: `butterfly run quickstart`",
 )
 app.add_typer(model_commands, name="model")
+run_commands.register(app)
 study_commands.register(app)
+app.add_typer(results_commands.app, name="results")
 app.command("view")(view_command)
 app.command("video")(video_command)
 
@@ -168,53 +165,6 @@ def identify_command(
         typer.echo(f"Report: {report}")
 
 
-@app.command("simulate")
-def simulate_command(
-    experiment: Annotated[
-        Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for the logs and their manifest.")],
-) -> None:
-    """Simulate an experiment in MuJoCo and write its logs.
-
-    The logs have the form of the real ones (.mat with a matrix D of columns t, u, q, dq), so that
-    `butterfly identify OUT` treats them alike.
-    """
-    plan = read_experiment(locate(experiment))
-    _warn_of_wide_swings(plan)
-    manifest = runner.simulate(plan, out, show_progress)
-    typer.echo(f"Logs: {manifest}")
-
-
-@app.command("run")
-def run_command(
-    experiment: Annotated[
-        Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for logs and report; results/NAME if not given.", show_default=False
-        ),
-    ] = None,
-) -> None:
-    """Simulate an experiment, identify the robot from its logs, and write a report.
-
-    Prints the true parameters beside the estimated ones.
-
-    Example: `butterfly run experiments/quickstart.yaml`
-    """
-    plan = read_experiment(locate(experiment))
-    _warn_of_wide_swings(plan)
-    folder = out or Path("results") / plan.name
-    result = runner.run(plan, folder, show_progress)
-    truth = plan.plant.robot.lumped
-    show_identification(result, truth)
-    report = folder / "report.html"
-    write_report(result, report, truth)
-    typer.echo(f"Report: {report}")
-
-
 @app.command("inspect")
 def inspect_command(
     log: Annotated[Path, typer.Argument(help="A log: .mat with a matrix D, or .csv.")],
@@ -268,16 +218,6 @@ def manifest_command(
         manifest = manifest.model_copy(update={"root": "."})
     write_manifest(manifest, path)
     typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")
-
-
-def _warn_of_wide_swings(plan: Experiment) -> None:
-    for added, sine, swing in plan.wide_swings():
-        typer.secho(
-            f"warning: {added}, {sine.omega:g} rad/s: predicted to swing {swing:.2g} rad; "
-            "a smaller amplitude keeps to small angles",
-            fg="yellow",
-            err=True,
-        )
 
 
 def main() -> None:

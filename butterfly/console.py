@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from butterfly.identify.identification import Identification
     from butterfly.model.parameters import LumpedParameters
+    from butterfly.report.page import Page
 
 
 _T = TypeVar("_T")
@@ -79,3 +80,23 @@ def _comparison_table(result: Identification) -> Table:
     for name, fit in rows:
         table.add_row(name, f"{fit.median:.1f}", f"{fit.mean:.1f}", f"{fit.worst:.1f}")
     return table
+
+
+def new_table(title: str, *headers: str) -> Table:
+    """Return an empty table, its first column of texts and the others of numbers."""
+    table = Table(title=title, box=SIMPLE_HEAD)
+    for k, header in enumerate(headers):
+        table.add_column(header, justify="left" if k == 0 else "right", overflow="fold")
+    return table
+
+
+def show_page(page: Page) -> None:
+    """Print the tables and the summary of a report."""
+    for section in page.sections:
+        for part in section.tables:
+            table = new_table(section.title, *part.headers)
+            for row in part.rows:
+                table.add_row(*map(str, row))
+            CONSOLE.print(table)
+    for sentence in page.summary:
+        typer.echo(sentence)

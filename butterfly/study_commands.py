@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from butterfly.arguments import parse_terms
-from butterfly.console import CONSOLE, show_progress
+from butterfly.console import CONSOLE, new_table, show_page, show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.figure_data import write_figure_data
 from butterfly.experiment.orbit import calibrate_orbit
@@ -83,7 +81,7 @@ def validate_command(
     held = hold_out(logs, lambda part: estimate(part, method, options), split, track=show_progress)
     whole = estimate(logs, method, options)
     seen = FitSummary.of(fits_of(logs, whole))
-    table = _table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
+    table = new_table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
     for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
         table.add_row(name, *_fit(fit))
     CONSOLE.print(table)
@@ -100,7 +98,7 @@ def validate_command(
             repetitions=repetitions,
             track=show_progress,
         )
-        table = _table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
+        table = new_table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
         rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
         for name, *numbers in rows:
             table.add_row(str(name), *(f"{number:.4g}" for number in numbers))
@@ -128,7 +126,7 @@ def select_command(
 
     passed = select_terms(logs, fit, parse_terms(candidates) or (), track=show_progress)
     headers = [f"{kind} {what}" for kind in ("in sample", *Split) for what in ("median", "mean")]
-    table = _table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
+    table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
     for structure in passed:
         fits = [structure.in_sample, *(structure.held_out[split] for split in Split)]
         cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
@@ -155,7 +153,7 @@ def residual_command(
     found = estimate(logs, method, Options(check=False)).parameters
     residual = residual_torque(log, found, logs.equilibria[log.added_mass])
     typer.echo(f"{log.label}: looks like {residual.looks_like}")
-    table = _table("Share of its variance that each term alone explains", "term", "%")
+    table = new_table("Share of its variance that each term alone explains", "term", "%")
     for name, share in residual.shares.items():
         table.add_row(name, f"{100 * share:.1f}")
     CONSOLE.print(table)
@@ -185,7 +183,7 @@ def design_command(
     misfit = 1 - float(np.median(fits_of(logs, found))) / 100
     masses = sorted({*logs.masses, NO_ADDED_MASS})
     ranked = rank_experiments(found, masses, misfit, largest_swing=swing, track=show_progress)
-    table = _table(
+    table = new_table(
         f"{logs.name}: standard errors after one more run, over those now",
         *("added mass", "input", "swing in rad", "mean", *found.names, "warning"),
     )
@@ -220,7 +218,7 @@ def reproduce_command(
     if what != "thesis":
         raise InputError("butterfly reproduce", "what", what, "thesis")
     rows = reproduce(root)
-    table = _table("The thesis, published against obtained", "figures", "published", "obtained")
+    table = new_table("The thesis, published against obtained", "figures", "published", "obtained")
     table.add_column("same")
     table.add_column("right")
     for row in rows:
@@ -263,14 +261,7 @@ def calibrate_orbit_command(
     carried = study.calibration.rounds[0].logs[0].added_mass
     truth = plan.plant.robot.lumped.with_added_mass(carried)
     page = orbit_page(study, truth)
-    for section in page.sections:
-        for part in section.tables:
-            table = _table(section.title, *part.headers)
-            for row in part.rows:
-                table.add_row(*row)
-            CONSOLE.print(table)
-    for sentence in page.summary:
-        typer.echo(sentence)
+    show_page(page)
     write_page(page, folder / "report.html")
     typer.echo(f"Report: {folder / 'report.html'}")
 
@@ -279,13 +270,6 @@ def _read(data: Path, root: Path | None) -> DataSet:
     path = locate(data)
     manifest = path / MANIFEST_NAME if path.is_dir() else path
     return read_data_set(read_manifest(manifest, root), show_progress)
-
-
-def _table(title: str, *headers: str) -> Table:
-    table = Table(title=title, box=SIMPLE_HEAD)
-    for k, header in enumerate(headers):
-        table.add_column(header, justify="left" if k == 0 else "right", overflow="fold")
-    return table
 
 
 def _fit(fit: FitSummary) -> list[str]:

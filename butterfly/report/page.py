@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from plotly.offline import get_plotlyjs
@@ -20,12 +20,22 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
+class Link(NamedTuple):
+    """A text in a table that leads to a file beside the report."""
+
+    text: str
+    href: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Rows of texts under headers, units in the headers."""
+    """Rows of texts and links under headers, units in the headers."""
 
     headers: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
+    rows: Sequence[tuple[str | Link, ...]]
     caption: str = ""
 
 

@@ -108,7 +108,9 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     if trace.error_y.array is None:
         axes.plot(x, y, **style)
     else:
-        axes.errorbar(x, y, yerr=np.asarray(trace.error_y.array), elinewidth=1, **style)
+        upper = np.asarray(trace.error_y.array)
+        lower = upper if trace.error_y.arrayminus is None else np.asarray(trace.error_y.arrayminus)
+        axes.errorbar(x, y, yerr=np.array([lower, upper]), elinewidth=1, **style)
 
 
 def _bar(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's

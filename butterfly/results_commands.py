@@ -1,0 +1,234 @@
+"""`butterfly results`: look at what sweeps have left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import typer
+from pyarrow import csv, parquet
+
+from butterfly.arguments import parse_pairs
+from butterfly.console import CONSOLE, new_table, show_pairs
+from butterfly.errors import InputError, nearest
+from butterfly.experiment.store import ESTIMATES, RUNS, SWEEP, TABLES, ResultStore
+from butterfly.files import replacing
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    help="List, filter, tabulate, export, compare and clean the results of sweeps.",
+)
+
+FolderArgument = Annotated[Path, typer.Argument(help="A sweep's results, as results/NAME.")]
+FilterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--filter",
+        help="Rows to keep: COLUMN=VALUE, separated by commas; numbers within 1e-9.",
+        show_default="all",
+    ),
+]
+ColumnsOption = Annotated[
+    str | None, typer.Option(help="Columns, separated by commas.", show_default="all")
+]
+TableOption = Annotated[str, typer.Option(help="Which table: runs or estimates.")]
+_WIDEST = 40  # characters of a cell
+
+
+@app.command("list")
+def list_command(
+    folder: Annotated[Path, typer.Argument(help="Where to look for results.")] = Path("results"),
+) -> None:
+    """List the sweeps whose results lie in a folder, and how many of their runs are done."""
+    table = new_table(f"Results in {folder}", "sweep", "runs", "done", "failed", "varied")
+    for path in sorted(folder.glob(f"*/{SWEEP}")) or sorted(folder.glob(SWEEP)):
+        store = ResultStore(path.parent)
+        about = store.sweep()
+        records = [store.read(run["key"]) for run in about["runs"]]
+        done = sum(record is not None and record["status"] == "ok" for record in records)
+        failed = sum(record is not None and record["status"] != "ok" for record in records)
+        counts = (str(len(records)), str(done), str(failed))
+        table.add_row(str(path.parent), *counts, ", ".join(about["fields"]))
+    CONSOLE.print(table)
+
+
+@app.command("show")
+def show_command(
+    folder: FolderArgument,
+    run: Annotated[str, typer.Argument(help="A run: its number, or the start of its key.")],
+) -> None:
+    """Show one run: what it set, what it found, how long it took, and with which versions."""
+    store = ResultStore(folder)
+    record = _record(store, run)
+    pairs = [("key", record["key"]), ("status", record["status"]), ("seed", str(record["seed"]))]
+    pairs += [(name, str(value)) for name, value in record["overrides"].items()]
+    pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.get("seconds", {}).items()]
+    pairs += [(f"version, {name}", value) for name, value in record.get("versions", {}).items()]
+    if record["error"]:
+        pairs.append(("error", record["error"]))
+    show_pairs(pairs)
+    for each in record["estimates"]:
+        table = new_table(each["method"], "parameter", "true", "value", "lower", "upper")
+        for row in each.get("parameters", []):
+            cells = (_text(row[name]) for name in ("true", "value", "lower", "upper"))
+            table.add_row(row["parameter"], *cells)
+        CONSOLE.print(table)
+        if each["error"]:
+            typer.echo(each["error"])
+    logs = store.files_path(record["key"])
+    if logs.exists():
+        typer.echo(f"Logs: {logs} (butterfly identify takes this folder)")
+
+
+@app.command("table")
+def table_command(
+    folder: FolderArgument,
+    table: TableOption = RUNS,
+    where: FilterOption = None,
+    columns: ColumnsOption = None,
+    limit: Annotated[int, typer.Option(min=1, help="Rows to print.")] = 50,
+) -> None:
+    """Print rows of a table.
+
+    Example: `butterfly results table results/large-sweep --table estimates --filter parameter=p1`
+    """
+    found = _filtered(_table(folder, table), where, columns)
+    shown = new_table(f"{folder}: {table}", *found.column_names)
+    for row in found.slice(0, limit).to_pylist():
+        shown.add_row(*(_text(value) for value in row.values()))
+    CONSOLE.print(shown)
+    if found.num_rows > limit:
+        typer.echo(f"{found.num_rows - limit} more rows; --limit shows them, export keeps them.")
+
+
+@app.command("export")
+def export_command(
+    folder: FolderArgument,
+    out: Annotated[Path, typer.Option(help="File to write: .csv or .parquet.")],
+    table: TableOption = ESTIMATES,
+    where: FilterOption = None,
+    columns: ColumnsOption = None,
+) -> None:
+    """Write rows of a table to a CSV or Parquet file."""
+    found = _filtered(_table(folder, table), where, columns)
+    if out.suffix not in {".csv", ".parquet"}:
+        raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
+    with replacing(out) as draft:
+        if out.suffix == ".csv":
+            csv.write_csv(found, draft)
+        else:
+            parquet.write_table(found, draft)
+    typer.echo(f"{found.num_rows} rows: {out}")
+
+
+@app.command("compare")
+def compare_command(
+    folder: FolderArgument,
+    one: Annotated[str, typer.Argument(help="A run: its number, or the start of its key.")],
+    other: Annotated[str, typer.Argument(help="Another one.")],
+    against: Annotated[
+        Path | None,
+        typer.Option(help="Results that hold the other run, if not the same ones."),
+    ] = None,
+) -> None:
+    """Compare two runs: what they set, and what they found."""
+    first = _record(ResultStore(folder), one)
+    second = _record(ResultStore(against or folder), other)
+    table = new_table("What was set", "", one, other)
+    names = dict.fromkeys([*first["overrides"], *second["overrides"], "seed", "status"])
+    for name in names:
+        values = [(run["overrides"] | run).get(name) for run in (first, second)]
+        if values[0] != values[1]:
+            table.add_row(name, *(_text(value) for value in values))
+    CONSOLE.print(table)
+    for each in first["estimates"]:
+        matching = [row for row in second["estimates"] if row["method"] == each["method"]]
+        if not matching:
+            continue
+        values_of = {row["parameter"]: row for row in matching[0].get("parameters", [])}
+        table = new_table(each["method"], "parameter", one, other, "difference", "in std. errors")
+        for row in each.get("parameters", []):
+            twin = values_of.get(row["parameter"])
+            if twin is not None:
+                table.add_row(row["parameter"], *_difference(row, twin))
+        CONSOLE.print(table)
+
+
+@app.command("clean")
+def clean_command(
+    folder: FolderArgument,
+    *,
+    failed: Annotated[
+        bool, typer.Option("--failed", help="Also runs without a result, to do them again.")
+    ] = False,
+) -> None:
+    """Remove records that the sweep no longer has, and files that were never finished."""
+    removed = ResultStore(folder).clean(failed=failed)
+    for path in removed:
+        typer.echo(f"removed {path}")
+    typer.echo(f"{len(removed)} removed.")
+
+
+def _table(folder: Path, name: str) -> pa.Table:
+    if name not in TABLES:
+        raise InputError(folder, "--table", name, nearest(name, TABLES))
+    return ResultStore(folder).table(name)
+
+
+def _filtered(table: pa.Table, where: str | None, columns: str | None) -> pa.Table:
+    for name, text in (parse_pairs(where, "--filter") if where else {}).items():
+        column = table[_known(name, table.column_names, "--filter")]
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            try:
+                value = float(text)
+            except ValueError:
+                raise InputError("--filter", name, text, "a number") from None
+            near = pc.abs(pc.subtract(column.cast("double"), value))
+            table = table.filter(pc.less_equal(near, 1e-9 * max(abs(value), 1e-300)))
+        else:
+            table = table.filter(pc.equal(column.cast("string"), text))
+    if columns is None:
+        return table
+    names = [part.strip() for part in columns.split(",")]
+    return table.select([_known(name, table.column_names, "--columns") for name in names])
+
+
+def _known(name: str, names: Sequence[str], option: str) -> str:
+    if name not in names:
+        raise InputError(option, name, "an unknown column", nearest(name, names))
+    return name
+
+
+def _record(store: ResultStore, run: str) -> dict[str, Any]:
+    runs = store.sweep()["runs"]
+    keys = [r["key"] for r in runs if str(r["number"]) == run] or [
+        r["key"] for r in runs if r["key"].startswith(run)
+    ]
+    if len(set(keys)) != 1:
+        expected = f"a number from 0 to {len(runs) - 1}, or a key's beginning that is one run's"
+        raise InputError(store.folder, "run", run, expected)
+    record = store.read(keys[0])
+    if record is None:
+        raise InputError(store.folder, "run", run, "one that was done (butterfly run does it)")
+    return record
+
+
+def _difference(row: dict[str, Any], twin: dict[str, Any]) -> tuple[str, ...]:
+    change = twin["value"] - row["value"]
+    errors = [each["standard_error"] for each in (row, twin)]
+    spread = None if None in errors else sum(error**2 for error in errors) ** 0.5
+    in_errors = "–" if not spread else f"{change / spread:.2g}"
+    return _text(row["value"]), _text(twin["value"]), f"{change:.3g}", in_errors
+
+
+def _text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
+    if value is None:
+        return "–"
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= _WIDEST else text[: _WIDEST - 1] + "…"

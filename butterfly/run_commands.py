@@ -1,0 +1,182 @@
+"""Commands that run experiments: run, simulate, schema."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from pydantic import BaseModel
+
+from butterfly.console import show_identification, show_page, show_progress
+from butterfly.experiment import runner
+from butterfly.experiment.engines import DaskEngine, LocalEngine
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source, read_experiment
+from butterfly.experiment.schema import Experiment
+from butterfly.experiment.store import ESTIMATES, RUNS, ResultStore
+from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.files import replacing
+from butterfly.logs.manifest import Manifest
+from butterfly.report.identification import write_report
+from butterfly.report.page import write_page
+from butterfly.report.sweep import sweep_page
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from butterfly.experiment.engines import Engine
+
+EXIT_SOME_FAILED = 1
+"""Exit code of a sweep of which some runs gave no result."""
+
+ExperimentArgument = Annotated[
+    Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
+]
+
+
+class EngineName(StrEnum):
+    """Where the runs of a sweep are done."""
+
+    LOCAL = "local"
+    DASK = "dask"
+
+
+class SchemaName(StrEnum):
+    """Files that have a schema."""
+
+    EXPERIMENT = "experiment"
+    MANIFEST = "manifest"
+
+
+_SCHEMAS: dict[SchemaName, type[BaseModel]] = {
+    SchemaName.EXPERIMENT: Experiment,
+    SchemaName.MANIFEST: Manifest,
+}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command("run")(run_command)
+    app.command("simulate")(simulate_command)
+    app.command("schema")(schema_command)
+
+
+def run_command(
+    *,
+    experiment: ExperimentArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for results and report; results/NAME if not given.", show_default=False
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Worker processes of a sweep; one per core if not given.",
+            show_default=False,
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Do runs again that are done.")] = False,
+    only: Annotated[
+        str | None,
+        typer.Option(help="Runs of a sweep to do, by number: 0,3,10-19.", show_default="all"),
+    ] = None,
+    engine: Annotated[
+        EngineName, typer.Option(help="Where a sweep runs; dask needs the extra of that name.")
+    ] = EngineName.LOCAL,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler, as tcp://HOST:8786.",
+            show_default="a cluster on this machine",
+        ),
+    ] = None,
+) -> None:
+    """Simulate an experiment, identify the robot from its logs, and write a report.
+
+    Prints the true parameters beside the estimated ones.
+
+    An experiment with `sweep:` is run for each of its variations. Results are kept by what they
+    depend on: run again after a kill, or after the sweep has grown, and only what is missing is
+    done. Exit code 1 says that some runs gave no result; the report says which, and why.
+
+    Example: `butterfly run experiments/quickstart.yaml`
+    """
+    source = Source(locate(experiment))
+    plan = source.experiment()
+    folder = out or Path("results") / plan.name
+    if plan.sweep is None:
+        _warn_of_wide_swings(plan)
+        result = runner.run(plan, folder, show_progress)
+        truth = plan.plant.robot.lumped
+        show_identification(result, truth)
+        report = folder / "report.html"
+        write_report(result, report, truth)
+        typer.echo(f"Report: {report}")
+        return
+    chosen: Engine = LocalEngine(jobs)
+    if engine is EngineName.DASK:
+        chosen = DaskEngine(scheduler, jobs)
+    summary = run_sweep(
+        plan_sweep(source), folder, chosen, force=force, only=only, track=show_progress
+    )
+    store = ResultStore(folder)
+    page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
+    write_page(page, folder / "report.html")
+    show_page(page)
+    typer.echo(
+        f"{summary.runs} runs: {summary.done} done now, {summary.reused} found done, "
+        f"{summary.unsuccessful} without a result."
+    )
+    typer.echo(f"Report: {folder / 'report.html'}")
+    if summary.unsuccessful:
+        raise typer.Exit(EXIT_SOME_FAILED)
+
+
+def schema_command(
+    what: Annotated[SchemaName, typer.Argument(help="Which file.")] = SchemaName.EXPERIMENT,
+    out: Annotated[
+        Path | None, typer.Option(help="Write it to this file.", show_default="print")
+    ] = None,
+) -> None:
+    """Print the JSON Schema of experiment or manifest files, for editors.
+
+    With `# yaml-language-server: $schema=experiment.schema.json` as the first line of a YAML file,
+    editors complete its keys and mark slips.
+    """
+    text = json.dumps(_SCHEMAS[what].model_json_schema(), indent=2, default=str)
+    if out is None:
+        typer.echo(text)
+        return
+    with replacing(out) as draft:
+        draft.write_text(text + "\n", encoding="utf-8")
+    typer.echo(f"Schema: {out}")
+
+
+def simulate_command(
+    experiment: ExperimentArgument,
+    out: Annotated[Path, typer.Option(help="Folder for the logs and their manifest.")],
+) -> None:
+    """Simulate an experiment in MuJoCo and write its logs.
+
+    The logs have the form of the real ones (.mat with a matrix D of columns t, u, q, dq), so that
+    `butterfly identify OUT` treats them alike.
+    """
+    plan = read_experiment(locate(experiment))
+    _warn_of_wide_swings(plan)
+    manifest = runner.simulate(plan, out, show_progress)
+    typer.echo(f"Logs: {manifest}")
+
+
+def _warn_of_wide_swings(plan: Experiment) -> None:
+    for added, sine, swing in plan.wide_swings():
+        typer.secho(
+            f"warning: {added}, {sine.omega:g} rad/s: predicted to swing {swing:.2g} rad; "
+            "a smaller amplitude keeps to small angles",
+            fg="yellow",
+            err=True,
+        )
