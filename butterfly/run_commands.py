@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import BaseModel
 
 from butterfly.console import show_identification, show_page, show_progress
 from butterfly.experiment import runner
@@ -26,6 +25,8 @@ from butterfly.report.sweep import sweep_page
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from butterfly.experiment.engines import Engine
 
 EXIT_SOME_FAILED = 1
