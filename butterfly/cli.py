@@ -8,7 +8,13 @@ from typing import Annotated
 
 import typer
 
-from butterfly import __version__, results_commands, run_commands, study_commands
+from butterfly import (
+    __version__,
+    compare_commands,
+    results_commands,
+    run_commands,
+    study_commands,
+)
 from butterfly.arguments import parse_pairs, parse_parameters, parse_terms
 from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
@@ -46,6 +52,7 @@ app = typer.Typer(
 app.add_typer(model_commands, name="model")
 run_commands.register(app)
 study_commands.register(app)
+compare_commands.register(app)
 app.add_typer(results_commands.app, name="results")
 app.command("view")(view_command)
 app.command("video")(video_command)

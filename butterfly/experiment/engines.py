@@ -7,18 +7,20 @@ import os
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Protocol
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.execution import FAILED, Outcome, execute
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Generator, Iterable, Iterator
 
     from butterfly.experiment.plan import Task
 
 _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they take
 _ATTEMPTS = 3  # at a task whose worker dies
+_CONTEXT = multiprocessing.get_context("spawn")  # simulators and compilers have threads
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -46,45 +48,38 @@ class LocalEngine:
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
         """Yield the outcome of each task as it is done; a task that kills its worker has failed."""
-        pending = deque((task, 1) for task in tasks)
-        while pending:
-            yield from self._until_broken(pending)
+        pending = deque(tasks)
+        with _environment(_ONE_THREAD):
+            while pending:
+                lost = yield from self._together(pending)
+                for task in lost:
+                    yield _alone(task)
 
-    def _until_broken(self, pending: deque[tuple[Task, int]]) -> Iterator[Outcome]:
-        """Work until nothing is pending, or a worker dies; what was under way is pending again."""
-        context = multiprocessing.get_context("spawn")
-        running: dict[Future[Outcome], tuple[Task, int]] = {}
-        with _environment(_ONE_THREAD), ProcessPoolExecutor(self._jobs, context) as pool:
+    def _together(self, pending: deque[Task]) -> Generator[Outcome, None, list[Task]]:
+        """Work until nothing is pending, or a worker dies; return what was then under way."""
+        running: dict[Future[Outcome], Task] = {}
+        with ProcessPoolExecutor(self._jobs, _CONTEXT) as pool:
             while pending or running:
-                while pending and len(running) < _AHEAD * self._jobs:
-                    task, attempt = pending.popleft()
-                    try:
-                        running[pool.submit(execute, task)] = task, attempt
-                    except BrokenProcessPool:
-                        pending.appendleft((task, attempt))
-                        if not running:
-                            return
-                        break
-                done, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    task, attempt = running.pop(future)
-                    try:
-                        yield future.result()
-                    except BrokenProcessPool:
-                        running[future] = task, attempt
-                        yield from _set_back(running.values(), pending)
-                        return
+                try:
+                    while pending and len(running) < _AHEAD * self._jobs:
+                        running[pool.submit(execute, pending[0])] = pending[0]
+                        pending.popleft()
+                    done, _ = wait(running, return_when=FIRST_COMPLETED)
+                    outcomes = [(future, future.result()) for future in done]
+                except BrokenProcessPool:
+                    return list(running.values())
+                for future, outcome in outcomes:
+                    del running[future]
+                    yield outcome
+        return []
 
 
-def _set_back(
-    lost: Iterable[tuple[Task, int]], pending: deque[tuple[Task, int]]
-) -> Iterator[Outcome]:
-    """Make tasks of a dead pool pending again, but those that were tried often enough."""
-    for task, attempt in lost:
-        if attempt == _ATTEMPTS:
-            yield Outcome(record=_died(task))
-        else:
-            pending.append((task, attempt + 1))
+def _alone(task: Task) -> Outcome:
+    """Do a task in a process of its own, a few times if that dies."""
+    for _ in range(_ATTEMPTS):
+        with suppress(BrokenProcessPool), ProcessPoolExecutor(1, _CONTEXT) as pool:
+            return pool.submit(execute, task).result()
+    return Outcome(record=_died(task))
 
 
 def _died(task: Task) -> dict[str, Any]:

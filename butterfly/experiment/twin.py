@@ -10,23 +10,15 @@ from butterfly.experiment.reading import read_experiment
 from butterfly.files import replacing
 from butterfly.identify.identification import identify
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
-from butterfly.model.parameters import unlump
-from butterfly.plant.mjcf import Robot, mjcf
+from butterfly.plant.mjcf import mjcf
+from butterfly.plant.twin import MASS, twin
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from butterfly.model.parameters import AddedMass, LumpedParameters
-
-MASS = 0.3
-"""Mass in kg given to an identified hand; the motion does not tell it."""
-
-
-def twin(parameters: LumpedParameters, mass: float = MASS) -> Robot:
-    """Return a robot that moves as ``parameters`` say (see `unlump`)."""
-    hand, drive, friction = unlump(parameters, mass)
-    return Robot(hand=hand, drive=drive, friction=friction)
+    from butterfly.model.parameters import AddedMass
+    from butterfly.plant.mjcf import Robot
 
 
 def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robot:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _INCH = 100  # plotly's pixels
 _WIDTH = 900  # pixels
+_BAR = 0.35  # width of a bar
 _DASHES = {"dot": ":", "dash": "--", "dashdot": "-."}
 _MARKERS = {
     "circle": "o",
@@ -85,8 +86,10 @@ def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
         if axis.get("type") == "log":
             setter("log")
         label(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
-    if across.get("showticklabels") is False:
-        axes.tick_params(labelbottom=False)
+    axes.tick_params(
+        labelbottom=across.get("showticklabels") is not False,
+        labelleft=up.get("showticklabels") is not False,
+    )
     return axes
 
 
@@ -115,9 +118,10 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
 
 def _bar(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     color = trace.marker.color if isinstance(trace.marker.color, str) else None
-    axes.bar(
-        np.asarray(trace.x), np.asarray(trace.y, dtype=float), color=color, label=_label(trace)
-    )
+    place = np.arange(len(trace.x)) + _BAR * len(axes.containers)
+    heights = np.asarray(trace.y, dtype=float)
+    axes.bar(place, heights, width=_BAR, color=color, label=_label(trace))
+    axes.set_xticks(np.arange(len(trace.x)), [str(label) for label in trace.x], fontsize="x-small")
 
 
 def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's

@@ -1,0 +1,95 @@
+"""Estimators against each other over data sets, by what they predict unseen."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from butterfly.errors import ButterflyError
+from butterfly.identify.free_run import FitSummary
+from butterfly.identify.methods import Method, Options, estimate
+from butterfly.identify.validation import Split, fits_of, hold_out
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Entry:
+    """One estimator on one data set.
+
+    Parameters
+    ----------
+    data, method
+        Their names.
+    in_sample, held_out
+        FIT of the logs that the estimator saw, and of logs left out by `Split.MASS`; None if it
+        could not.
+    estimate
+        From all logs.
+    seconds
+        Taken by the fit to all logs, checks included.
+    error
+        Why there is no estimate, or none with a mass left out.
+    """
+
+    data: str
+    method: str
+    in_sample: FitSummary | None
+    held_out: FitSummary | None
+    estimate: ParameterEstimate | None
+    seconds: float
+    error: str
+
+
+def leaderboard(
+    sets: Sequence[DataSet], methods: Sequence[Method], *, track: Track = untracked
+) -> list[Entry]:
+    """Try every method on every data set; the best first, by median FIT of left-out masses.
+
+    Parameters
+    ----------
+    sets
+        The data sets.
+    methods
+        The estimators, each with its own choice of terms.
+    track
+        Shows progress.
+    """
+    pairs = [(data, method) for data in sets for method in methods]
+    entries = [_entry(data, method) for data, method in track(pairs, "Comparing estimators")]
+    order = [data.name for data in sets]
+    return sorted(entries, key=lambda each: (order.index(each.data), -_score(each)))
+
+
+def _score(entry: Entry) -> float:
+    if entry.held_out is not None:
+        return entry.held_out.median
+    return -1e3 + (entry.in_sample.median if entry.in_sample is not None else -1e3)
+
+
+def _entry(data: DataSet, method: Method) -> Entry:
+    begun = time.perf_counter()
+    found, held, error = None, None, ""
+    seconds = 0.0
+    try:
+        found = estimate(data, method)
+        seconds = time.perf_counter() - begun
+        quick = Options(check=False)
+        held = hold_out(data, lambda part: estimate(part, method, quick), Split.MASS)
+    except ButterflyError as problem:
+        error = str(problem)
+    return Entry(
+        data=data.name,
+        method=str(method),
+        in_sample=None if found is None else FitSummary.of(fits_of(data, found)),
+        held_out=None if held is None else held.summary,
+        estimate=found,
+        seconds=seconds or time.perf_counter() - begun,
+        error=error,
+    )

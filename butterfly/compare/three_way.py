@@ -1,0 +1,130 @@
+"""The same input for MuJoCo, for the grey-box model and for the robot that made the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.free_run import FreeRun, free_run
+from butterfly.identify.residual import ResidualTorque, residual_torque
+from butterfly.plant.joints import MujocoJoint
+from butterfly.plant.replay import replay_input
+from butterfly.plant.twin import MASS, twin
+from butterfly.progress import Track, untracked
+from butterfly.signals.frequency_response import response_point
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import LumpedParameters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThreeWay:
+    """One log, and what both simulators make of its input.
+
+    Parameters
+    ----------
+    log
+        The log.
+    zero
+        Encoder reading in rad where the models' angle is 0.
+    parameters
+        That both simulators had, of the bare hand.
+    mujoco, greybox
+        (n,) simulated angles in rad, from the encoder's zero.
+    residual
+        tau_eps that p1..p4 leave over in the log.
+    gains
+        For a sine, by simulator: its response over the log's, complex.
+    """
+
+    log: Log
+    zero: float
+    parameters: LumpedParameters
+    mujoco: NDArray[np.float64]
+    greybox: NDArray[np.float64]
+    residual: ResidualTorque
+    gains: dict[str, complex]
+
+    @property
+    def fits(self) -> dict[str, float]:
+        """FIT in per cent of each simulator against the log."""
+        runs = {"MuJoCo": self.mujoco, "grey box": self.greybox}
+        return {name: FreeRun(log=self.log, simulated=run).fit for name, run in runs.items()}
+
+    @property
+    def difference(self) -> float:
+        """Largest difference in rad between the simulators."""
+        return float(np.abs(self.mujoco - self.greybox).max())
+
+
+def compare_three(
+    data: DataSet,
+    estimate: ParameterEstimate,
+    numbers: Sequence[int],
+    *,
+    mass: float = MASS,
+    track: Track = untracked,
+) -> list[ThreeWay]:
+    """Simulate logs of a data set in MuJoCo and by the grey-box equation, from rest.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimate
+        Parameters, and whatever else was found for each log.
+    numbers
+        Of the logs.
+    mass
+        Of the hand in kg, for MuJoCo; the motion does not tell it.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If no hand moves as the parameters say, or a simulation diverges.
+    """
+    zeros = data.equilibria
+    found = []
+    for number in track(numbers, "Simulating twice"):
+        log = data.logs[number]
+        parameters, own = estimate.applied(log)
+        zero = own.get("zero", zeros[log.added_mass])
+        joint = MujocoJoint(
+            twin(parameters, mass), log.added_mass, angle=float(log.angle[0]) - zero
+        )
+        delay, compression = parameters.delay, parameters.compression
+        mujoco = zero + replay_input(joint, log, delay, compression)
+        greybox = free_run(log, parameters, zero).simulated
+        found.append(
+            ThreeWay(
+                log=log,
+                zero=zero,
+                parameters=parameters,
+                mujoco=mujoco,
+                greybox=greybox,
+                residual=residual_torque(log, parameters, zero),
+                gains=_gains(log, {"MuJoCo": mujoco, "grey box": greybox}),
+            )
+        )
+    return found
+
+
+def _gains(log: Log, simulated: dict[str, NDArray[np.float64]]) -> dict[str, complex]:
+    if log.excitation is None:
+        return {}
+    measured = response_point(log).gain
+    return {
+        name: complex(response_point(replace(log, angle=angle)).gain / measured)
+        for name, angle in simulated.items()
+    }

@@ -1,0 +1,120 @@
+"""Commands that put things side by side: compare, leaderboard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from butterfly.arguments import parse_terms
+from butterfly.compare.leaderboard import leaderboard
+from butterfly.compare.three_way import compare_three
+from butterfly.console import show_page, show_progress
+from butterfly.errors import InputError, nearest
+from butterfly.identify.data import DataSet, read_data_set
+from butterfly.identify.methods import Method, Options, estimate
+from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
+from butterfly.plant.twin import MASS
+from butterfly.report.leaderboard import leaderboard_page
+from butterfly.report.page import Page, write_page
+from butterfly.report.three_way import three_way_page
+from butterfly.resources import locate
+
+RootOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
+]
+ReportOption = Annotated[
+    Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command("compare")(compare_command)
+    app.command("leaderboard")(leaderboard_command)
+
+
+def compare_command(
+    *,
+    data: Annotated[Path, typer.Argument(help="A data set: its manifest, folder or shipped name.")],
+    method: Annotated[
+        Method, typer.Option(help="The estimator that finds the simulators' parameters.")
+    ] = Method.HARMONIC_BALANCE,
+    terms: Annotated[
+        str | None,
+        typer.Option(
+            help="Terms fitted besides, separated by commas.", show_default="the method's"
+        ),
+    ] = None,
+    logs: Annotated[
+        str | None,
+        typer.Option(help="Numbers of the logs, from 0 on, by commas.", show_default="all"),
+    ] = None,
+    mass: Annotated[
+        float, typer.Option(help="Mass of the hand in kg, for MuJoCo; the motion does not tell it.")
+    ] = MASS,
+    report: ReportOption = None,
+    root: RootOption = None,
+) -> None:
+    """Compare MuJoCo, grey-box model and logs for the same input.
+
+    The robot is identified from the data set; both simulators get its parameters and each log's
+    input. Prints FIT, amplitude and phase error of each, and what the torque left over looks like;
+    the report draws time, frequency, phase plane and residual torque.
+
+    Example: `butterfly compare real-logs --root LOGS --report compare.html`
+    """
+    read = _read(data, root)
+    found = estimate(read, method, Options(terms=parse_terms(terms), check=False))
+    numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
+    compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
+    _show(three_way_page(read.name, read.description, compared), report)
+
+
+def leaderboard_command(
+    *,
+    data: Annotated[
+        list[Path], typer.Argument(help="Data sets: manifests, folders or shipped names.")
+    ],
+    methods: Annotated[
+        str, typer.Option(help="Estimators, separated by commas.")
+    ] = "harmonic-balance,weak-form,output-error,linear,thesis",
+    report: ReportOption = None,
+    root: RootOption = None,
+) -> None:
+    """Rank estimators by how well they predict added masses that they have not seen.
+
+    Example: `butterfly leaderboard results/quickstart real-logs --root LOGS`
+    """
+    names = [part.strip() for part in methods.split(",")]
+    for name in names:
+        if name not in set(Method):
+            raise InputError("butterfly leaderboard", "--methods", name, nearest(name, Method))
+    sets = [_read(path, root) for path in data]
+    entries = leaderboard(sets, [Method(name) for name in names], track=show_progress)
+    _show(leaderboard_page(entries), report)
+
+
+def _show(page: Page, report: Path | None) -> None:
+    show_page(page)
+    if report is not None:
+        write_page(page, report)
+        typer.echo(f"Report: {report}")
+
+
+def _numbers(text: str, count: int) -> list[int]:
+    numbers = []
+    for part in text.split(","):
+        if not (part.strip().isdigit() and int(part) < count):
+            raise InputError("butterfly compare", "--logs", part, f"numbers from 0 to {count - 1}")
+        numbers.append(int(part))
+    return numbers
+
+
+def _read(data: Path, root: Path | None) -> DataSet:
+    path = locate(data)
+    manifest = path / MANIFEST_NAME if path.is_dir() else path
+    own_root = root if manifest.suffix == ".yaml" and path.is_file() else None
+    return read_data_set(read_manifest(manifest, own_root), show_progress)

@@ -1,0 +1,95 @@
+"""The report of estimators against each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from plotly.graph_objects import Bar, Figure
+
+from butterfly.report.figures import PALETTE
+from butterfly.report.page import Page, Section, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from butterfly.compare.leaderboard import Entry
+    from butterfly.identify.free_run import FitSummary
+
+
+def leaderboard_page(entries: Sequence[Entry]) -> Page:
+    """Put together the report of estimators over data sets, the best of each first."""
+    sets = list(dict.fromkeys(entry.data for entry in entries))
+    sections = []
+    for number, name in enumerate(sets):
+        own = [entry for entry in entries if entry.data == name]
+        figure = {f"fit-{number}": _figure(own)}
+        sections.append(Section(title=name, tables=(_table(own),), figures=figure))
+    return Page(
+        name="leaderboard",
+        description="Estimators over data sets: " + ", ".join(sets),
+        kind="leaderboard",
+        summary=_summary(entries, sets),
+        sections=sections,
+        numbers={"entries": [_numbers(entry) for entry in entries]},
+    )
+
+
+def _summary(entries: Sequence[Entry], sets: Sequence[str]) -> list[str]:
+    sentences = []
+    for name in sets:
+        best = next(entry for entry in entries if entry.data == name)
+        if best.held_out is None:
+            sentences.append(f"{name}: no estimator could predict a mass that was left out.")
+            continue
+        sentences.append(
+            f"{name}: {best.method} predicts added masses that it has not seen best, with a median "
+            f"FIT of {best.held_out.median:.1f} %."
+        )
+    return sentences
+
+
+def _table(entries: Sequence[Entry]) -> Table:
+    names = ("p1", "p2", "p3", "p4", "coulomb")
+    rows = []
+    for entry in entries:
+        values = ["–"] * len(names)
+        if entry.estimate is not None:
+            values = [f"{getattr(entry.estimate.parameters, name):.4g}" for name in names]
+        fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
+        rows.append((entry.method, *fits, f"{entry.seconds:.2f}", *values, entry.error or "–"))
+    headers = (
+        *("estimator", "a mass left out: median FIT in %", "worst", "in sample: median", "worst"),
+        *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
+    )
+    return Table(headers=headers, rows=rows)
+
+
+def _fit(fit: FitSummary | None) -> tuple[str, str]:
+    return ("–", "–") if fit is None else (f"{fit.median:.1f}", f"{fit.worst:.1f}")
+
+
+def _figure(entries: Sequence[Entry]) -> Figure:
+    figure = Figure()
+    kinds = {"a mass left out": "held_out", "in sample": "in_sample"}
+    for colour, (name, field) in zip(PALETTE, kinds.items(), strict=False):
+        shown = [entry for entry in entries if getattr(entry, field) is not None]
+        heights = [max(getattr(entry, field).median, 0.0) for entry in shown]
+        methods = [entry.method for entry in shown]
+        figure.add_trace(Bar(x=methods, y=heights, name=name, marker={"color": colour}))
+    figure.update_yaxes(title="median FIT in %", range=[0, 100])
+    figure.update_xaxes(title="estimator")
+    figure.update_layout(height=340, barmode="group")
+    return figure
+
+
+def _numbers(entry: Entry) -> dict[str, Any]:
+    fits = {"held_out": entry.held_out, "in_sample": entry.in_sample}
+    return {
+        "data": entry.data,
+        "method": entry.method,
+        "seconds": entry.seconds,
+        "error": entry.error,
+    } | {
+        name: None if fit is None else {"median": fit.median, "mean": fit.mean, "worst": fit.worst}
+        for name, fit in fits.items()
+    }

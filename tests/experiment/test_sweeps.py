@@ -1,0 +1,176 @@
+"""Which runs an experiment file asks for, and what is wrong with one that cannot be read."""
+
+import json
+import math
+from collections import Counter
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from butterfly.errors import InputError
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source, read_experiment
+from butterfly.experiment.schema import Experiment
+from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
+from butterfly.resources import shipped, shipped_experiments
+
+
+def _write(path, **content):
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def _tasks(path):
+    return plan_sweep(Source(path)).tasks
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    def write(**spec):
+        return _write(tmp_path / "s.yaml", extends="quickstart", name="s", sweep=spec)
+
+    return write
+
+
+def test_grid_list_random_and_repetitions_are_combined(sweep):
+    path = sweep(
+        grid={"plant.encoder.noise": [0, 1e-4], "duration": [20.0, 30.0, 40.0]},
+        list=[{"plant.hand.mass": 0.1, "seed": 7}, {"added_masses.1.mass": 0.06}],
+        random={"count": 4, "fields": {"plant.friction.coulomb": {"log_uniform": [1e-5, 1e-3]}}},
+        repetitions=2,
+    )
+    tasks = _tasks(path)
+    assert len(tasks) == 2 * 3 * 2 * 4 * 2
+    assert [task.number for task in tasks] == list(range(96))
+    assert tasks[0].content["plant"]["encoder"]["noise"] == 0
+    assert tasks[-1].content["added_masses"][1]["mass"] == 0.06
+    assert tasks[0].content["seed"] == 7
+    assert len({task.content["seed"] for task in tasks}) == 48 + 1
+    assert "sweep" not in tasks[0].content
+
+
+def test_a_latin_hypercube_visits_every_slice_of_every_field_once(sweep):
+    fields = {
+        "plant.hand.mass": {"uniform": [0.1, 0.2]},
+        "plant.friction.coulomb": {"log_uniform": [1e-5, 1e-3]},
+        "method": {"choice": ["linear", "harmonic-balance"]},
+        "plant.hand.com_distance": {"normal": [0.05, 0.001]},
+    }
+    tasks = _tasks(sweep(latin_hypercube={"count": 10, "fields": fields}))
+    mass = sorted(task.overrides["plant.hand.mass"] for task in tasks)
+    assert all(0.1 + 0.01 * k <= value <= 0.11 + 0.01 * k for k, value in enumerate(mass))
+    logs = sorted(math.log10(task.overrides["plant.friction.coulomb"]) for task in tasks)
+    assert all(-5 + 0.2 * k <= value <= -4.8 + 0.2 * k for k, value in enumerate(logs))
+    assert Counter(task.overrides["method"] for task in tasks) == {
+        "linear": 5,
+        "harmonic-balance": 5,
+    }
+
+
+def test_a_sweep_that_grows_keeps_the_runs_it_had(sweep):
+    before = _tasks(sweep(grid={"plant.encoder.noise": [0, 1e-4]}, repetitions=2))
+    after = _tasks(sweep(grid={"plant.encoder.noise": [1e-4, 0, 1e-3]}, repetitions=3))
+    assert {task.key for task in before} < {task.key for task in after}
+
+
+def test_the_address_depends_on_what_is_asked_and_on_nothing_else(tmp_path):
+    base = {"extends": "quickstart", "name": "a"}
+    (first,) = _tasks(_write(tmp_path / "a.yaml", **base))
+    (same,) = _tasks(_write(tmp_path / "b.yaml", **(base | {"name": "b", "description": "x"})))
+    (default,) = _tasks(_write(tmp_path / "c.yaml", **base, method="harmonic-balance"))
+    (other,) = _tasks(_write(tmp_path / "d.yaml", **base, duration=59.0))
+    assert first.key == same.key == default.key
+    assert first.key != other.key
+
+
+@given(st.dictionaries(st.text(min_size=1).filter(lambda s: "." not in s), st.integers()))
+def test_overriding_changes_what_is_named_and_nothing_else(values):
+    content = {"kept": {"deep": [1, {"x": 2}]}, "other": 3}
+    changed = apply(content, {"kept.deep.1.x": 5} | {f"new.{k}": v for k, v in values.items()}, "")
+    assert content == {"kept": {"deep": [1, {"x": 2}]}, "other": 3}
+    assert changed["kept"] == {"deep": [1, {"x": 5}]}
+    assert changed.get("new", {}) == values
+
+
+def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
+    path = _write(
+        tmp_path / "e.yaml",
+        extends="quickstart",
+        name="e",
+        plant={"drive": {"torque": {"gain": 2.0}}, "friction": {"drag": 1e-4}},
+    )
+    experiment = read_experiment(path)
+    assert experiment.plant.drive.chosen.gain == 2.0
+    assert experiment.plant.friction.drag == 1e-4
+    assert experiment.plant.friction.coulomb == 3e-4
+    child = _write(tmp_path / "f.yaml", extends="e.yaml", name="f", seed=9)
+    assert read_experiment(child).plant == experiment.plant
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"extends": "s.yaml"}, "lead back here"),
+        ({"extends": "../elsewhere.yaml"}, "below|beside"),
+        ({"extends": "/etc/passwd"}, "below|beside"),
+        ({"extends": 3}, "the path of an experiment file"),
+        ({"extends": "nowhere.yaml"}, "no such file"),
+        ({"plant": {"hand": {"mas": 1}}}, r"s\.yaml:5: plant.hand.mas: got an unknown key"),
+        ({"sweep": {"grd": {}}}, r"s\.yaml:4: sweep.grd: got an unknown key; expected 'grid'"),
+        ({"sweep": {"grid": {"plant.hand.mass": []}}}, "sweep.grid.plant.hand.mass"),
+        ({"sweep": {"grid": {"plant.hand.mass": [-1.0]}}}, "plant.hand.mass: got -1.0"),
+        ({"sweep": {"grid": {"plant.hnd.mass": [1.0]}}}, "plant.hnd: got an unknown key"),
+        ({"sweep": {"grid": {"added_masses.7.mass": [1.0]}}}, "a number from 0 to 2"),
+        ({"sweep": {"grid": {"seed.x": [1.0]}}}, "a path to a field"),
+        ({"sweep": {"grid": {"sweep.repetitions": [1]}}}, "a field of the experiment"),
+        ({"sweep": {"repetitions": 0}}, "sweep.repetitions: got 0"),
+        (
+            {"sweep": {"random": {"count": 2, "fields": {"duration": {"uniform": [2, 1]}}}}},
+            "lower first",
+        ),
+        (
+            {"sweep": {"random": {"count": 2, "fields": {"duration": {"log_uniform": [0, 1]}}}}},
+            "positive limits",
+        ),
+        ({"method": "linear", "estimators": [{"method": "linear"}]}, "either estimators"),
+        ({"signals": [{"file": {"path": "../../x.csv"}}]}, "a path below"),
+    ],
+)
+def test_a_slip_is_one_error_with_file_and_field(tmp_path, content, message):
+    base = {"extends": "quickstart", "name": "s", "seed": 1} | content
+    with pytest.raises(InputError, match=message):
+        _tasks(_write(tmp_path / "s.yaml", **base))
+
+
+def test_a_key_said_twice_is_refused(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("extends: quickstart\nname: s\nseed: 1\nseed: 2\n")
+    with pytest.raises(InputError, match=r"s\.yaml:4: seed: got the same key twice"):
+        read_experiment(path)
+
+
+def test_a_slip_in_the_file_that_is_extended_is_blamed_on_it(tmp_path):
+    _write(tmp_path / "base.yaml", extends="quickstart", name="b", duration=-1.0)
+    path = _write(tmp_path / "child.yaml", extends="base.yaml", name="c")
+    with pytest.raises(InputError, match=r"base\.yaml:3: duration"):
+        read_experiment(path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_quantiles_stay_within_their_limits(share):
+    assert 2 <= Distribution(uniform=(2, 3)).quantile(share) <= 3
+    assert 2 * (1 - 1e-12) <= Distribution(log_uniform=(2, 3)).quantile(share) <= 3 * (1 + 1e-12)
+    assert Distribution(choice=["a", "b"]).quantile(share) in {"a", "b"}
+
+
+def test_every_shipped_experiment_is_read_and_the_schema_covers_it():
+    properties = Experiment.model_json_schema(by_alias=True)["properties"]
+    for name in shipped_experiments():
+        content = yaml.safe_load(shipped(name).read_text())
+        if "logs" in content:
+            continue
+        assert plan_sweep(Source(shipped(name))).tasks
+        assert set(content) <= set(properties)
+    assert "list" in json.dumps(SweepSpec.model_json_schema())
