@@ -146,9 +146,9 @@ class ResultStore:
             status = None if record is None else record["status"]
             if path.stem not in wanted or status is None or (failed and status != "ok"):
                 removed += [path, *([self.files_path(path.stem)])]
-        existing = [path for path in removed if path.exists()]
+        existing = [path for path in dict.fromkeys(removed) if path.exists()]
         for path in existing:
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         return existing
 
 

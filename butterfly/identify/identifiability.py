@@ -45,7 +45,9 @@ class Conditioning:
     @classmethod
     def of(cls, rows: NDArray[np.float64], names: tuple[str, ...] = PARAMETERS) -> Conditioning:
         """Judge the (m, n) rows of a regression on the n parameters ``names``."""
-        _, singular, right = np.linalg.svd(rows / np.linalg.norm(rows, axis=0), full_matrices=False)
+        size = np.linalg.norm(rows, axis=0)
+        size[size == 0] = 1.0  # a column without effect makes the regression singular
+        _, singular, right = np.linalg.svd(rows / size, full_matrices=False)
         share = np.abs(right[-1]) / np.abs(right[-1]).max()
         weakest = tuple(np.array(names)[share > _INVOLVED].tolist())
         with np.errstate(divide="ignore"):

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
+_DIVERGED = 1e5  # rad: sixteen thousand turns
+
+
 class Bench:
     """A motor under control: starts it on entering, stops it on leaving, come what may.
 
@@ -115,9 +118,9 @@ def recorded(
     Raises
     ------
     InputError
-        If an angle is not finite.
+        If an angle is not finite, or beyond any that a hand turns to.
     """
-    if not np.isfinite(angle).all():
+    if not (np.abs(angle) < _DIVERGED).all():
         raise InputError(source, "angle", "a joint that diverged", "smaller commands")
     return Log(
         time=time,

@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from butterfly.logs.log import InputKind, Log
 
 
+LARGEST_COMMAND = 1e10
+"""In units of the command; MuJoCo takes none from there on."""
+
+_USABLE = f"a number smaller than {LARGEST_COMMAND:g}"
+
+
 class Reading(NamedTuple):
     """What the controller sees: time in s, angle in rad, current in A (NaN if not measured)."""
 
@@ -83,14 +89,17 @@ class CommandPath:
 
     def shape(self, value: float) -> float:
         """Return the command that leaves the path: rounded, then saturated."""
-        if not math.isfinite(value):
-            raise InputError("control law", "command", value, "a finite number")
+        if not abs(value) < LARGEST_COMMAND:
+            raise InputError("control law", "command", value, _USABLE)
         if self.resolution > 0:
             value = self.resolution * round(value / self.resolution)
         return min(max(value, -self.limit), self.limit)
 
     def shape_all(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what leaves the path when (n,) finite ``values`` enter it one by one."""
+        """Return what leaves the path when (n,) ``values`` enter it one by one."""
+        usable = np.abs(values) < LARGEST_COMMAND
+        if not usable.all():
+            raise InputError("control law", "command", values[~usable][0], _USABLE)
         if self.resolution > 0:
             values = self.resolution * np.round(values / self.resolution)
         return np.clip(values, -self.limit, self.limit)

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
+from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.plant.bench import Bench, recorded
 from butterfly.plant.excitations import Excitation, initial_angle
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     _Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
 
+_BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
 _BATCH = 16  # runs simulated between two reports of progress, which bounds the memory they take
 
 
@@ -173,4 +175,6 @@ class _CompiledLoop:
         states = np.zeros((len(added), size))
         states[:, 1] = start  # a state is time, angles, velocities
         reached, _ = self._pool.rollout(models, self._data, states, controls)
+        if any(data.warning[_BAD_ACCELERATION].number for data in self._data):
+            raise InputError("MuJoCo", "motion", "a joint that diverged", "smaller commands")
         return np.column_stack([start, reached[:, self._substeps - 1 :: self._substeps, 1]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from butterfly.identify.estimate import UNITS
 from butterfly.model.harmonic import resonance_frequency
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.format import interval, with_error
-from butterfly.report.page import render
+from butterfly.report.page import render, write_beside
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -93,7 +93,7 @@ def summary(identification: Identification) -> list[str]:
 def write_report(
     identification: Identification, path: Path, truth: LumpedParameters | None = None
 ) -> None:
-    """Write the report of an identification as one HTML file.
+    """Write the report of an identification: one HTML file, pictures and numbers beside it.
 
     Parameters
     ----------
@@ -111,6 +111,9 @@ def write_report(
     """
     parameters = identification.estimate.parameters
     runs, data = identification.free_runs, identification.data
+    response = frequency_response_figure(identification)
+    series = [time_figure(run) for run in runs]
+    middle = int(np.argsort(identification.fits)[len(runs) // 2])
     page = render(
         "identification.html.j2",
         name=data.name,
@@ -132,12 +135,48 @@ def write_report(
         comparisons=identification.comparisons,
         fit=identification.summary,
         logs=list(zip(data.points, data.health, runs, strict=True)),
-        first=int(np.argsort(identification.fits)[len(runs) // 2]),
-        response=frequency_response_figure(identification).to_json(),
-        series=[time_figure(run).to_json() for run in runs],
+        first=middle,
+        response=response.to_json(),
+        series=[figure.to_json() for figure in series],
     )
+    pictures = {"frequency-response": response, "time": series[middle]}
+    write_beside(path, pictures, _numbers(identification, truth))
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
+
+
+def _numbers(identification: Identification, truth: LumpedParameters | None) -> dict[str, Any]:
+    """Return what the report says, for programs."""
+    estimate, fit = identification.estimate, identification.summary
+    columns = zip(
+        estimate.names,
+        *(
+            each.tolist()
+            for each in (
+                estimate.values,
+                estimate.standard_errors,
+                estimate.lower,
+                estimate.upper,
+            )
+        ),
+        strict=True,
+    )
+    return {
+        "method": estimate.method,
+        "parameters": {
+            name: {
+                "value": value,
+                "standard_error": error,
+                "lower": lower,
+                "upper": upper,
+                "true": None if truth is None else getattr(truth, name),
+            }
+            for name, value, error, lower, upper in columns
+        },
+        "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
+        "fits": {run.log.source: run.fit for run in identification.free_runs},
+        "verdict": list(estimate.verdict),
+    }
 
 
 def _input_unit(identification: Identification) -> str:

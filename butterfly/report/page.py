@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,7 +15,7 @@ from butterfly.files import replacing
 from butterfly.report.still import write_stills
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from plotly.graph_objects import Figure
@@ -109,8 +110,29 @@ def write_page(page: Page, path: Path) -> None:
         sections=page.sections,
         figures="{" + parts.replace("</", "<\\/") + "}",
     )
-    write_stills(figures, path.with_name(f"{path.stem}-figures"))
-    with replacing(path.with_suffix(".json")) as draft:
-        draft.write_text(json.dumps(page.numbers, indent=1, allow_nan=True), encoding="utf-8")
+    write_beside(path, figures, page.numbers)
     with replacing(path) as draft:
         draft.write_text(text, encoding="utf-8")
+
+
+def write_beside(path: Path, figures: Mapping[str, Figure], numbers: dict[str, Any]) -> None:
+    """Write what accompanies a report: its figures as pictures, its numbers as JSON.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    write_stills(figures, path.with_name(f"{path.stem}-figures"))
+    with replacing(path.with_suffix(".json")) as draft:
+        text = json.dumps(_finite(numbers), indent=1, allow_nan=False)
+        draft.write_text(text, encoding="utf-8")
+
+
+def _finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
+    """Replace numbers that JSON does not have by null."""
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

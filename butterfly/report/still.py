@@ -13,6 +13,7 @@ from matplotlib.figure import Figure as Still
 from butterfly.files import replacing
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -34,7 +35,7 @@ _MARKERS = {
 }
 
 
-def write_stills(figures: dict[str, Figure], folder: Path) -> None:
+def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write each figure as ``folder``/NAME.png and NAME.svg.
 
     Line and scatter plots (with error bars), bars and heat maps in any grid of axes are drawn,

@@ -119,13 +119,14 @@ def test_a_run_that_cannot_be_identified_is_recorded_and_the_others_go_on(folder
     assert rows[1]["error"] == ""
 
 
-def test_a_run_that_diverges_is_refused_with_its_reason(folder):
+def test_a_run_that_cannot_be_used_is_refused_with_its_reason(folder):
     wild = {"multisine": {"base": 0.5, "harmonics": [4], "peak": 1e200, "seed": 0}}
     plan = _plan(folder, sweep={"list": [{"signals": [wild]}, {"plant.encoder.noise": 0.0}]})
     summary = run_sweep(plan, folder / "wild", LocalEngine(1))
     assert summary.unsuccessful == 1
     rows = ResultStore(folder / "wild").table(RUNS).to_pylist()
     assert [row["status"] for row in rows] == [REFUSED, OK]
+    assert "command: got" in rows[0]["error"]
     again = run_sweep(plan, folder / "wild", LocalEngine(1))
     assert again.done == 0
 

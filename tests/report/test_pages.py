@@ -1,0 +1,140 @@
+"""Every kind of report in a browser: no error, no request, every figure drawn; and its pictures."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
+
+from butterfly.compare.leaderboard import leaderboard
+from butterfly.compare.three_way import compare_three
+from butterfly.experiment.orbit import simulated_rig
+from butterfly.identify.data import DataSet
+from butterfly.identify.methods import Method, estimate
+from butterfly.logs.log import Sine
+from butterfly.model.parameters import AddedMass
+from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.study import study_orbit
+from butterfly.plant.sweep import Controller, sweep
+from butterfly.report.leaderboard import leaderboard_page
+from butterfly.report.orbit import orbit_page
+from butterfly.report.page import Link, Page, Section, Table, write_page
+from butterfly.report.still import draw
+from butterfly.report.three_way import three_way_page
+from tests.orbit.setting import plant, sixty_degrees, wrong
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-extensions "
+    "--disable-background-networking --disable-component-update --disable-sync "
+    "--virtual-time-budget=10000 --enable-logging=stderr --dump-dom"
+)
+ROUGH = plant({"coulomb": 1e-4})
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Six short sines with three added masses."""
+    masses = [AddedMass(mass=mass, arm=0.1) for mass in (0.0, 0.05, 0.1)]
+    sines = [Sine(omega=3.0, amplitude=4e-4), Sine(omega=5.0, amplitude=8e-4)]
+    runs = [(mass, sine) for mass in masses for sine in sines]
+    seeds = np.random.SeedSequence(0).spawn(len(runs))
+    controller = Controller(duration=40.0, encoder=ROUGH.encoder)
+    return DataSet.of(list(sweep(ROUGH.robot, runs, controller, seeds)), name="six sines")
+
+
+@pytest.fixture(scope="module")
+def compared(data):
+    found = estimate(data, Method.HARMONIC_BALANCE)
+    return compare_three(data, found, range(len(data.logs)))
+
+
+def _orbit_page():
+    rng = np.random.default_rng(0)
+    rig = simulated_rig(ROUGH, "grey-box", rng)
+    believed = wrong(ROUGH.robot.lumped, rng)
+    plan = sixty_degrees(duration=12.0)
+    options = RecalibrationOptions()
+    study = study_orbit(rig, believed, 0.0, plan, options, amplitudes=(0.8, 1.0), rng=rng)
+    return orbit_page(study, ROUGH.robot.lumped)
+
+
+@pytest.fixture(scope="module")
+def pages(data, compared):
+    entries = leaderboard([data], [Method.HARMONIC_BALANCE, Method.WEAK_FORM, Method.THESIS])
+    return {
+        "three-way": three_way_page(data.name, "a description", compared),
+        "leaderboard": leaderboard_page(entries),
+        "orbit": _orbit_page(),
+    }
+
+
+def test_both_simulators_follow_the_log_and_each_other(compared):
+    for each in compared:
+        assert each.fits["MuJoCo"] > 95
+        assert each.fits["grey box"] > 95
+        assert each.difference < 5e-3
+        for gain in each.gains.values():
+            assert abs(gain - 1) < 0.05
+
+
+def test_the_leaderboard_is_sorted_by_what_was_predicted_unseen(data):
+    entries = leaderboard([data], [Method.THESIS, Method.LINEAR, Method.HARMONIC_BALANCE])
+    scores = [entry.held_out.median for entry in entries if entry.held_out is not None]
+    assert scores == sorted(scores, reverse=True)
+    assert entries[0].method == "harmonic-balance"
+
+
+@pytest.mark.parametrize("kind", ["three-way", "leaderboard", "orbit"])
+def test_a_report_is_written_with_its_numbers_and_pictures(pages, kind, tmp_path):
+    page = pages[kind]
+    write_page(page, tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", markup)
+    assert json.loads((tmp_path / "r.json").read_text())
+    names = [name for section in page.sections for name in section.figures]
+    assert names
+    for name in names:
+        for suffix in ("png", "svg"):
+            assert (tmp_path / f"r-figures/{name}.{suffix}").stat().st_size > 3000
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
+@pytest.mark.parametrize("kind", ["three-way", "leaderboard", "orbit"])
+def test_a_browser_draws_every_figure_without_error_or_request(pages, kind, tmp_path):
+    write_page(pages[kind], tmp_path / "r.html")
+    command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}"]
+    command.append((tmp_path / "r.html").as_uri())
+    seen = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)  # noqa: S603 - our own page
+    assert "CONSOLE" not in seen.stderr
+    figures = sum(len(section.figures) for section in pages[kind].sections)
+    assert len(re.findall(r'class="figure js-plotly-plot"', seen.stdout)) == figures
+
+
+def test_texts_of_a_page_are_shown_and_not_obeyed(tmp_path):
+    evil = "<script>alert(1)</script>"
+    table = Table(headers=(evil,), rows=[(evil,), (Link(evil, "runs/x.json"),)], caption=evil)
+    figure = Figure(Scatter(x=[1], y=[2], name=f"</script>{evil}"))
+    section = Section(title=evil, text=evil, tables=(table,), figures={"f": figure})
+    page = Page(
+        name=evil, description=evil, kind="x", summary=[evil], sections=[section], numbers={}
+    )
+    write_page(page, tmp_path / "r.html")
+    assert evil not in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_every_kind_of_trace_has_its_picture():
+    bars = Figure([Bar(x=["a", "b"], y=[1, 2], name="one"), Bar(x=["a", "b"], y=[2, 1])])
+    assert len(draw(bars).axes[0].patches) == 4
+    cells = Figure(Heatmap(z=[[1.0, 2.0]], x=["a", "b"], y=["c"], texttemplate="%{z}"))
+    assert len(draw(cells).axes[0].texts) == 2
+    spread = {"array": [1, 1], "arrayminus": [0.5, 0.5]}
+    lines = Figure(Scatter(x=[1, 10], y=[1, 2], mode="lines+markers", error_y=spread))
+    lines.update_xaxes(type="log", title="x<br>in m")
+    drawn = draw(lines).axes[0]
+    assert drawn.get_xscale() == "log"
+    assert drawn.get_xlabel() == "x in m"
