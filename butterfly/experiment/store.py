@@ -199,6 +199,8 @@ def _place(run: dict[str, Any], fields: Sequence[str]) -> dict[str, Any]:
 
 
 def _cell(value: Any) -> Any:  # noqa: ANN401 - whatever a field may be set to
+    if isinstance(value, dict) and not any(isinstance(v, dict | list) for v in value.values()):
+        return ", ".join(f"{key} {part}" for key, part in value.items())
     return json.dumps(value) if isinstance(value, dict | list) else value
 
 

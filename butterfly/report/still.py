@@ -109,6 +109,9 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
         "label": _label(trace),
     }
     x, y = (np.asarray(values) for values in (trace.x, trace.y))
+    if x.dtype.kind in "UO":
+        x = np.array([str(label).replace("<br>", "\n") for label in x])
+        axes.tick_params(axis="x", labelsize="x-small")
     if trace.error_y.array is None:
         axes.plot(x, y, **style)
     else:
@@ -130,7 +133,8 @@ def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     shown = axes.imshow(values, origin="lower", aspect="auto", cmap="cividis")
     for position, labels in ((axes.set_xticks, trace.x), (axes.set_yticks, trace.y)):
         if labels is not None:
-            position(range(len(labels)), [str(label) for label in labels], fontsize="x-small")
+            texts = [str(label).replace("<br>", "\n") for label in labels]
+            position(range(len(labels)), texts, fontsize="x-small")
     if trace.texttemplate:
         middle = (np.nanmin(values) + np.nanmax(values)) / 2
         for (row, column), value in np.ndenumerate(values):

@@ -91,7 +91,7 @@ def sweep_page(about: dict[str, Any], runs: pa.Table, estimates: pa.Table) -> Pa
     worst = _worst_table(table, fields, about.get("worst", 10))
     if worst.rows:
         sections.append(Section(title="Worst runs", tables=(worst,)))
-    if (status != "ok").any():
+    if not np.isin(status.astype(str), ["ok", "missing"]).all():
         sections.append(Section(title="Runs without a result", tables=(_failures(runs),)))
     if "orbit_amplitude" in runs.column_names and runs["orbit_amplitude"].null_count < len(runs):
         sections.append(Section(title="Orbits", tables=(_orbits(runs),)))
@@ -208,7 +208,7 @@ def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
     """Return the values, or the middles of bins with equally many, and who belongs to each."""
     if values.dtype == object:
         kinds = list(dict.fromkeys(values.tolist()))
-        return [str(kind) for kind in kinds], [values == kind for kind in kinds]
+        return [_wrapped(str(kind)) for kind in kinds], [values == kind for kind in kinds]
     distinct = np.unique(values)
     if distinct.size <= _DISTINCT:
         return distinct.tolist(), [values == value for value in distinct]
@@ -216,6 +216,11 @@ def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, _BINS - 1)
     parts = [place == k for k in range(_BINS) if (place == k).any()]
     return [float(np.median(values[part])) for part in parts], parts
+
+
+def _wrapped(text: str) -> str:
+    """Break a list of settings into lines."""
+    return text.replace(", ", "<br>")
 
 
 def _spans_decades(values: NDArray[Any]) -> bool:
@@ -280,7 +285,7 @@ def _worst_table(table: _Estimates, fields: Sequence[str], count: int) -> Table:
 
 
 def _failures(runs: pa.Table) -> Table:
-    bad = [row for row in runs.to_pylist() if row["status"] != "ok"]
+    bad = [row for row in runs.to_pylist() if row["status"] not in {"ok", "missing"}]
     rows = [
         (
             Link(str(row["number"]), f"runs/{row['key'][:2]}/{row['key']}.json"),
@@ -311,6 +316,9 @@ def _summary(table: _Estimates, status: NDArray[Any], fields: Sequence[str]) -> 
     done = int((status == "ok").sum())
     varied = ", ".join(fields) or "nothing but the seed"
     sentences = [f"{status.size} runs, {done} of them with a result; varied: {varied}."]
+    missing = int((status == "missing").sum())
+    if missing:
+        sentences.append(f"{missing} of them are still to be done.")
     size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
     if size.size:
         share = 100 * np.mean(table.inside[np.isfinite(table["lower"])])
