@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -113,5 +114,5 @@ class Log:
     def label(self) -> str:
         """Short name for tables and figures."""
         if self.excitation is None:
-            return f"{1e3 * self.added_mass.mass:g} g, {self.source}"
+            return f"{1e3 * self.added_mass.mass:g} g, {PurePath(self.source).name}"
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
