@@ -94,12 +94,12 @@ plant:
   drive: {torque: {gain: 10.0}}
   friction: {viscous: 1.0e-3, coulomb: 4.0e-4}
   encoder: {steps: 8192, noise: 2.0e-4}
+  simulator: grey-box
 added_masses: [{mass: 0.0, arm: 0.1}]
 duration: 10.0
 control:
   target: {amplitude: 1.0472}
   believed: {p1: 0.003, p2: 0.0012, p3: 0.045, p4: 9.0}
-  simulator: grey-box
   duration: 15.0
   starts: [1.05, 0.7, 1.3]
   dither: 0.1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
@@ -81,8 +81,6 @@ class ControlSpec(StrictModel):
     believed
         Parameters of the bare hand to begin with; if not given they are identified from the
         experiment's excitations.
-    simulator
-        What the controller drives.
     multiplier
         Share of a perturbation that is left after one period; sets gamma.
     duration
@@ -110,7 +108,6 @@ class ControlSpec(StrictModel):
 
     target: TargetSpec
     believed: LumpedParameters | None = None
-    simulator: Literal["mujoco", "grey-box"] = "mujoco"
     multiplier: Annotated[float, Field(gt=0, lt=1)] = 0.5
     duration: Annotated[float, Field(gt=0)] = 20.0
     starts: Annotated[tuple[float, ...], Field(min_length=1)]

@@ -11,12 +11,10 @@ from butterfly.experiment import runner
 from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.plant.bench import Bench
-from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import SimulatedMotor
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from butterfly.experiment.control import ControlSpec
@@ -26,29 +24,24 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
     from butterfly.orbit.loop import Rig
     from butterfly.plant.bench import ControlLaw
-    from butterfly.plant.motor import Joint
-
-_JOINTS: dict[str, Callable[..., Joint]] = {"mujoco": MujocoJoint, "grey-box": GreyBoxJoint}
 
 
-def simulated_rig(plant: PlantSpec, simulator: str, rng: np.random.Generator) -> Rig:
+def simulated_rig(plant: PlantSpec, rng: np.random.Generator) -> Rig:
     """Return a rig that runs control laws on the simulated robot.
 
     Parameters
     ----------
     plant
-        Robot, clock, encoder, command path and faults.
-    simulator
-        "mujoco" or "grey-box".
+        Robot, clock, encoder, command path, faults and simulator.
     rng
         Source of everything random.
     """
 
     def run(law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
-        joint = _JOINTS[simulator](plant.robot, added, angle=start)
+        joint = plant.simulator.joint(plant.robot, added, start)
         motor = SimulatedMotor(joint, path=plant.path, encoder=plant.encoder, rng=rng)
         with Bench(motor, clock=plant.clock, rng=rng) as bench:
-            log = bench.run(law, duration, added_mass=added, source=simulator)
+            log = bench.run(law, duration, added_mass=added, source=str(plant.simulator))
         return plant.faults.apply(log, rng)
 
     return run
@@ -82,7 +75,7 @@ def calibrate_orbit(
         believed, zero = generic.estimate.parameters, _zero(control, generic)
     rng = np.random.default_rng(np.random.SeedSequence(experiment.seed).spawn(1)[0])
     study = study_orbit(
-        simulated_rig(experiment.plant, control.simulator, rng),
+        simulated_rig(experiment.plant, rng),
         believed,
         zero,
         control.plan(zero),

@@ -59,6 +59,7 @@ def controller_of(experiment: Experiment) -> Controller:
         encoder=plant.encoder,
         path=plant.path,
         faults=plant.faults,
+        simulator=plant.simulator,
     )
 
 

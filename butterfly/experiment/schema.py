@@ -17,7 +17,13 @@ from butterfly.identify.validation import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import (
+    AddedMass,
+    Hand,
+    LumpedParameters,
+    TorqueDrive,
+    VoltageDrive,
+)
 from butterfly.plant.excitations import (
     Chirp,
     Excitation,
@@ -27,9 +33,11 @@ from butterfly.plant.excitations import (
     SteppedSine,
     Table,
 )
+from butterfly.plant.joints import Simulator, kind_of
 from butterfly.plant.mjcf import Clutch, Robot
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.plant.twin import twin
 from butterfly.yaml_input import StrictModel
 
 SMALL_SWING = 1.0
@@ -44,12 +52,26 @@ class DriveSpec(OneOf):
 
 
 class PlantSpec(StrictModel):
-    """The simulated robot with its controller's clock and encoder."""
+    """The simulated robot with its controller's clock and encoder.
 
-    hand: Hand
-    drive: DriveSpec
+    Parameters
+    ----------
+    hand, drive, friction, clutch
+        The robot by its physical parameters.
+    lumped
+        In their place p1..p4 and friction terms, as an identification gives them; a torque drive.
+    simulator
+        MuJoCo, or the grey-box equation.
+    clock, encoder, path, faults
+        Of the controller.
+    """
+
+    hand: Hand | None = None
+    drive: DriveSpec | None = None
     friction: Friction = Friction()
     clutch: Clutch | None = None
+    lumped: LumpedParameters | None = None
+    simulator: Simulator = Simulator.MUJOCO
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
     path: CommandPath = CommandPath()
@@ -58,13 +80,26 @@ class PlantSpec(StrictModel):
     @property
     def robot(self) -> Robot:
         """The robot that is described."""
+        if self.lumped is not None:
+            return twin(self.lumped)
+        assert self.hand is not None  # noqa: S101 - or there are lumped parameters
+        assert self.drive is not None  # noqa: S101
         return Robot(
             hand=self.hand, drive=self.drive.chosen, friction=self.friction, clutch=self.clutch
         )
 
     @model_validator(mode="after")
     def _possible(self) -> PlantSpec:
+        physical = {"hand", "drive", "friction", "clutch"} & self.model_fields_set
+        if self.lumped is None and (self.hand is None or self.drive is None):
+            raise ValueError("hand and drive, or lumped")
+        if self.lumped is not None and physical:
+            raise ValueError("either lumped, or hand, drive, friction and clutch")
+        if self.lumped is not None and (self.lumped.delay or self.lumped.compression):
+            raise ValueError("delay and compression under path")
         assert self.robot  # noqa: S101 - raises if the parts do not fit each other
+        if self.clutch is not None and self.simulator is Simulator.GREY_BOX:
+            raise ValueError("no clutch: MuJoCo alone has play")
         return self
 
 
@@ -208,4 +243,4 @@ class Experiment(StrictModel):
     @property
     def input_kind(self) -> InputKind:
         """What the commands mean."""
-        return InputKind.TORQUE if self.plant.drive.voltage is None else InputKind.VOLTAGE
+        return kind_of(self.plant.robot.drive)

@@ -97,7 +97,8 @@ class ResultStore:
     def write_tables(self) -> None:
         """Put the tables together from the records, in the sweep's order."""
         about = self.sweep()
-        fields, runs = about["fields"], about["runs"]
+        runs = about["runs"]
+        fields = [field for field in about["fields"] if field != "seed"]  # it has a column anyway
         for name, rows_of, schema in (
             (RUNS, _run_rows, _run_schema(fields, runs)),
             (ESTIMATES, _estimate_rows, _estimate_schema(fields, runs)),
@@ -185,7 +186,7 @@ def _estimate_rows(
             fit, held = each["fit"], each.get("held_out", {})
             yield (
                 _place(run, fields)
-                | {"method": each["method"], "condition": each["condition"]}
+                | {"estimator": each["method"], "condition": each["condition"]}
                 | {f"fit_{name}": value for name, value in fit.items()}
                 | {f"held_out_{name}": value for name, value in held.items()}
                 | row
@@ -227,7 +228,7 @@ def _run_schema(fields: Sequence[str], runs: Sequence[dict[str, Any]]) -> pa.Sch
 
 
 def _estimate_schema(fields: Sequence[str], runs: Sequence[dict[str, Any]]) -> pa.Schema:
-    texts = [pa.field(name, pa.string()) for name in ("method", "parameter")]
+    texts = [pa.field(name, pa.string()) for name in ("estimator", "parameter")]
     names = (
         *("value", "standard_error", "lower", "upper", "true", "deviation", "condition"),
         *("fit_median", "fit_mean", "fit_worst", "held_out_median", "held_out_worst"),

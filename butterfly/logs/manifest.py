@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any
 
 import yaml
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
@@ -51,6 +51,13 @@ class LogEntry(StrictModel):
     arm: Annotated[float, Field(ge=0)] | None = None
     omega: Annotated[float, Field(gt=0)] | None = None
     amplitude: Annotated[float, Field(gt=0)] | None = None
+
+    @field_validator("file")
+    @classmethod
+    def _below_the_root(cls, value: str) -> str:
+        if PurePath(value).is_absolute() or ".." in PurePath(value).parts:
+            raise ValueError("a path below the data set's root")
+        return value
 
     @model_validator(mode="after")
     def _a_whole_sine(self) -> LogEntry:

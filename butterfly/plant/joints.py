@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -169,6 +170,18 @@ class GreyBoxJoint(_DrivenJoint):
         if isinstance(drive, VoltageDrive) and drive.time_constant > 0:
             return self._state[2] / drive.torque_constant
         return super().current(command)
+
+
+class Simulator(StrEnum):
+    """What simulates the joint."""
+
+    MUJOCO = "mujoco"
+    GREY_BOX = "grey-box"
+
+    def joint(self, robot: Robot, added: AddedMass, angle: float) -> MujocoJoint | GreyBoxJoint:
+        """Return the joint of a robot that carries a mass and starts at an angle in rad."""
+        kind = MujocoJoint if self is Simulator.MUJOCO else GreyBoxJoint
+        return kind(robot, added, angle=angle)
 
 
 def _current_rate(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> float:

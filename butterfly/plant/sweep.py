@@ -15,7 +15,7 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.plant.bench import Bench, recorded
 from butterfly.plant.excitations import Excitation, initial_angle
-from butterfly.plant.joints import MujocoJoint, kind_of, steps_of
+from butterfly.plant.joints import Simulator, kind_of, steps_of
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import CommandPath, SimulatedMotor
 from butterfly.plant.sensors import Clock, Encoder, Faults
@@ -38,13 +38,14 @@ _BATCH = 16  # runs simulated between two reports of progress, which bounds the 
 
 @dataclass(frozen=True, kw_only=True)
 class Controller:
-    """What applies the excitations and records: its parts, and the duration of a run in s."""
+    """What applies the excitations and records, the duration of a run in s, and the simulator."""
 
     duration: float
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
     path: CommandPath = CommandPath()
     faults: Faults = Faults()
+    simulator: Simulator = Simulator.MUJOCO
 
 
 def sweep(
@@ -58,9 +59,10 @@ def sweep(
 ) -> Iterator[Log]:
     """Simulate each run from rest, hanging down, its excitation applied through a zero-order hold.
 
-    On a regular clock the runs share MuJoCo's compiled loop and its threads; on a jittered one,
-    with a delayed command, a motor whose current is a state, or friction that bends or weakens,
-    each goes through the motor wrapper. Both give the same log to within rounding.
+    In MuJoCo and on a regular clock the runs share its compiled loop and its threads; on a jittered
+    one, with a delayed command, a motor whose current is a state, friction that bends or weakens,
+    or by the grey box, each goes through the motor wrapper. Both ways give the same log to within
+    rounding.
 
     Parameters
     ----------
@@ -100,17 +102,18 @@ def _simulated(
     friction = robot.friction
     if (
         irregular
+        or controller.simulator is Simulator.GREY_BOX
         or robot.drive.time_constant > 0
         or friction.bristle_stiffness > 0
         or friction.sticks_harder
     ):
-        for (added, excitation), rng in track(jobs, "Simulating in MuJoCo"):
+        for (added, excitation), rng in track(jobs, "Simulating"):
             yield through_wrapper(robot, added, excitation, controller, rng)
         return
     batches = [jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)]
     with Rollout(nthread=workers) as pool:
         loop = _CompiledLoop(robot, controller, pool, workers)
-        for batch in track(batches, "Simulating in MuJoCo"):
+        for batch in track(batches, "Simulating"):
             yield from loop.logs(batch)
 
 
@@ -122,16 +125,20 @@ def through_wrapper(
     rng: np.random.Generator,
 ) -> Log:
     """Simulate one run through the motor wrapper (see `sweep`)."""
-    joint = MujocoJoint(robot, added, angle=initial_angle(excitation))
+    joint = controller.simulator.joint(robot, added, initial_angle(excitation))
     motor = SimulatedMotor(joint, path=controller.path, encoder=controller.encoder, rng=rng)
     with Bench(motor, clock=controller.clock, rng=rng) as bench:
-        return bench.play(excitation.sample, controller.duration, **_about(added, excitation))
+        about = _about(added, excitation, controller.simulator)
+        return bench.play(excitation.sample, controller.duration, **about)
 
 
-def _about(added: AddedMass, excitation: Excitation) -> dict[str, Any]:
+def _about(
+    added: AddedMass, excitation: Excitation, simulator: Simulator = Simulator.MUJOCO
+) -> dict[str, Any]:
     """Return what a log says about its run."""
     sine = excitation if isinstance(excitation, Sine) else None
-    return {"added_mass": added, "excitation": sine, "source": "MuJoCo"}
+    source = "MuJoCo" if simulator is Simulator.MUJOCO else "grey box"
+    return {"added_mass": added, "excitation": sine, "source": source}
 
 
 class _CompiledLoop:

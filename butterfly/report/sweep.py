@@ -72,7 +72,7 @@ def sweep_page(about: dict[str, Any], runs: pa.Table, estimates: pa.Table) -> Pa
             tables=(_recovery_table(table),),
         )
     ]
-    if len(table.distinct("method")) > 1:
+    if len(table.distinct("estimator")) > 1:
         ranked = _ranking_table(table)
         sections.insert(0, Section(title="Estimators, the best first", tables=(ranked,)))
     for number, field in enumerate(fields):
@@ -115,10 +115,10 @@ def _column(table: pa.Table, name: str) -> NDArray[Any]:
 
 def _groups(table: _Estimates) -> list[tuple[str, str, _Estimates]]:
     return [
-        (method, name, table.take((table["method"] == method) & (table["parameter"] == name)))
-        for method in table.distinct("method")
+        (method, name, table.take((table["estimator"] == method) & (table["parameter"] == name)))
+        for method in table.distinct("estimator")
         for name in table.distinct("parameter")
-        if ((table["method"] == method) & (table["parameter"] == name)).any()
+        if ((table["estimator"] == method) & (table["parameter"] == name)).any()
     ]
 
 
@@ -144,8 +144,8 @@ def _recovery_table(table: _Estimates) -> Table:
 
 def _ranking_table(table: _Estimates) -> Table:
     rows = []
-    for method in table.distinct("method"):
-        group = table.take(table["method"] == method)
+    for method in table.distinct("estimator"):
+        group = table.take(table["estimator"] == method)
         size = np.abs(group["deviation"][np.isfinite(group["deviation"])])
         fits = group["fit_median"]
         rows.append((float(np.median(size)), method, float(np.median(fits)), group.inside.mean()))
@@ -165,10 +165,10 @@ def _axis_figure(table: _Estimates, field: str) -> Figure | None:
     if not names or len(table.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
         return None
     figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
-    for index, method in enumerate(table.distinct("method")):
+    for index, method in enumerate(table.distinct("estimator")):
         colour = PALETTE[index % len(PALETTE)]
         for row, name in enumerate(names, start=1):
-            group = table.take((table["method"] == method) & (table["parameter"] == name))
+            group = table.take((table["estimator"] == method) & (table["parameter"] == name))
             if not group["value"].size:
                 continue
             where, parts = _binned(group[field])
@@ -233,7 +233,7 @@ def _heat_maps(table: _Estimates, fields: Sequence[str]) -> dict[str, Figure]:
     """Draw the mean absolute deviation over pairs of fields, by the first estimator."""
     if not table["value"].size:
         return {}
-    group = table.take(table["method"] == table.distinct("method")[0])
+    group = table.take(table["estimator"] == table.distinct("estimator")[0])
     varying = [field for field in fields if len(group.distinct(field)) > 1]
     pairs = [(a, b) for k, a in enumerate(varying) for b in varying[k + 1 :]][:_MAPS]
     return {f"map-{number}": _heat_map(group, *pair) for number, pair in enumerate(pairs)}
@@ -270,7 +270,7 @@ def _worst_table(table: _Estimates, fields: Sequence[str], count: int) -> Table:
     rows: list[tuple[str | Link, ...]] = []
     seen: set[tuple[Any, Any]] = set()
     for k in order.tolist():
-        run = (main["key"][k], main["method"][k])
+        run = (main["key"][k], main["estimator"][k])
         if run in seen or len(rows) == count:
             continue
         seen.add(run)
@@ -338,7 +338,7 @@ def _numbers(table: _Estimates, status: NDArray[Any]) -> dict[str, Any]:
         "ok": int((status == "ok").sum()),
         "recovery": [
             {
-                "method": method,
+                "estimator": method,
                 "parameter": name,
                 "runs": int(group["value"].size),
                 "rms_deviation": _rms(group["deviation"]),

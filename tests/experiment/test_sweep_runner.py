@@ -83,7 +83,7 @@ def test_the_tables_say_what_was_set_and_found(folder):
     assert runs["status"].to_pylist() == [OK] * 6
     assert estimates.num_rows == 6 * 6
     for row in estimates.to_pylist():
-        assert row["method"] == "weak-form"
+        assert row["estimator"] == "weak-form"
         if row["parameter"] in {"p1", "p3", "p4"}:
             assert abs(row["deviation"]) < 0.02
     record = store.read(runs["key"][0].as_py())
@@ -311,7 +311,6 @@ def test_an_orbit_can_be_swept(folder):
     control = {
         "target": {"amplitude": 0.9},
         "believed": {"p1": 0.003, "p2": 0.0012, "p3": 0.045, "p4": 9.0},
-        "simulator": "grey-box",
         "duration": 12.0,
         "starts": [0.9, 0.6, 1.1],
         "rounds": 2,
@@ -319,6 +318,7 @@ def test_an_orbit_can_be_swept(folder):
     base = {key: value for key, value in SWEEP.items() if key not in {"signals", "estimators"}}
     path = Path(folder / "orbits.yaml")
     grid = {"control.target.amplitude": [0.8, 1.0]}
+    base["plant"] = base["plant"] | {"simulator": "grey-box"}
     path.write_text(yaml.safe_dump(base | {"control": control, "sweep": {"grid": grid}}))
     summary = run_sweep(plan_sweep(Source(path)), folder / "orbits", LocalEngine(2))
     assert summary.unsuccessful == 0

@@ -4,6 +4,7 @@ import json
 import math
 from collections import Counter
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -12,8 +13,11 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
+from butterfly.experiment.runner import controller_of
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
+from butterfly.plant.joints import Simulator
+from butterfly.plant.sweep import sweep as sweep_logs
 from butterfly.resources import shipped, shipped_experiments
 
 
@@ -174,3 +178,37 @@ def test_every_shipped_experiment_is_read_and_the_schema_covers_it():
         assert plan_sweep(Source(shipped(name))).tasks
         assert set(content) <= set(properties)
     assert "list" in json.dumps(SweepSpec.model_json_schema())
+
+
+def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
+    lumped = {"p1": 0.003, "p2": 1e-3, "p3": 0.05, "p4": 10.0, "coulomb": 1e-4}
+    base = {"name": "l", "duration": 12.0, "added_masses": [{"mass": 0.05, "arm": 0.1}]}
+    base["excitations"] = [{"omega": 3.0, "amplitude": 1e-3}]
+    logs = {}
+    for simulator in Simulator:
+        plant = {"lumped": lumped, "simulator": str(simulator)}
+        experiment = read_experiment(_write(tmp_path / "l.yaml", **base, plant=plant))
+        assert experiment.plant.robot.lumped.p3 == pytest.approx(0.05)
+        seeds = np.random.SeedSequence(0).spawn(1)
+        (logs[simulator],) = sweep_logs(
+            experiment.plant.robot, experiment.runs(), controller_of(experiment), seeds
+        )
+    both = [log.angle for log in logs.values()]
+    assert np.abs(both[0] - both[1]).max() < 2e-3
+    assert logs[Simulator.GREY_BOX].source == "grey box"
+
+
+@pytest.mark.parametrize(
+    ("plant", "message"),
+    [
+        ({}, "hand and drive, or lumped"),
+        ({"lumped": {"p1": 1, "p2": 1, "p3": 1, "p4": 1}, "friction": {}}, "either lumped, or"),
+        ({"lumped": {"p1": 3e-3, "p2": 1, "p3": 0.05, "p4": 1, "delay": 0.1}}, "under path"),
+        ({"lumped": {"p1": 1e-9, "p2": 1, "p3": 1, "p4": 1}}, "more than"),
+    ],
+)
+def test_a_plant_that_cannot_be_is_refused(tmp_path, plant, message):
+    base = {"name": "l", "duration": 2.0, "added_masses": [{}], "plant": plant}
+    base["excitations"] = [{"omega": 3.0, "amplitude": 1e-3}]
+    with pytest.raises(InputError, match=message):
+        read_experiment(_write(tmp_path / "l.yaml", **base))

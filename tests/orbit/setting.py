@@ -13,6 +13,7 @@ from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.loop import Plan
+from butterfly.plant.joints import Simulator
 from butterfly.plant.sweep import Controller, sweep
 from butterfly.signals.frequency_response import response_point
 
@@ -43,10 +44,15 @@ def wrong(parameters, rng):
     return replace(parameters, coulomb=0.0, **values)
 
 
+def grey_rig(spec, rng):
+    """Rig of the same plant, simulated by the grey-box equation."""
+    return simulated_rig(spec.model_copy(update={"simulator": Simulator.GREY_BOX}), rng)
+
+
 def runs(spec, rng, *, starts=STARTS, masses=(NO_ADDED_MASS,), duration=20.0):
     """Log a badly informed controller from several starts."""
     believed = wrong(spec.robot.lumped, rng)
-    rig = simulated_rig(spec, "grey-box", rng)
+    rig = grey_rig(spec, rng)
     logs = []
     for mass in masses:
         orbit = Orbit.of_amplitude(believed.with_added_mass(mass), SIXTY)

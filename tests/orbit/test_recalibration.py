@@ -24,6 +24,7 @@ from tests.orbit.setting import (
     NO_ADDED_MASS,
     SIXTY,
     generic,
+    grey_rig,
     plant,
     runs,
     sixty_degrees,
@@ -119,7 +120,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better(effect):
     spec, amplitudes, told = EFFECTS[effect]
     rng = np.random.default_rng(1)
     study = study_orbit(
-        simulated_rig(spec, "grey-box", rng),
+        grey_rig(spec, rng),
         generic(spec, amplitudes),
         0.0,
         sixty_degrees(),
@@ -133,7 +134,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better(effect):
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
     small = generic(ROUGH, AGAINST_COULOMB)
-    found = calibrate(simulated_rig(ROUGH, "mujoco", rng), small, 0.0, sixty_degrees(), rng=rng)
+    found = calibrate(simulated_rig(ROUGH, rng), small, 0.0, sixty_degrees(), rng=rng)
     reached = [math.degrees(each.amplitude) for each in found.rounds]
     assert reached[0] == pytest.approx(97.0, abs=1.0)
     assert reached[-1] == pytest.approx(60.0, abs=0.2)
@@ -144,7 +145,7 @@ def test_in_mujoco_the_loop_brings_97_degrees_to_60():
 @pytest.mark.parametrize("seed", range(4))
 def test_the_loop_converges_from_wrong_parameters(seed):
     rng = np.random.default_rng(seed)
-    rig = simulated_rig(ROUGH, "grey-box", rng)
+    rig = grey_rig(ROUGH, rng)
     plan = sixty_degrees(duration=20.0)
     found = calibrate(rig, wrong(TRUE, rng), 0.0, plan, rng=rng)
     assert math.degrees(found.rounds[-1].amplitude) == pytest.approx(60.0, abs=0.2)
@@ -167,7 +168,7 @@ def test_118_fails_with_a_controller_built_on_wrong_parameters(index, vanishing)
     believed = replace(TRUE, coulomb=0.0, p2=1.3 * TRUE.p2, p4=0.8 * TRUE.p4)
     orbit = Orbit.of_amplitude(believed, SIXTY)
     gamma = gain_for(orbit, 0.5)
-    rig = simulated_rig(plant(), "grey-box", rng)
+    rig = grey_rig(plant(), rng)
     log = rig(EnergyShaping(orbit, gamma), 1.4, 30.0, NO_ADDED_MASS)
     found = minimise_index(log, 0.0, believed, SIXTY, gamma=gamma, index=index)
     start = np.array([believed.p1, believed.p3, believed.p4])
@@ -179,7 +180,7 @@ def test_118_works_only_with_the_inertia_fixed_and_an_exact_controller_without_n
     true = smooth.robot.lumped
     orbit = Orbit.of_amplitude(true, SIXTY)
     gamma = gain_for(orbit, 0.8)
-    rig = simulated_rig(smooth, "grey-box", np.random.default_rng())
+    rig = grey_rig(smooth, np.random.default_rng())
     log = rig(EnergyShaping(orbit, gamma), 1.4, 12.0, NO_ADDED_MASS)
     start = replace(true, p3=1.1 * true.p3, p4=0.9 * true.p4)
     found = minimise_index(log, 0.0, start, SIXTY, gamma=gamma, index=Index.FIXED_INERTIA)
@@ -203,7 +204,7 @@ def test_on_line_the_ratios_are_known_and_the_orbit_held_after_ten_periods(dithe
         commands=Dithered(shaping, dither, 3.6, rng),
     )
     period = Orbit.of_amplitude(TRUE, SIXTY).period
-    log = simulated_rig(ROUGH, "grey-box", rng)(law, 1.4, 10 * period, NO_ADDED_MASS)
+    log = grey_rig(ROUGH, rng)(law, 1.4, 10 * period, NO_ADDED_MASS)
     assert math.degrees(swing(log, 0.0, 7 * period)) == pytest.approx(60.0, abs=0.2 + 5 * dither)
     found = online.parameters(TRUE.p1)
     limits = {"p2": 2e-3, "p3": 1e-4, "p4": 2e-3, "coulomb": 0.02}
@@ -216,7 +217,7 @@ def test_on_line_what_changed_is_forgotten():
     orbit = Orbit.of_amplitude(TRUE, SIXTY)
     online = OnlineRecalibration(terms=(), memory=4.0)
     for spec, offset in ((plant(), 0.0), (plant({"viscous": 2e-3}), 21.0)):
-        rig = simulated_rig(spec, "grey-box", rng)
+        rig = grey_rig(spec, rng)
         log = rig(Dithered(EnergyShaping(orbit, 0.005), 0.5, 3.6, rng), 1.4, 20.0, NO_ADDED_MASS)
         for time, command, angle in zip(log.time, log.input, log.angle, strict=True):
             online.observe(_Reading(time + offset, angle), command)

@@ -11,7 +11,8 @@ from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
-from butterfly.experiment.orbit import simulated_rig
+from butterfly.experiment.execution import Outcome
+from butterfly.experiment.store import ESTIMATES, RUNS, ResultStore
 from butterfly.identify.data import DataSet
 from butterfly.identify.methods import Method, estimate
 from butterfly.logs.log import Sine
@@ -23,8 +24,9 @@ from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
 from butterfly.report.still import draw
+from butterfly.report.sweep import sweep_page
 from butterfly.report.three_way import three_way_page
-from tests.orbit.setting import plant, sixty_degrees, wrong
+from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
@@ -32,6 +34,7 @@ FLAGS = (
     "--disable-background-networking --disable-component-update --disable-sync "
     "--virtual-time-budget=10000 --enable-logging=stderr --dump-dom"
 )
+KINDS = ("three-way", "leaderboard", "orbit", "sweep")
 ROUGH = plant({"coulomb": 1e-4})
 
 
@@ -54,7 +57,7 @@ def compared(data):
 
 def _orbit_page():
     rng = np.random.default_rng(0)
-    rig = simulated_rig(ROUGH, "grey-box", rng)
+    rig = grey_rig(ROUGH, rng)
     believed = wrong(ROUGH.robot.lumped, rng)
     plan = sixty_degrees(duration=12.0)
     options = RecalibrationOptions()
@@ -62,13 +65,39 @@ def _orbit_page():
     return orbit_page(study, ROUGH.robot.lumped)
 
 
+def _sweep_page(folder):
+    """A sweep of 60 runs over a number, a decade, a name; two of them without a result."""
+    rng = np.random.default_rng(0)
+    store = ResultStore(folder)
+    fields = ["plant.hand.mass", "plant.encoder.noise", "method"]
+    runs = []
+    for number in range(60):
+        values = (0.1 + 0.01 * number, 10 ** rng.uniform(-5, -2), "ab"[number % 2])
+        overrides = dict(zip(fields, values, strict=True))
+        about = {"key": f"{number:024d}", "repetition": 0, "seed": number, "overrides": overrides}
+        runs.append({"number": number} | about)
+        status = {7: "refused", 8: "failed"}.get(number, "ok")
+        row = {"true": 1.0, "lower": 0.9, "upper": 1.1, "standard_error": 0.05}
+        found = [row | {"parameter": p, "value": rng.normal(1, 0.05)} for p in ("p1", "p3")]
+        fit = dict.fromkeys(("median", "mean", "worst"), 99.0)
+        estimate = {"method": "m", "error": "", "condition": 3.0, "fit": fit, "parameters": found}
+        estimates = [estimate] if status == "ok" else []
+        record = about | {"status": status, "error": "", "estimates": estimates}
+        store.write(Outcome(record=record))
+    about = {"name": "sixty", "description": "", "fields": fields, "runs": runs, "worst": 5}
+    store.write_sweep(about)
+    store.write_tables()
+    return sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
+
+
 @pytest.fixture(scope="module")
-def pages(data, compared):
+def pages(data, compared, tmp_path_factory):
     entries = leaderboard([data], [Method.HARMONIC_BALANCE, Method.WEAK_FORM, Method.THESIS])
     return {
         "three-way": three_way_page(data.name, "a description", compared),
         "leaderboard": leaderboard_page(entries),
         "orbit": _orbit_page(),
+        "sweep": _sweep_page(tmp_path_factory.mktemp("sixty")),
     }
 
 
@@ -88,7 +117,7 @@ def test_the_leaderboard_is_sorted_by_what_was_predicted_unseen(data):
     assert entries[0].method == "harmonic-balance"
 
 
-@pytest.mark.parametrize("kind", ["three-way", "leaderboard", "orbit"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_report_is_written_with_its_numbers_and_pictures(pages, kind, tmp_path):
     page = pages[kind]
     write_page(page, tmp_path / "r.html")
@@ -104,7 +133,7 @@ def test_a_report_is_written_with_its_numbers_and_pictures(pages, kind, tmp_path
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
-@pytest.mark.parametrize("kind", ["three-way", "leaderboard", "orbit"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_browser_draws_every_figure_without_error_or_request(pages, kind, tmp_path):
     write_page(pages[kind], tmp_path / "r.html")
     command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}"]
@@ -125,6 +154,20 @@ def test_texts_of_a_page_are_shown_and_not_obeyed(tmp_path):
     )
     write_page(page, tmp_path / "r.html")
     assert evil not in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_the_report_of_a_sweep_names_worst_and_missing_runs(pages):
+    page = pages["sweep"]
+    titles = {section.title: section for section in page.sections}
+    assert len(titles["Worst runs"].tables[0].rows) == 5
+    link = titles["Worst runs"].tables[0].rows[0][0]
+    assert link.href == f"runs/00/{int(link.text):024d}.json"
+    assert [row[1] for row in titles["Runs without a result"].tables[0].rows] == [
+        "refused",
+        "failed",
+    ]
+    assert len(titles["Two fields at a time"].figures) == 3
+    assert page.numbers["ok"] == 58
 
 
 def test_every_kind_of_trace_has_its_picture():
