@@ -107,7 +107,8 @@ def _task(
     content: dict[str, Any],
     experiment: Experiment,
 ) -> Task:
-    asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED)
+    # Without defaults, so that a field which is added to the schema leaves old addresses alone.
+    asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED, exclude_defaults=True)
     text = json.dumps([FORMAT, __version__, asked], sort_keys=True)
     return Task(
         number=number,
