@@ -7,7 +7,8 @@ import os
 from collections import deque
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, nullcontext, suppress
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol
 
 from butterfly.errors import ButterflyError, InputError
@@ -123,62 +124,57 @@ class DaskEngine:
                 "--engine dask needs the extra: pip install 'butterfly-testbed[dask]'"
             ) from None
         with _environment(_ONE_THREAD):
+            cluster: Any = nullcontext(self._scheduler)
             if self._scheduler is None:
-                target: Any = LocalCluster(
-                    n_workers=self._jobs,
-                    threads_per_worker=1,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                )
-            else:
-                target = self._scheduler
-            try:
-                client = Client(target, timeout="20s")
-            except (OSError, ValueError) as error:
-                raise InputError(
-                    "butterfly run", "--scheduler", target, f"one that answers ({error})"
-                ) from None
-            with client:
-                queue = iter(tasks)
-                workers = max(len(client.scheduler_info()["workers"]), 1)
-                futures = as_completed()
-                known: dict[str, Task] = {}
-
-                def hand_out() -> None:
-                    task = next(queue, None)
-                    if task is not None:
-                        future = client.submit(execute, task, pure=False, retries=_ATTEMPTS)
-                        known[future.key] = task
-                        futures.add(future)
-
-                for _ in range(_AHEAD * workers):
-                    hand_out()
-                for future in futures:
-                    task = known.pop(future.key)
-                    try:
-                        outcome: Outcome = future.result()
-                    except KilledWorker:
-                        outcome = Outcome(record=_died(task))
-                    future.release()
-                    hand_out()
-                    yield outcome
-            if self._scheduler is None:
-                target.close()
+                loopback = {"host": "127.0.0.1", "dashboard_address": None}
+                cluster = LocalCluster(n_workers=self._jobs, threads_per_worker=1, **loopback)
+            with cluster as target:
+                try:
+                    client = Client(target, timeout="20s")
+                except (OSError, ValueError) as error:
+                    expected = f"one that answers ({error})"
+                    raise InputError("butterfly run", "--scheduler", target, expected) from None
+                with client:
+                    yield from _on_cluster(client, as_completed(), iter(tasks), KilledWorker)
 
 
-class _environment:  # noqa: N801 - used like a function
+def _on_cluster(
+    client: Any,  # noqa: ANN401 - distributed's
+    futures: Any,  # noqa: ANN401
+    tasks: Iterator[Task],
+    killed: type[Exception],
+) -> Iterator[Outcome]:
+    """Keep a cluster supplied, however many workers it has at the moment."""
+    known: dict[str, Task] = {}
+
+    def hand_out() -> None:
+        wanted = _AHEAD * max(sum(client.nthreads().values()), 1) - len(known)
+        for task in islice(tasks, max(wanted, 0)):
+            future = client.submit(execute, task, pure=False, retries=_ATTEMPTS)
+            known[future.key] = task
+            futures.add(future)
+
+    hand_out()
+    for future in futures:
+        task = known.pop(future.key)
+        try:
+            outcome: Outcome = future.result()
+        except killed:
+            outcome = Outcome(record=_died(task))
+        future.release()
+        hand_out()
+        yield outcome
+
+
+@contextmanager
+def _environment(names: Iterable[str]) -> Iterator[None]:
     """Set variables to 1 for processes that are started meanwhile."""
-
-    def __init__(self, names: Iterable[str]) -> None:
-        self._names = list(names)
-        self._before: dict[str, str | None] = {}
-
-    def __enter__(self) -> None:
-        self._before = {name: os.environ.get(name) for name in self._names}
-        os.environ.update(dict.fromkeys(self._names, "1"))
-
-    def __exit__(self, *_: object) -> None:
-        for name, value in self._before.items():
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(before, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
             else:
