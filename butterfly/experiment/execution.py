@@ -137,7 +137,10 @@ def _estimate(
         def again(part: DataSet) -> ParameterEstimate:
             return estimate(part, spec.method, Options(terms=spec.terms, check=False))
 
-        held = hold_out(data, again, experiment.validation.split)
+        try:
+            held = hold_out(data, again, experiment.validation.split)
+        except ButterflyError as error:
+            return row | {"error": f"nothing could be left out: {error}"}
         row["held_out"] = {"median": held.summary.median, "worst": held.summary.worst}
     return row
 

@@ -131,6 +131,22 @@ def test_a_run_that_cannot_be_used_is_refused_with_its_reason(folder):
     assert again.done == 0
 
 
+def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
+    two = SWEEP["added_masses"]
+    three = [*two, {"mass": 0.1, "arm": 0.1}]
+    plan = _plan(
+        folder,
+        validation={"split": "mass"},
+        sweep={"list": [{"added_masses": two}, {"added_masses": three}]},
+    )
+    assert run_sweep(plan, folder / "validated", LocalEngine(2)).unsuccessful == 0
+    store = ResultStore(folder / "validated")
+    assert "nothing could be left out" in store.table(RUNS)["error"][0].as_py()
+    rows = store.table(ESTIMATES).to_pylist()
+    assert {row["held_out_median"] for row in rows if row["number"] == 0} == {None}
+    assert all(row["held_out_median"] > 90 for row in rows if row["number"] == 1)
+
+
 def test_logs_are_kept_where_asked_and_read_back_as_a_data_set(folder):
     plan = _plan(folder, keep_signals=True, sweep={"repetitions": 1})
     run_sweep(plan, folder / "kept", LocalEngine(1))
