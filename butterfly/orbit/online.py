@@ -15,6 +15,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import gain_for
 from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.orbit.regression import BASE, LARGEST_STICK, least
+from butterfly.plant.motor import CommandPath
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -119,6 +120,7 @@ class OnlineRecalibration:
     def ratios(self) -> NDArray[np.float64]:
         """(n,) current p2/p1, p3/p1, p4/p1 and terms over p1."""
         scale = np.sqrt(np.diag(self._information))
+        scale[scale == 0] = 1.0  # a column of zeros stays without effect
         values, axes = np.linalg.eigh(self._information / np.outer(scale, scale))
         root = np.sqrt(np.maximum(values, values[-1] * 1e-14))
         rows, target = (axes * root).T, (axes / root).T @ (self._moment / scale)
@@ -151,6 +153,8 @@ class SelfTuning:
     commands
         What makes the commands of ``law``, such as `Dithered` about it; the law itself if not
         given. The estimator must see the commands that are set, so a dither belongs in here.
+    path
+        That saturates and rounds the commands, so that the estimator sees them as they are set.
     """
 
     def __init__(
@@ -163,10 +167,11 @@ class SelfTuning:
         inertia: float,
         every: float,
         commands: ControlLaw | None = None,
+        path: CommandPath = CommandPath(),
     ) -> None:
         require_number("SelfTuning", positive=True, every=every, inertia=inertia)
         self._law, self._online, self._target = law, online, target
-        self._commands = commands or law
+        self._commands, self._path = commands or law, path
         self._multiplier, self._inertia, self._every = multiplier, inertia, every
         self._next = every
 
@@ -179,5 +184,5 @@ class SelfTuning:
                 orbit = self._target(believed)
                 self._law.retune(orbit, gain_for(orbit, self._multiplier))
         command = self._commands(reading)
-        self._online.observe(reading, command)
+        self._online.observe(reading, self._path.shape(command))
         return command

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
-from plotly.subplots import make_subplots
 
-from butterfly.model.energy import energy
+from butterfly.model.energy import Orbit, energy
 from butterfly.orbit.analysis import invariant
 from butterfly.orbit.study import PERIODS
 from butterfly.report.figures import PALETTE
@@ -215,8 +214,8 @@ def _phase_figure(study: OrbitStudy) -> Figure:
 def _invariant_figure(study: OrbitStudy) -> Figure:
     """Invariant of the nominal runs, as a share of E*, and its predicted decay."""
     rounds, model = study.calibration.rounds, study.calibration.parameters
-    figure = make_subplots(rows=1, cols=1)
-    orbit = type(rounds[-1].orbit).of_amplitude(model, rounds[-1].orbit.upper)
+    figure = Figure()
+    orbit = Orbit.of_amplitude(model, rounds[-1].orbit.upper)
     depth = orbit.energy - energy(model, 0.0, 0.0)
     for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
         each = rounds[number]
