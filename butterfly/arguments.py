@@ -1,9 +1,28 @@
-"""Values that the command line takes as NAME=VALUE, separated by commas."""
+"""What several commands take: arguments, options, and values as NAME=VALUE by commas."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
 from butterfly.errors import InputError, nearest
 from butterfly.model.parameters import LumpedParameters
+
+ExperimentArgument = Annotated[
+    Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
+]
+DataArgument = Annotated[
+    Path, typer.Argument(help="A data set: its manifest, folder or shipped name.")
+]
+RootOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
+]
+ReportOption = Annotated[
+    Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
+]
 
 
 def parse_pairs(text: str, option: str) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
+from pathlib import Path  # noqa: TC003 - typer reads annotations
 from typing import Annotated
 
 import typer
@@ -15,7 +15,7 @@ from butterfly import (
     run_commands,
     study_commands,
 )
-from butterfly.arguments import parse_pairs, parse_parameters, parse_terms
+from butterfly.arguments import ReportOption, parse_pairs, parse_parameters, parse_terms
 from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identify.free_run_problem import Loss
@@ -73,9 +73,6 @@ HoldOption = Annotated[
         "--intersample",
         help="How the input is held between samples, for a folder without manifest.",
     ),
-]
-ReportOption = Annotated[
-    Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
 ]
 
 

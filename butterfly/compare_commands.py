@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path  # noqa: TC003 - typer reads annotations
 from typing import Annotated
 
 import typer
 
-from butterfly.arguments import parse_terms
+from butterfly.arguments import DataArgument, ReportOption, RootOption, parse_terms
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
-from butterfly.console import show_page, show_progress
+from butterfly.console import read_data, show_page, show_progress
 from butterfly.errors import InputError, nearest
-from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.methods import Method, Options, estimate
-from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.page import Page, write_page
 from butterfly.report.three_way import three_way_page
 from butterfly.resources import locate
-
-RootOption = Annotated[
-    Path | None,
-    typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
-]
-ReportOption = Annotated[
-    Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
-]
 
 
 def register(app: typer.Typer) -> None:
@@ -38,7 +28,7 @@ def register(app: typer.Typer) -> None:
 
 def compare_command(
     *,
-    data: Annotated[Path, typer.Argument(help="A data set: its manifest, folder or shipped name.")],
+    data: DataArgument,
     method: Annotated[
         Method, typer.Option(help="The estimator that finds the simulators' parameters.")
     ] = Method.HARMONIC_BALANCE,
@@ -66,7 +56,7 @@ def compare_command(
 
     Example: `butterfly compare real-logs --root LOGS --report compare.html`
     """
-    read = _read(data, root)
+    read = read_data(data, _root_of(data, root))
     found = estimate(read, method, Options(terms=parse_terms(terms), check=False))
     numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
     compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
@@ -92,7 +82,7 @@ def leaderboard_command(
     for name in names:
         if name not in set(Method):
             raise InputError("butterfly leaderboard", "--methods", name, nearest(name, Method))
-    sets = [_read(path, root) for path in data]
+    sets = [read_data(path, _root_of(path, root)) for path in data]
     entries = leaderboard(sets, [Method(name) for name in names], track=show_progress)
     _show(leaderboard_page(entries), report)
 
@@ -113,8 +103,6 @@ def _numbers(text: str, count: int) -> list[int]:
     return numbers
 
 
-def _read(data: Path, root: Path | None) -> DataSet:
-    path = locate(data)
-    manifest = path / MANIFEST_NAME if path.is_dir() else path
-    own_root = root if manifest.suffix == ".yaml" and path.is_file() else None
-    return read_data_set(read_manifest(manifest, own_root), show_progress)
+def _root_of(data: Path, root: Path | None) -> Path | None:
+    """Return the root for a manifest; a folder of logs is its own."""
+    return None if locate(data).is_dir() else root

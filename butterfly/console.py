@@ -10,10 +10,14 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from butterfly.identify.data import DataSet, read_data_set
+from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.report.identification import parameter_rows, summary
+from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
     from butterfly.identify.identification import Identification
     from butterfly.model.parameters import LumpedParameters
@@ -100,3 +104,16 @@ def show_page(page: Page) -> None:
             CONSOLE.print(table)
     for sentence in page.summary:
         typer.echo(sentence)
+
+
+def read_data(data: Path, root: Path | None) -> DataSet:
+    """Read the data set that a user named: a manifest, a folder with one, or a shipped name.
+
+    Raises
+    ------
+    InputError
+        If there is none, or a log cannot be read.
+    """
+    path = locate(data)
+    manifest = path / MANIFEST_NAME if path.is_dir() else path
+    return read_data_set(read_manifest(manifest, root), show_progress)

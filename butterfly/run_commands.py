@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from butterfly.arguments import ExperimentArgument  # noqa: TC001 - typer reads annotations
 from butterfly.console import show_identification, show_page, show_progress
 from butterfly.experiment import runner
 from butterfly.experiment.engines import DaskEngine, LocalEngine
@@ -31,10 +32,6 @@ if TYPE_CHECKING:
 
 EXIT_SOME_FAILED = 1
 """Exit code of a sweep of which some runs gave no result."""
-
-ExperimentArgument = Annotated[
-    Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
-]
 
 
 class EngineName(StrEnum):

@@ -8,21 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from butterfly.arguments import parse_terms
-from butterfly.console import CONSOLE, new_table, show_page, show_progress
+from butterfly.arguments import DataArgument, RootOption, parse_terms
+from butterfly.console import CONSOLE, new_table, read_data, show_page, show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.figure_data import write_figure_data
 from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.reproduction import has_real_logs, reproduce
-from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.design import LARGEST_SWING, rank_experiments
 from butterfly.identify.free_run import FitSummary
 from butterfly.identify.methods import Method, Options, estimate
 from butterfly.identify.resampling import bootstrap
 from butterfly.identify.residual import residual_torque
 from butterfly.identify.validation import Split, fits_of, hold_out, select_terms
-from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
@@ -30,15 +28,9 @@ from butterfly.report.residual import write_residual
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
 
-DataArgument = Annotated[
-    Path, typer.Argument(help="A data set: its manifest, folder or shipped name.")
-]
-RootOption = Annotated[
-    Path | None,
-    typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
-]
 MethodOption = Annotated[Method, typer.Option(help="The estimator; see `butterfly identify`.")]
 TermsOption = Annotated[
     str | None,
@@ -76,7 +68,7 @@ def validate_command(
 
     Example: `butterfly validate results/quickstart --method output-error`
     """
-    logs = _read(data, root)
+    logs = read_data(data, root)
     options = Options(terms=parse_terms(terms), check=False)
     held = hold_out(logs, lambda part: estimate(part, method, options), split, track=show_progress)
     whole = estimate(logs, method, options)
@@ -119,7 +111,7 @@ def select_command(
     Terms are added one by one, the most helpful first, until none helps. With output-error and
     forty logs this takes minutes.
     """
-    logs = _read(data, root)
+    logs = read_data(data, root)
 
     def fit(part: DataSet, terms: tuple[str, ...]) -> ParameterEstimate:
         return estimate(part, method, Options(terms=terms, check=False))
@@ -146,7 +138,7 @@ def residual_command(
     root: RootOption = None,
 ) -> None:
     """Show the torque that p1..p4 leave over in one log, and the friction term it looks like."""
-    logs = _read(data, root)
+    logs = read_data(data, root)
     if number >= len(logs.logs):
         raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
     log = logs.logs[number]
@@ -178,7 +170,7 @@ def design_command(
     Sines, multisines and free decays with each added mass of the data set and with none; each is
     simulated with the estimate.
     """
-    logs = _read(data, root)
+    logs = read_data(data, root)
     found = estimate(logs, method, Options(terms=parse_terms(terms)))
     misfit = 1 - float(np.median(fits_of(logs, found))) / 100
     masses = sorted({*logs.masses, NO_ADDED_MASS})
@@ -257,19 +249,13 @@ def calibrate_orbit_command(
     """
     plan = read_experiment(locate(experiment))
     folder = out or Path("results") / plan.name
-    study, _ = calibrate_orbit(plan, folder, show_progress)
+    study = calibrate_orbit(plan, folder, show_progress)
     carried = study.calibration.rounds[0].logs[0].added_mass
     truth = plan.plant.robot.lumped.with_added_mass(carried)
     page = orbit_page(study, truth)
     show_page(page)
     write_page(page, folder / "report.html")
     typer.echo(f"Report: {folder / 'report.html'}")
-
-
-def _read(data: Path, root: Path | None) -> DataSet:
-    path = locate(data)
-    manifest = path / MANIFEST_NAME if path.is_dir() else path
-    return read_data_set(read_manifest(manifest, root), show_progress)
 
 
 def _fit(fit: FitSummary) -> list[str]:

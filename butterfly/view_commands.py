@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path  # noqa: TC003 - typer reads annotations
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
+from butterfly.arguments import ExperimentArgument  # noqa: TC001 - typer reads annotations
 from butterfly.console import show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.reading import read_experiment
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.excitations import Excitation
 
-ExperimentArgument = Annotated[
-    Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
-]
 RunOption = Annotated[
     int, typer.Option("--run", min=0, help="Which run of it: added masses times inputs, from 0 on.")
 ]

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import platform
-import tempfile
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -16,7 +14,7 @@ import scipy
 
 from butterfly import __version__
 from butterfly.errors import ButterflyError
-from butterfly.experiment.orbit import calibrate_orbit
+from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.runner import controller_of, entry_of, manifest_of
 from butterfly.experiment.schema import EstimatorSpec, Experiment
 from butterfly.identify.data import DataSet
@@ -94,6 +92,7 @@ def _simulate_and_identify(
     begun = time.perf_counter()
     runs = experiment.runs()
     truth = experiment.plant.robot.lumped
+    data = None
     if runs:
         seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
         controller = controller_of(experiment)
@@ -111,9 +110,7 @@ def _simulate_and_identify(
             record["estimates"].append(_estimate(data, spec, experiment, truth))
         record["seconds"]["identify"] = time.perf_counter() - simulated
     if experiment.control is not None:
-        with tempfile.TemporaryDirectory() as folder:
-            study, _ = calibrate_orbit(experiment, Path(folder))
-        record["orbit"] = study.numbers()
+        record["orbit"] = hold_orbit(experiment, data).numbers()
 
 
 def _estimate(

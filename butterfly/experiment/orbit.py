@@ -8,6 +8,9 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.experiment import runner
+from butterfly.identify.data import DataSet, read_data_set
+from butterfly.identify.methods import Options, estimate
+from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.plant.bench import Bench
@@ -19,7 +22,6 @@ if TYPE_CHECKING:
 
     from butterfly.experiment.control import ControlSpec
     from butterfly.experiment.schema import Experiment, PlantSpec
-    from butterfly.identify.identification import Identification
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
     from butterfly.orbit.loop import Rig
@@ -47,17 +49,11 @@ def simulated_rig(plant: PlantSpec, rng: np.random.Generator) -> Rig:
     return run
 
 
-def calibrate_orbit(
-    experiment: Experiment, folder: Path, track: Track = untracked
-) -> tuple[OrbitStudy, Identification | None]:
+def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untracked) -> OrbitStudy:
     """Identify from small swings, hold the orbit, re-calibrate, and compare.
 
     The logs are written to ``folder``: of the small swings into ``small``, of the rounds as
     ``round0_run0.mat`` and so on.
-
-    Returns
-    -------
-    The study, and the identification that it began with, if there was one.
 
     Raises
     ------
@@ -66,15 +62,43 @@ def calibrate_orbit(
     IdentifiabilityError
         If the logs cannot tell the parameters apart.
     """
+    data = None
+    if experiment.control is not None and experiment.control.believed is None:
+        manifest = runner.simulate(experiment, folder / "small", track)
+        data = read_data_set(read_manifest(manifest), track)
+    study = hold_orbit(experiment, data, track)
+    for number, each in enumerate(study.calibration.rounds):
+        for run, log in enumerate(each.logs):
+            write_mat(log, folder / f"round{number}_run{run}.mat")
+    return study
+
+
+def hold_orbit(
+    experiment: Experiment, data: DataSet | None, track: Track = untracked
+) -> OrbitStudy:
+    """Hold the orbit and re-calibrate (see `calibrate_orbit`), without writing logs.
+
+    Parameters
+    ----------
+    experiment
+        With ``control``.
+    data
+        The small swings that tell the parameters to begin with, if the experiment does not.
+    track
+        Shows progress.
+    """
     control = experiment.control
     if control is None:
         raise InputError(experiment.name, "control", "nothing", "an orbit to hold (control: ...)")
-    generic, believed, zero = None, control.believed, 0.0
+    believed, zero = control.believed, 0.0
     if believed is None:
-        generic = runner.run(experiment, folder / "small", track)
-        believed, zero = generic.estimate.parameters, _zero(control, generic)
+        if data is None:
+            raise InputError(experiment.name, "control.believed", "nothing", "parameters, or logs")
+        options = Options(terms=experiment.terms, check=False)
+        believed = estimate(data, experiment.method, options).parameters
+        zero = _zero(control, data)
     rng = np.random.default_rng(np.random.SeedSequence(experiment.seed).spawn(1)[0])
-    study = study_orbit(
+    return study_orbit(
         simulated_rig(experiment.plant, rng),
         believed,
         zero,
@@ -86,13 +110,9 @@ def calibrate_orbit(
         description=experiment.description,
         track=track,
     )
-    for number, each in enumerate(study.calibration.rounds):
-        for run, log in enumerate(each.logs):
-            write_mat(log, folder / f"round{number}_run{run}.mat")
-    return study, generic
 
 
-def _zero(control: ControlSpec, generic: Identification) -> float:
+def _zero(control: ControlSpec, data: DataSet) -> float:
     """Return the encoder reading in rad of the hand at rest, with its first mass if known."""
-    known = generic.data.equilibria
+    known = data.equilibria
     return known.get(control.added_masses[0], float(np.mean(list(known.values()))))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
@@ -32,7 +33,7 @@ RUNS, ESTIMATES = "runs", "estimates"
 TABLES = (RUNS, ESTIMATES)
 """Names of the tables."""
 
-_ROWS = 20_000  # of a table, gathered before they are written
+_RUNS = 2_000  # whose rows are gathered before they are written
 
 
 class ResultStore:
@@ -99,17 +100,21 @@ class ResultStore:
         about = self.sweep()
         runs = about["runs"]
         fields = [field for field in about["fields"] if field != "seed"]  # it has a column anyway
-        for name, rows_of, schema in (
-            (RUNS, _run_rows, _run_schema(fields, runs)),
-            (ESTIMATES, _estimate_rows, _estimate_schema(fields, runs)),
-        ):
-            rows = (row for run in runs for row in rows_of(run, self.read(run["key"]), fields))
-            with (
-                replacing(self.folder / f"{name}.parquet") as draft,
-                parquet.ParquetWriter(draft, schema, compression="zstd") as writer,
-            ):
-                for batch in _batches(rows, _ROWS):
-                    writer.write_table(pa.Table.from_pylist(batch, schema=schema))
+        kinds = {
+            RUNS: (_run_rows, _run_schema(fields, runs)),
+            ESTIMATES: (_estimate_rows, _estimate_schema(fields, runs)),
+        }
+        with ExitStack() as open_files:
+            writers = {}
+            for name, (_, schema) in kinds.items():
+                draft = open_files.enter_context(replacing(self.folder / f"{name}.parquet"))
+                writer = parquet.ParquetWriter(draft, schema, compression="zstd")
+                writers[name] = open_files.enter_context(writer)
+            for start in range(0, len(runs), _RUNS):
+                part = [(run, self.read(run["key"])) for run in runs[start : start + _RUNS]]
+                for name, (rows_of, schema) in kinds.items():
+                    rows = [row for run, record in part for row in rows_of(run, record, fields)]
+                    writers[name].write_table(pa.Table.from_pylist(rows, schema=schema))
 
     def table(self, name: str) -> pa.Table:
         """Read a table.
@@ -236,14 +241,3 @@ def _estimate_schema(fields: Sequence[str], runs: Sequence[dict[str, Any]]) -> p
     return pa.schema(
         [*_place_schema(fields, runs), *texts, *(pa.field(name, pa.float64()) for name in names)]
     )
-
-
-def _batches(rows: Iterable[dict[str, Any]], size: int) -> Iterator[list[dict[str, Any]]]:
-    batch: list[dict[str, Any]] = []
-    for row in rows:
-        batch.append(row)
-        if len(batch) == size:
-            yield batch
-            batch = []
-    if batch:
-        yield batch

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError
 from butterfly.experiment.execution import FAILED, OK, versions
-from butterfly.experiment.store import ResultStore
+from butterfly.experiment.store import RUNS, ResultStore
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -90,12 +90,12 @@ def run_sweep(
     for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
         store.write(outcome)
     store.write_tables()
-    records = [store.read(task.key) for task in chosen]
+    status = store.table(RUNS)["status"].to_pylist()
     return SweepSummary(
         runs=len(chosen),
         done=len(pending),
         reused=len(unique) - len(pending),
-        unsuccessful=sum(record is None or record["status"] != OK for record in records),
+        unsuccessful=sum(status[task.number] != OK for task in chosen),
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from butterfly.logs.log import Intersample
+from butterfly.logs.log import Intersample, held_impulses
 from butterfly.model.greybox import simulate
 from butterfly.model.harmonic import resonance_frequency
 from butterfly.model.parameters import compressed
@@ -136,6 +136,5 @@ class Trajectory:
             ends = np.interp(grid - delay, log.time, inputs)
             middles = np.interp(grid[:-1] + np.diff(grid) / 2 - delay, log.time, inputs)
             return np.column_stack([ends[:-1], middles, ends[1:]])
-        impulse = np.concatenate([[0.0], np.cumsum(inputs[:-1] * np.diff(log.time))])
-        means = np.diff(np.interp(grid - delay, log.time, impulse)) / np.diff(grid)
+        means = held_impulses(log.time, inputs, grid - delay) / np.diff(grid)
         return np.repeat(means[:, None], 3, axis=1)

@@ -40,7 +40,6 @@ METHOD = "weak form"
 TERMS = ("drag", "load", "bias", "p3_offset", "stribeck", "cogging", "cogging_cosine")
 """What can be estimated besides `PARAMETERS`; Stribeck velocity and cogging periods are held."""
 
-_LARGEST_STICK = 0.05  # share of a window that may stand still
 _ROUNDS = 8  # about the delay
 _SETTLED = 1e-7  # s
 
@@ -150,7 +149,7 @@ def _windows(
 ) -> _Windows:
     period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
     signals = weak_signals(log, zero, min(half_width, period / 4), delay)
-    moving = signals.still < _LARGEST_STICK
+    moving = signals.moving
     rows = np.column_stack([signals.mean[name][moving] for name in names])
     inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
     size = float(np.sqrt(np.mean(inertia**2))) if inertia.size else 1.0

@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import savgol_filter
 
 from butterfly.errors import InputError
-from butterfly.logs.log import Intersample
+from butterfly.logs.log import Intersample, held_impulses
 from butterfly.model.friction import FrictionTerms
 from butterfly.model.parameters import compressed
 from butterfly.signals.resample import resample, uniform_grid
@@ -34,7 +34,10 @@ HALF_WIDTH = 0.25
 
 _VELOCITY_SHARE = 0.25  # half-width of the velocity's window over that of the test functions
 _VELOCITY_ORDER = 4  # of the polynomial whose slope it is
-_SPACING = 0.5  # of the test functions, in half-widths
+SPACING = 0.5
+"""Of the test functions, in half-widths."""
+
+_LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
 
 
@@ -65,6 +68,11 @@ class WeakSignals:
     velocity: NDArray[np.float64]
     mean: dict[str, NDArray[np.float64]]
     still: NDArray[np.float64]
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(n,) whether the joint moves enough for friction to be a function of the motion."""
+        return np.asarray(self.still < _LARGEST_STICK)
 
 
 def weak_signals(
@@ -118,7 +126,7 @@ def weak_signals(
     velocity = savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step)
     speed = float(np.sqrt(np.mean(velocity**2)))
     still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
-    centres = np.arange(reach, grid.size - reach, max(1, round(_SPACING * half_width / step)))
+    centres = np.arange(reach, grid.size - reach, max(1, round(SPACING * half_width / step)))
     of = _momentum if balance is Balance.MOMENTUM else _energy
     columns = of(angle, velocity, inputs, cogging_periods)
     columns["compression"] = (0, lost if balance is Balance.MOMENTUM else lost * velocity)
@@ -193,9 +201,8 @@ def _mean(
     """Average values held as the log's input is over ``step`` s about instants; 0 before it."""
     if log.intersample is Intersample.FIRST_ORDER_HOLD:
         return np.interp(instants, log.time, values, left=0.0)
-    impulse = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(log.time))])
     ends = np.concatenate([instants - step / 2, instants[-1:] + step / 2])
-    return np.asarray(np.diff(np.interp(ends, log.time, impulse)) / step)
+    return held_impulses(log.time, values, ends) / step
 
 
 def _against(

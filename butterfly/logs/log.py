@@ -52,6 +52,28 @@ class Sine:
         return np.asarray(self.amplitude * np.sin(self.omega * time))
 
 
+def held_impulses(
+    time: NDArray[np.float64], values: NDArray[np.float64], edges: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Integrate values that are held from each stamp to the next between edges.
+
+    No step is lost or gained, wherever the edges fall; outside the stamps the values count as 0.
+
+    Parameters
+    ----------
+    time, values
+        (n,) stamps in s and values.
+    edges
+        (m,) instants in s.
+
+    Returns
+    -------
+    (m - 1,) integrals.
+    """
+    impulse = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(time))])
+    return np.diff(np.interp(edges, time, impulse))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:
     """One experiment: what was commanded and what the encoder saw.

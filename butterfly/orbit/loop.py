@@ -96,6 +96,16 @@ class Plan:
             added_masses=len(self.added_masses),
         )
 
+    def law(self, orbit: Orbit, zero: float) -> EnergyShaping:
+        """Return a fresh controller for an orbit, its encoder reading ``zero`` rad at angle 0."""
+        return EnergyShaping(
+            orbit,
+            gain_for(orbit, self.multiplier),
+            zero=zero,
+            velocity=self.velocity(orbit.parameters),
+            kick=self.kick,
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Round:
@@ -225,13 +235,7 @@ def _round(
         runs = [(start, plan.target(model)) for start in plan.starts]
         runs += [(each, Orbit.of_amplitude(model, each)) for each in plan.orbits]
         for start, orbit in runs:
-            law: ControlLaw = EnergyShaping(
-                orbit,
-                gain_for(orbit, plan.multiplier),
-                zero=zero,
-                velocity=plan.velocity(model),
-                kick=plan.kick,
-            )
+            law: ControlLaw = plan.law(orbit, zero)
             if plan.dither > 0 and logs:
                 law = Dithered(law, plan.dither, 2 * math.pi / orbit.period, rng)
             logs.append(rig(law, start, plan.duration, added))

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from butterfly.errors import InputError, require_number
-from butterfly.identify.weak_signals import weak_signals
+from butterfly.identify.weak_signals import SPACING, weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import gain_for
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.regression import BASE, LARGEST_STICK, least
+from butterfly.orbit.regression import BASE, least
 from butterfly.plant.motor import CommandPath
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 _FEWEST = 20  # readings in a test function
 _MARGIN = 3  # readings by which the buffer is longer than a test function
-_SPACING = 0.5  # of the test functions, in half-widths
 
 
 class OnlineRecalibration:
@@ -62,7 +61,7 @@ class OnlineRecalibration:
         self._zero = zero
         self._options = options
         self._names = (*BASE[1:], *terms)
-        self._keep = math.exp(-_SPACING * options.half_width / memory)
+        self._keep = math.exp(-SPACING * options.half_width / memory)
         self._information = np.zeros((len(self._names), len(self._names)))
         self._moment = np.zeros(len(self._names))
         self._samples: list[tuple[float, float, float]] = []
@@ -81,7 +80,7 @@ class OnlineRecalibration:
         if not enough or reading.time - self._samples[_MARGIN][0] < needed:
             return False
         added = self._add_row()
-        start = self._samples[0][0] + _SPACING * self._options.half_width
+        start = self._samples[0][0] + SPACING * self._options.half_width
         self._samples = [sample for sample in self._samples if sample[0] >= start]
         return added
 
@@ -104,7 +103,7 @@ class OnlineRecalibration:
             balance=options.balance,
             cogging_periods=options.cogging_periods,
         )
-        if signals.still[0] > LARGEST_STICK:
+        if not signals.moving[0]:
             return False
         row = np.array([signals.mean[name][0] for name in self._names])
         self._information = self._keep * self._information + np.outer(row, row)

@@ -28,9 +28,6 @@ FOLDS = 5
 
 _SEGMENT = 10  # test functions in a row, which share noise; segments count as independent
 _SIGNIFICANT = 2.0  # standard errors by which a term must lower the held-out loss
-LARGEST_STICK = 0.05
-"""Share of a window that may stand still."""
-
 _ROUNDS = 5  # about the compression, which alone is not linear
 
 
@@ -156,7 +153,7 @@ class Regression:
     def _equations(self, names: tuple[str, ...], about: float) -> Equations:
         rows, targets, segments, runs, count = [], [], [], [], 0
         for number, (log, signals) in enumerate(zip(self._logs, self._signals(about), strict=True)):
-            moving = signals.still < LARGEST_STICK
+            moving = signals.moving
             mean = {name: column[moving] for name, column in signals.mean.items()}
             added = log.added_mass
             known = added.inertia * mean["p1"] + added.gravity_moment * mean["p3"]

@@ -10,7 +10,7 @@ import numpy as np
 from butterfly.identify.free_run import free_run
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS
-from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
+from butterfly.orbit.controller import Dithered
 from butterfly.orbit.loop import calibrate
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.progress import Track, untracked
@@ -123,14 +123,7 @@ def study_orbit(
 
     def run(amplitude: float, start: float, dither: float) -> Log:
         orbit = Orbit.of_amplitude(final, amplitude)
-        shaping = EnergyShaping(
-            orbit,
-            gain_for(orbit, plan.multiplier),
-            zero=zero,
-            velocity=plan.velocity(final),
-            kick=plan.kick,
-        )
-        law = Dithered(shaping, dither, 2 * np.pi / orbit.period, rng)
+        law = Dithered(plan.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
         return rig(law, start, plan.duration, carried)
 
     nominal = calibration.rounds[-1].orbit.upper

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.logs.log import Intersample
+from butterfly.logs.log import Intersample, held_impulses
 from butterfly.model.parameters import compressed
 
 if TYPE_CHECKING:
@@ -44,11 +44,8 @@ def replay_input(
     steps = np.diff(log.time)
     inputs = compressed(log.input, compression)
     if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        pieces = 0.5 * (inputs[1:] + inputs[:-1]) * steps
-    else:
-        pieces = inputs[:-1] * steps
-    impulse = np.concatenate([[0.0], np.cumsum(pieces)])
-    means = np.diff(np.interp(log.time - delay, log.time, impulse)) / steps
+        inputs = 0.5 * (np.append(inputs[1:], 0.0) + inputs)  # the mean of each interval
+    means = held_impulses(log.time, inputs, log.time - delay) / steps
     angles = np.empty(log.time.size)
     angles[0] = joint.angle
     for k, (mean, step) in enumerate(zip(means.tolist(), steps.tolist(), strict=True), start=1):
