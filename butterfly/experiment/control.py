@@ -10,7 +10,7 @@ from butterfly.experiment.oneof import OneOf
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.loop import Plan
-from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.velocity import FilteredDifference, Observer, VelocityEstimator
 from butterfly.yaml_input import StrictModel
 

@@ -16,11 +16,10 @@ from butterfly import __version__
 from butterfly.errors import ButterflyError
 from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.runner import controller_of, entry_of, manifest_of
-from butterfly.experiment.schema import EstimatorSpec, Experiment
+from butterfly.experiment.schema import Experiment
 from butterfly.identify.data import DataSet
-from butterfly.identify.free_run import FitSummary
-from butterfly.identify.methods import Options, estimate
-from butterfly.identify.validation import fits_of, hold_out
+from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.identify.validation import hold_out
 from butterfly.logs.manifest import MANIFEST_NAME, manifest_text
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.plant.sweep import sweep
@@ -28,6 +27,7 @@ from butterfly.plant.sweep import sweep
 if TYPE_CHECKING:
     from butterfly.experiment.plan import Task
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
     from butterfly.model.parameters import LumpedParameters
 
 OK, REFUSED, FAILED = "ok", "refused", "failed"
@@ -114,28 +114,23 @@ def _simulate_and_identify(
 
 
 def _estimate(
-    data: DataSet, spec: EstimatorSpec, experiment: Experiment, truth: LumpedParameters
+    data: DataSet, spec: Estimator, experiment: Experiment, truth: LumpedParameters
 ) -> dict[str, Any]:
     """Return an estimator's result, or what it refused, for the record."""
     row: dict[str, Any] = {"method": spec.label, "error": ""}
-    options = Options(terms=spec.terms, loss=spec.loss, check=experiment.validation is not None)
     try:
-        found = estimate(data, spec.method, options)
+        found = spec(data)
     except ButterflyError as error:
         return row | {"error": str(error)}
-    fit = FitSummary.of(fits_of(data, found))
+    fit = FitSummary.of(Predictor(data).fits(found))
     row |= {
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
         "condition": found.condition,
         "parameters": _rows(found, truth),
     }
     if experiment.validation is not None:
-
-        def again(part: DataSet) -> ParameterEstimate:
-            return estimate(part, spec.method, Options(terms=spec.terms, check=False))
-
         try:
-            held = hold_out(data, again, experiment.validation.split)
+            held = hold_out(data, spec.unchecked(), experiment.validation.split)
         except ButterflyError as error:
             return row | {"error": f"nothing could be left out: {error}"}
         row["held_out"] = {"median": held.summary.median, "worst": held.summary.worst}

@@ -9,7 +9,6 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.experiment import runner
 from butterfly.identify.data import DataSet, read_data_set
-from butterfly.identify.methods import Options, estimate
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
@@ -94,8 +93,7 @@ def hold_orbit(
     if believed is None:
         if data is None:
             raise InputError(experiment.name, "control.believed", "nothing", "parameters, or logs")
-        options = Options(terms=experiment.terms, check=False)
-        believed = estimate(data, experiment.method, options).parameters
+        believed = experiment.all_estimators[0].unchecked()(data).parameters
         zero = _zero(control, data)
     rng = np.random.default_rng(np.random.SeedSequence(experiment.seed).spawn(1)[0])
     return study_orbit(

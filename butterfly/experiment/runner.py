@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import Identification, identify
-from butterfly.identify.methods import Options
 from butterfly.logs.log import Intersample
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
@@ -91,5 +91,5 @@ def manifest_of(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
 def run(experiment: Experiment, folder: Path, track: Track = untracked) -> Identification:
     """Simulate an experiment into ``folder`` and identify the robot from the files written."""
     manifest = simulate(experiment, folder, track)
-    options = Options(terms=experiment.terms)
-    return identify(read_manifest(manifest), experiment.method, options, track=track)
+    data = read_data_set(read_manifest(manifest), track)
+    return identify(data, experiment.all_estimators[0], track=track)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from itertools import product
+from operator import or_
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
+from butterfly.errors import InputError, nearest
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.sweeps import SweepSpec
-from butterfly.identify.free_run_problem import Loss
-from butterfly.identify.methods import Method
+from butterfly.identify.estimators import ESTIMATORS, Estimator
 from butterfly.identify.validation import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
@@ -123,18 +125,10 @@ class SignalSpec(OneOf):
     file: TableFile | None = None
 
 
-class EstimatorSpec(StrictModel):
-    """An estimator, and what it fits besides p1..p4, Coulomb torque and delay."""
-
-    method: Method = Method.HARMONIC_BALANCE
-    terms: tuple[str, ...] | None = None
-    loss: Loss = Loss.LINEAR
-
-    @property
-    def label(self) -> str:
-        """Short name for tables."""
-        told = [*(self.terms or ()), *([self.loss.value] if self.loss is not Loss.LINEAR else [])]
-        return f"{self.method}({', '.join(told)})" if told else str(self.method)
+if TYPE_CHECKING:
+    AnyEstimator = Estimator
+else:
+    AnyEstimator = Annotated[reduce(or_, ESTIMATORS.values()), Field(discriminator="method")]
 
 
 class ValidationSpec(StrictModel):
@@ -194,9 +188,9 @@ class Experiment(StrictModel):
     excitations: tuple[Sine, ...] = ()
     signals: tuple[SignalSpec, ...] = ()
     duration: Annotated[float, Field(gt=0)]
-    method: Method = Method.HARMONIC_BALANCE
+    method: str = "harmonic-balance"
     terms: tuple[str, ...] | None = None
-    estimators: tuple[EstimatorSpec, ...] = ()
+    estimators: tuple[AnyEstimator, ...] = ()
     validation: ValidationSpec | None = None
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None
@@ -218,9 +212,14 @@ class Experiment(StrictModel):
         return self
 
     @property
-    def all_estimators(self) -> tuple[EstimatorSpec, ...]:
+    def all_estimators(self) -> tuple[Estimator, ...]:
         """Every estimator that is named, by either way."""
-        return self.estimators or (EstimatorSpec(method=self.method, terms=self.terms),)
+        if self.estimators:
+            return self.estimators
+        if self.method not in ESTIMATORS:
+            raise InputError("experiment", "method", self.method, nearest(self.method, ESTIMATORS))
+        plain = ESTIMATORS[self.method]()
+        return (plain if self.terms is None else plain.with_terms(self.terms),)
 
     def runs(self) -> list[tuple[AddedMass, Excitation]]:
         """List what each run carries and is driven with."""

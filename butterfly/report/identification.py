@@ -2,35 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from butterfly.files import replacing
-from butterfly.identify.estimate import UNITS
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.terms import TERMS
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.format import interval, with_error
 from butterfly.report.page import render, write_beside
+from butterfly.report.words import sentences
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from butterfly.identify.identification import Identification
     from butterfly.model.parameters import LumpedParameters
-
-SYMBOLS = {
-    "p1": "p₁",
-    "p2": "p₂",
-    "p3": "p₃",
-    "p4": "p₄",
-    "coulomb": "T_c",
-    "p3_offset": "p₃ offset",
-    "stribeck_velocity": "Stribeck velocity",
-    "cogging_cosine": "cogging, cosine",
-}
-"""How each parameter is printed, if not by its name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +49,8 @@ def parameter_rows(
         true = None if truth is None else float(getattr(truth, name))
         rows.append(
             ParameterRow(
-                symbol=SYMBOLS.get(name, name),
-                unit=UNITS[name].replace("unit", _input_unit(identification)),
+                symbol=TERMS[name].symbol,
+                unit=TERMS[name].unit.replace("unit", _input_unit(identification)),
                 value=with_error(value, error),
                 error=f"{error:#.2g}" if np.isfinite(error) else "–",
                 interval=interval(estimate.lower[k], estimate.upper[k]),
@@ -85,7 +74,7 @@ def summary(identification: Identification) -> list[str]:
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
-        *identification.estimate.verdict,
+        *sentences(identification.estimate),
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
 
@@ -174,8 +163,10 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
             for name, value, error, lower, upper in columns
         },
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
-        "fits": {run.log.source: run.fit for run in identification.free_runs},
-        "verdict": list(estimate.verdict),
+        "fits": {run.log.name: run.fit for run in identification.free_runs},
+        "ending": estimate.ending,
+        "findings": [asdict(finding) for finding in estimate.findings],
+        "verdict": sentences(estimate),
     }
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from butterfly.report.identification import SYMBOLS
+from butterfly.model.terms import TERMS
 from butterfly.report.page import Link, Page, Section, Table
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
 
@@ -93,7 +93,7 @@ def _recovery_table(table: Estimates) -> Table:
             largest = float(np.abs(deviation).max())
             statistics = tuple(f"{100 * value:.3g}" for value in (middle, rms, largest))
         count = str(group["value"].size)
-        rows.append((method, SYMBOLS.get(name, name), count, *statistics, coverage))
+        rows.append((method, TERMS[name].symbol, count, *statistics, coverage))
     headers = (
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
         *("largest in %", "coverage in %"),
@@ -132,7 +132,7 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         key = str(main["key"][k])
         link = Link(f"{main['number'][k]:.0f}", f"runs/{key[:2]}/{key}.json")
         name = str(main["parameter"][k])
-        deviation = f"{SYMBOLS.get(name, name)} {100 * main['deviation'][k]:+.3g}"
+        deviation = f"{TERMS[name].symbol} {100 * main['deviation'][k]:+.3g}"
         values = (short(main[field][k]) for field in fields)
         rows.append((link, run[1], deviation, f"{main['fit_median'][k]:.1f}", *values))
     headers = ("run", "estimator", "deviation in %", "median FIT in %", *fields)

@@ -7,6 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from butterfly.identify.methods import Method, estimate
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.compare.leaderboard import leaderboard
@@ -14,10 +15,9 @@ from butterfly.compare.three_way import compare_three
 from butterfly.experiment.execution import Outcome
 from butterfly.experiment.store import ESTIMATES, RUNS, ResultStore
 from butterfly.identify.data import DataSet
-from butterfly.identify.methods import Method, estimate
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
-from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.sweep import Controller, sweep
 from butterfly.report.leaderboard import leaderboard_page
