@@ -7,7 +7,6 @@ import subprocess
 
 import numpy as np
 import pytest
-from butterfly.identify.methods import Method, estimate
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.compare.leaderboard import leaderboard
@@ -15,6 +14,7 @@ from butterfly.compare.three_way import compare_three
 from butterfly.experiment.execution import Outcome
 from butterfly.experiment.store import ESTIMATES, RUNS, ResultStore
 from butterfly.identify.data import DataSet
+from butterfly.identify.estimators import HarmonicBalance, Linear, Thesis, WeakForm
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.options import RecalibrationOptions
@@ -51,7 +51,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def compared(data):
-    found = estimate(data, Method.HARMONIC_BALANCE)
+    found = HarmonicBalance(check=False)(data)
     return compare_three(data, found, range(len(data.logs)))
 
 
@@ -92,7 +92,7 @@ def _sweep_page(folder):
 
 @pytest.fixture(scope="module")
 def pages(data, compared, tmp_path_factory):
-    entries = leaderboard([data], [Method.HARMONIC_BALANCE, Method.WEAK_FORM, Method.THESIS])
+    entries = leaderboard([data], [HarmonicBalance(), WeakForm(), Thesis()])
     return {
         "three-way": three_way_page(data.name, "a description", compared),
         "leaderboard": leaderboard_page(entries),
@@ -111,7 +111,7 @@ def test_both_simulators_follow_the_log_and_each_other(compared):
 
 
 def test_the_leaderboard_is_sorted_by_what_was_predicted_unseen(data):
-    entries = leaderboard([data], [Method.THESIS, Method.LINEAR, Method.HARMONIC_BALANCE])
+    entries = leaderboard([data], [Thesis(), Linear(), HarmonicBalance()])
     scores = [entry.held_out.median for entry in entries if entry.held_out is not None]
     assert scores == sorted(scores, reverse=True)
     assert entries[0].method == "harmonic-balance"
