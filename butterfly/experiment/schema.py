@@ -34,8 +34,8 @@ from butterfly.plant.excitations import (
     Table,
 )
 from butterfly.plant.joints import Simulator, kind_of
-from butterfly.plant.mjcf import Clutch, Robot
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.plant.twin import twin
 from butterfly.yaml_input import StrictModel

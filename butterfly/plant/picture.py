@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.model.parameters import AddedMass
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
 
 CAMERA = "bench"
 """Camera of the shipped scene."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
 
     _Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
 

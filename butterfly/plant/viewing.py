@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.excitations import Excitation
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
 
 _FRAME = 0.01  # s of rest between two frames
 _PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up

@@ -12,7 +12,8 @@ from butterfly.identify.methods import Method, Options, estimate
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
-from butterfly.plant.mjcf import Robot, mjcf
+from butterfly.plant.mjcf import mjcf
+from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.sweep import Controller, sweep
 

@@ -21,8 +21,9 @@ from butterfly.model.energy import Orbit
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.plant.mjcf import Robot, compile_model
+from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Reading
+from butterfly.plant.robot import Robot
 from butterfly.plant.sweep import Controller, sweep, through_wrapper
 
 

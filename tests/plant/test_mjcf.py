@@ -9,8 +9,9 @@ from butterfly.errors import InputError
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
-from butterfly.plant.mjcf import Robot, compile_model, mjcf, mount
+from butterfly.plant.mjcf import compile_model, mjcf, mount
 from butterfly.plant.picture import Painter, RenderingError, render
+from butterfly.plant.robot import Robot
 from butterfly.resources import shipped
 
 ROBOT = Robot(

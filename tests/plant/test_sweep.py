@@ -10,8 +10,9 @@ from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.excitations import Chirp, FreeDecay, Multisine, Table
-from butterfly.plant.mjcf import Robot, compile_model, mount
+from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.sweep import Controller, sweep, through_wrapper
 from butterfly.signals.sine_fit import fit_sine

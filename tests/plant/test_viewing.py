@@ -15,8 +15,8 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
-from butterfly.plant.mjcf import Robot
 from butterfly.plant.picture import Painter, RenderingError
+from butterfly.plant.robot import Robot
 from butterfly.plant.viewing import film, watch
 
 ROBOT = Robot(
