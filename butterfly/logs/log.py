@@ -96,6 +96,8 @@ class Log:
         The sinusoid that was commanded, or None for any other input.
     source
         File or plant that the log came from, for messages.
+    name
+        Unique in its data set; its own file's or run's.
     """
 
     time: NDArray[np.float64]
@@ -107,6 +109,7 @@ class Log:
     added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
     source: str = "log"
+    name: str = ""
 
     def __post_init__(self) -> None:
         n = np.size(self.time)
