@@ -66,6 +66,8 @@ class LiveRun:
             self.model = compile_model(setup.robot, added, scene=True)
             self.data = mujoco.MjData(self.model)
         self._before = 0.0  # s of earlier rounds
+        self._left = 0.0  # MuJoCo's time when it was last left alone
+        self.sample: Sample = (0.0, 0.0, 0.0)
         self._start()
 
     @property
@@ -85,7 +87,7 @@ class LiveRun:
 
     def _start(self) -> None:
         self._samples = self._play()
-        self.sample: Sample = next(self._samples)
+        self.sample = next(self._samples)
         self._show()
 
     def _play(self) -> Iterator[Sample]:
