@@ -105,8 +105,13 @@ class Bench:
                 motor.wait(cycle)
 
     def _recorded(self, samples: Iterator[Sample], about: dict[str, Any]) -> Log:
-        time, commands, angle = np.array(list(samples)).T.copy()
-        return recorded(time, commands, angle, input_kind=self._motor.input_kind, **about)
+        stamps, commands, angles = [], [], []  # of numbers, which the garbage collector ignores
+        for stamp, command, angle in samples:
+            stamps.append(stamp)
+            commands.append(command)
+            angles.append(angle)
+        columns = np.array(stamps), np.array(commands), np.array(angles)
+        return recorded(*columns, input_kind=self._motor.input_kind, **about)
 
 
 def recorded(

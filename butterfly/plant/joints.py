@@ -97,6 +97,8 @@ class MujocoJoint(_DrivenJoint):
         mount(self._model, robot, added)
         self._data = mujoco.MjData(self._model)
         self._options = self._model.opt
+        data = self._data  # looking a column up costs as much as reading it
+        self._position, self._velocity, self._command = data.qpos, data.qvel, data.ctrl
         self._armature = None
         if isinstance(robot.drive, VoltageDrive) and Assistance.CURRENT in robot.assistance:
             self._armature = Armature(self._model, self._data, robot.drive)
@@ -117,12 +119,12 @@ class MujocoJoint(_DrivenJoint):
     @property
     def angle(self) -> float:
         """True angle in rad."""
-        return float(self._data.qpos[0])
+        return float(self._position.item(0))
 
     @property
     def velocity(self) -> float:
         """True velocity in rad/s."""
-        return float(self._data.qvel[0])
+        return float(self._velocity.item(0))
 
     def reset(self) -> None:
         """Go back to rest."""
@@ -149,8 +151,8 @@ class MujocoJoint(_DrivenJoint):
         if self._armature is not None:
             self._armature.advance(command, count)
             return
-        self._data.ctrl[0] = command
-        mujoco.mj_step(self._model, self._data, nstep=count)
+        self._command[0] = command
+        mujoco.mj_step(self._model, self._data, count)
 
     def current(self, command: float) -> float:
         """Armature current in A (4); a state of the simulation if there is an inductance."""
@@ -231,4 +233,6 @@ class Simulator(StrEnum):
 
 def steps_of(duration: float) -> int:
     """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
-    return max(math.ceil(duration / LONGEST_STEP * (1 - 1e-9)), 1)
+    if duration <= LONGEST_STEP:  # the usual cycle, in a loop that must be fast
+        return 1
+    return math.ceil(duration / LONGEST_STEP * (1 - 1e-9))
