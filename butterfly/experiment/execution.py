@@ -15,7 +15,7 @@ import scipy
 from butterfly import __version__
 from butterfly.errors import ButterflyError
 from butterfly.experiment.orbit import hold_orbit
-from butterfly.experiment.runner import controller_of, entry_of, manifest_of
+from butterfly.experiment.runner import entry_of, manifest_of
 from butterfly.experiment.schema import Experiment
 from butterfly.identify.data import DataSet
 from butterfly.identify.predict import FitSummary, Predictor
@@ -94,13 +94,12 @@ def _simulate_and_identify(
     truth = experiment.plant.robot.lumped
     data = None
     if runs:
-        seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
-        controller = controller_of(experiment)
-        logs = list(sweep(experiment.plant.robot, runs, controller, seeds, threads=1))
+        setup, seeds = experiment.plant.setup, experiment.seeds()
+        logs = list(sweep(setup, runs, experiment.duration, seeds, threads=1))
         simulated = time.perf_counter()
         record["seconds"] = {"simulate": simulated - begun}
         if experiment.keep_signals:
-            entries = [entry_of(number, log, "parquet") for number, log in enumerate(logs)]
+            entries = [entry_of(log, "parquet") for log in logs]
             for entry, log in zip(entries, logs, strict=True):
                 files[entry.file] = parquet_bytes(log)
             files[MANIFEST_NAME] = manifest_text(manifest_of(experiment, entries)).encode()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import Identification, identify
 from butterfly.logs.log import Intersample
@@ -17,7 +15,7 @@ from butterfly.logs.manifest import (
     write_manifest,
 )
 from butterfly.logs.mat import write_mat
-from butterfly.plant.sweep import Controller, sweep
+from butterfly.plant.sweep import sweep
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -37,12 +35,10 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     -------
     Path of the manifest, which is written last.
     """
-    runs = experiment.runs()
-    seeds = np.random.SeedSequence(experiment.seed).spawn(len(runs))
-    robot, controller = experiment.plant.robot, controller_of(experiment)
+    runs, seeds = experiment.runs(), experiment.seeds()
     entries = []
-    for number, log in enumerate(sweep(robot, runs, controller, seeds, track=track)):
-        entry = entry_of(number, log, "mat")
+    for log in sweep(experiment.plant.setup, runs, experiment.duration, seeds, track=track):
+        entry = entry_of(log, "mat")
         write_mat(log, folder / entry.file)
         entries.append(entry)
     path = folder / MANIFEST_NAME
@@ -50,25 +46,11 @@ def simulate(experiment: Experiment, folder: Path, track: Track = untracked) -> 
     return path
 
 
-def controller_of(experiment: Experiment) -> Controller:
-    """Return what applies the excitations of an experiment and records."""
-    plant = experiment.plant
-    return Controller(
-        duration=experiment.duration,
-        clock=plant.clock,
-        encoder=plant.encoder,
-        path=plant.path,
-        faults=plant.faults,
-        simulator=plant.simulator,
-    )
-
-
-def entry_of(number: int, log: Log, suffix: str) -> LogEntry:
+def entry_of(log: Log, suffix: str) -> LogEntry:
     """Name a file for one log of an experiment, and say what it holds."""
     sine, added = log.excitation, log.added_mass
-    what = f"{sine.omega:g}rads" if sine else "signal"
     return LogEntry(
-        file=f"run{number:03d}_{1e3 * added.mass:g}g_{what}.{suffix}",
+        file=f"{log.name}.{suffix}",
         added_mass=added.mass,
         arm=added.arm,
         omega=sine.omega if sine else None,

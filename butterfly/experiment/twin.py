@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from butterfly.model.parameters import AddedMass
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
 
 
 def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robot:

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
-from butterfly.experiment.runner import controller_of
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
 from butterfly.plant.joints import Simulator
@@ -191,7 +190,7 @@ def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
         assert experiment.plant.robot.lumped.p3 == pytest.approx(0.05)
         seeds = np.random.SeedSequence(0).spawn(1)
         (logs[simulator],) = sweep_logs(
-            experiment.plant.robot, experiment.runs(), controller_of(experiment), seeds
+            experiment.plant.setup, experiment.runs(), experiment.duration, seeds
         )
     both = [log.angle for log in logs.values()]
     assert np.abs(both[0] - both[1]).max() < 2e-3
