@@ -7,7 +7,6 @@ import re
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any
 
-import yaml
 from pydantic import Field, field_validator, model_validator
 
 from butterfly.errors import InputError
@@ -18,7 +17,7 @@ from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.mat import read_mat
 from butterfly.logs.parquet import read_parquet
 from butterfly.model.parameters import AddedMass
-from butterfly.yaml_input import StrictModel, read_yaml
+from butterfly.yaml_input import StrictModel, read_yaml, yaml_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -177,12 +176,11 @@ def manifest_from_names(
 def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as YAML, one line per log."""
     head = manifest.model_dump(mode="json", exclude={"logs"}, exclude_none=True)
-    lines = [yaml.safe_dump(head, sort_keys=False), "logs:\n"]
-    for entry in manifest.logs:
-        row = entry.model_dump(exclude_none=True)
-        flow = yaml.safe_dump(row, default_flow_style=True, sort_keys=False, width=1000)
-        lines.append(f"  - {flow}")
-    return "".join(lines)
+    rows = [
+        f"  - {yaml_text(entry.model_dump(exclude_none=True), flow=True)}"
+        for entry in manifest.logs
+    ]
+    return "".join([yaml_text(head), "logs:\n", *rows])
 
 
 def write_manifest(manifest: Manifest, path: Path) -> None:
