@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
+from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
@@ -62,6 +63,7 @@ class DataSet:
         InputError
             If a log cannot be used.
         """
+        recorded = with_unique_names(recorded)
         examined = [examine(log, repairs) for log in recorded]
         logs = [log for log, _ in examined]
         return cls(
