@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from butterfly.errors import InputError
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source
 from butterfly.resources import shipped, shipped_experiments
 from butterfly.yaml_input import StrictModel, load_yaml, read_yaml, yaml_text
 
@@ -47,6 +49,16 @@ def test_a_value_is_what_yaml_1_2_says(tmp_path, text, value):
     content = _content(tmp_path, f"a: {text}\n")
     assert content == {"a": value}
     assert type(content["a"]) is type(value)
+
+
+@pytest.mark.parametrize("values", ["[1e-4, 2.0e-4]", "[1e-4, 2e-4]"])
+def test_an_axis_of_a_sweep_in_powers_of_ten_is_an_axis_of_numbers(tmp_path, values):
+    path = tmp_path / "s.yaml"
+    path.write_text(
+        f"name: s\nextends: quickstart\nsweep: {{grid: {{plant.friction.coulomb: {values}}}}}\n"
+    )
+    tasks = plan_sweep(Source(path)).tasks
+    assert [task.overrides["plant.friction.coulomb"] for task in tasks] == [1e-4, 2e-4]
 
 
 @pytest.mark.parametrize("name", shipped_experiments())

@@ -39,10 +39,11 @@ def clipped(angle: NDArray[np.float64]) -> int:
         if not starts.size:
             continue
         drop = np.abs(angle - level)
+        span = float(drop.max())
         starts, ends, lengths = _tops(drop, starts, ends, _NEAR * resolution)  # noqa: PLW2901 - joined
         sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
         for entry, exit_, length in zip(sides[:-1], sides[1:], lengths, strict=True):
-            if _at_speed(entry[::-1], resolution) and _at_speed(exit_, resolution):
+            if _at_speed(entry[::-1], resolution, span) and _at_speed(exit_, resolution, span):
                 count += int(length)
     return count
 
@@ -87,7 +88,7 @@ def _resolution(angle: NDArray[np.float64]) -> float:
     return float(max(step, np.median(bends)))
 
 
-def _at_speed(drop: NDArray[np.float64], resolution: float) -> bool:
+def _at_speed(drop: NDArray[np.float64], resolution: float, span: float) -> bool:
     """Whether a signal runs into its flat top at speed, rather than coming to rest on it.
 
     By its drop v n + a n^2/2 at two numbers of samples n beside the top, it would have risen by
@@ -98,8 +99,9 @@ def _at_speed(drop: NDArray[np.float64], resolution: float) -> bool:
     ----------
     drop
         (n,) distances from the top in rad, the sample beside it first.
-    resolution
-        In rad.
+    resolution, span
+        Of the signal, in rad. Beyond half of its span a swing is no parabola: a signal of so few
+        resolutions that its speed cannot be told sooner is not judged.
     """
     if drop.size <= 2 * _NEAREST:
         return False
@@ -108,6 +110,8 @@ def _at_speed(drop: NDArray[np.float64], resolution: float) -> bool:
     if far + around >= drop.size:
         return False
     near_drop, far_drop = (float(drop[k - around : k + around + 1].mean()) for k in (near, far))
+    if far_drop > 0.5 * span:
+        return False
     speed = (4.0 * near_drop - far_drop) / (2.0 * near)
     deceleration = max((far_drop - 2.0 * near_drop) / near**2, 0.0)
     uncertainty = resolution + 0.5 * deceleration
