@@ -123,7 +123,7 @@ def _friction_level(v: float, c: Constants) -> float:
 
 
 @numba.njit(cache=True, nogil=True)
-def _rates(state: State, drive: float, sign: float, c: Constants) -> tuple[float, float, float]:
+def rates(state: State, drive: float, sign: float, c: Constants) -> tuple[float, float, float]:
     """Return the rates of velocity, motor torque and bristles, sliding in the direction sign."""
     x, v, motor, bend = state
     torque = drive - c.back_emf * v
@@ -176,13 +176,13 @@ def _rk4(state, drives, begin, share, h, sign, c):
     d0 = _drive_at(drives, begin)
     d1 = _drive_at(drives, begin + 0.5 * share)
     d2 = _drive_at(drives, begin + share)
-    a1, m1, z1 = _rates(state, d0, sign, c)
+    a1, m1, z1 = rates(state, d0, sign, c)
     v2 = v + half * a1
-    a2, m2, z2 = _rates((x + half * v, v2, m + half * m1, z + half * z1), d1, sign, c)
+    a2, m2, z2 = rates((x + half * v, v2, m + half * m1, z + half * z1), d1, sign, c)
     v3 = v + half * a2
-    a3, m3, z3 = _rates((x + half * v2, v3, m + half * m2, z + half * z2), d1, sign, c)
+    a3, m3, z3 = rates((x + half * v2, v3, m + half * m2, z + half * z2), d1, sign, c)
     v4 = v + dt * a3
-    a4, m4, z4 = _rates((x + dt * v3, v4, m + dt * m3, z + dt * z3), d2, sign, c)
+    a4, m4, z4 = rates((x + dt * v3, v4, m + dt * m3, z + dt * z3), d2, sign, c)
     sixth = dt / 6.0
     return (
         x + sixth * (v + 2.0 * v2 + 2.0 * v3 + v4),

@@ -16,13 +16,16 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.plant.motor import Joint
 
+_LONGEST_STEP = 5e-4  # s
+
 
 def replay_input(
     joint: Joint, log: Log, delay: float = 0.0, compression: float = 0.0
 ) -> NDArray[np.float64]:
     """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
 
-    Between two stamps the input is held at its mean there, its hold and a delay accounted for.
+    The input is held at its mean over each step, its hold and a delay accounted for. Steps are short,
+    since MuJoCo's Coulomb friction, which creeps at rest, is the sharper the shorter they are.
 
     Parameters
     ----------
@@ -41,14 +44,16 @@ def replay_input(
         If the joint diverges.
     """
     joint.reset()
-    steps = np.diff(log.time)
+    counts = np.ceil(np.diff(log.time) / _LONGEST_STEP * (1 - 1e-9)).astype(np.intp)
+    numbers = np.concatenate([[0], np.cumsum(counts)])
+    instants = np.interp(np.arange(numbers[-1] + 1), numbers, log.time)
     inputs = compressed(log.input, compression)
-    means = hold.mean(log.time, inputs, log.time - delay, log.intersample)
-    angles = np.empty(log.time.size)
-    angles[0] = joint.angle
-    for k, (mean, step) in enumerate(zip(means.tolist(), steps.tolist(), strict=True), start=1):
+    means = hold.mean(log.time, inputs, instants - delay, log.intersample)
+    reached = [joint.angle]
+    for mean, step in zip(means.tolist(), np.diff(instants).tolist(), strict=True):
         joint.advance(mean, step)
-        angles[k] = joint.angle
+        reached.append(joint.angle)
+    angles = np.array(reached)[numbers]
     if not np.isfinite(angles).all():
         raise InputError(log.source, "angle", "a joint that diverged", "another model or input")
     return angles

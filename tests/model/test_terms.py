@@ -1,0 +1,138 @@
+"""The table of terms against itself, the compiled kernel and MuJoCo, all rows in one test each."""
+
+import math
+from dataclasses import fields, replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from butterfly.model.friction import Friction
+from butterfly.model.greybox import Constants, rates
+from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, compressed
+from butterfly.model.terms import TERMS, FrictionTerms, Motion
+from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.robot import Robot
+
+ADDED = AddedMass(mass=0.4, arm=0.0)  # on the axis: it loads the bearing only
+SETTINGS = {"cogging_periods": 3.0, "stribeck_velocity": 0.4}
+PLAIN = LumpedParameters(p1=0.004, p2=0.0, p3=0.0, p4=0.0, **SETTINGS)
+VALUE = 0.013
+STATES = [(0.7, 0.9), (-2.1, -0.3), (3.0, 1.7)]
+COMMAND = 0.6
+
+STATIC = [name for name, row in TERMS.items() if row.basis is not None]
+STATEFUL = [name for name, row in TERMS.items() if row.state]
+SETTING = ["p1", "delay", "stribeck_velocity", "cogging_periods", "tilt"]
+
+
+def _motion(angle, velocity, **more):
+    return Motion.of(PLAIN, angle, velocity)._replace(**more)
+
+
+def test_every_parameter_of_the_model_has_a_row_and_every_row_a_parameter():
+    assert set(TERMS) == {field.name for field in fields(LumpedParameters)}
+    assert sorted(STATIC + STATEFUL + SETTING) == sorted(TERMS)
+    for row in TERMS.values():
+        assert row.symbol
+        assert row.unit
+        assert row.meaning
+
+
+def test_only_what_has_a_torque_or_a_typical_size_is_offered():
+    for row in TERMS.values():
+        assert not row.offered or row.basis is not None or row.size is not None
+
+
+@pytest.mark.parametrize("name", [n for n, row in TERMS.items() if row.potential])
+def test_a_potential_has_the_basis_for_slope_and_is_0_at_angle_0(name):
+    row, step = TERMS[name], 1e-6
+    assert row.potential(0.0, 3.0) == 0
+    for angle, velocity in STATES:
+        slope = (row.potential(angle + step, 3.0) - row.potential(angle - step, 3.0)) / (2 * step)
+        assert row.basis(_motion(angle, velocity)) == pytest.approx(slope, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", [n for n, row in TERMS.items() if row.describing])
+def test_a_describing_function_is_the_fourier_integral_of_the_basis(name):
+    row, a, w = TERMS[name], 0.8, 3.0
+
+    def torque(t):
+        angle, velocity = a * math.cos(t), -a * w * math.sin(t)
+        motion = _motion(angle, velocity, weight=ADDED.weight)
+        accelerated = -(w**2) * angle if row.derivative == 2 else None
+        return float(row.basis(motion)) if accelerated is None else accelerated
+
+    corners = [math.pi]
+    real = quad(lambda t: torque(t) * math.cos(t), 0, 2 * math.pi, points=corners)[0]
+    imaginary = -quad(lambda t: torque(t) * math.sin(t), 0, 2 * math.pi, points=corners)[0]
+    expected = complex(real, imaginary) / (math.pi * a)
+    motion = _motion(0.0, 0.0, weight=ADDED.weight)
+    found = complex(row.describing(np.array(w), np.array(a), motion))
+    assert found == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("name", STATIC)
+@pytest.mark.parametrize(("angle", "velocity"), STATES)
+def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
+    row = TERMS[name]
+    moving = {name: VALUE} if name != "compression" else {name: VALUE, "p4": 0.5}
+    bare = replace(PLAIN, **moving)
+    loaded = bare.with_added_mass(ADDED)
+    gain = loaded.p4 * float(compressed(np.array([COMMAND]), loaded.compression)[0])
+    state = (angle, velocity, 0.0, 0.0)
+    acceleration, *_ = rates(state, gain, float(np.sign(velocity)), Constants.of(loaded))
+    motion = _motion(angle, velocity, weight=ADDED.weight, input=COMMAND)
+    expected = -VALUE * float(row.basis(motion))
+    if name == "compression":
+        expected = 0.5 * COMMAND / (1 + VALUE * COMMAND)  # of which the basis is the derivative
+        step = 1e-6
+        slope = 0.5 * COMMAND * (1 / (1 + (VALUE + step) * COMMAND) - 1 / (1 + VALUE * COMMAND))
+        delivered = motion._replace(input=COMMAND / (1 + VALUE * COMMAND))
+        assert -0.5 * float(row.basis(delivered)) == pytest.approx(slope / step, rel=1e-5)
+    assert acceleration * loaded.p1 == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", [n for n in STATIC if n not in {"p4", "compression"}])
+@pytest.mark.parametrize(("angle", "velocity"), STATES)
+def test_mujoco_has_the_torque_of_every_row(name, angle, velocity):
+    """Accelerations of a hand with the term, less those of the same hand without it."""
+    expected = -VALUE * float(TERMS[name].basis(_motion(angle, velocity, weight=ADDED.weight)))
+    with_term, without = (
+        _mujoco_torque(_robot(each), ADDED, angle, velocity) for each in (name, None)
+    )
+    soft = 2e-3 * VALUE * ADDED.weight if TERMS[name].dry else 1e-9  # frictionloss is a soft one
+    assert with_term - without == pytest.approx(expected, abs=soft)
+
+
+def _robot(name):
+    hand = Hand(mass=0.2, com_distance=0.0, inertia=0.004)
+    friction = dict(SETTINGS, coulomb=1e-3)
+    if name in {"p3", "p3_offset"}:
+        moved = {"p3": "com_distance", "p3_offset": "com_offset"}[name]
+        hand = replace(hand, **{moved: VALUE / (0.2 * 9.81)})
+        own = 0.2 * getattr(hand, moved) ** 2
+        hand = replace(hand, inertia=hand.inertia - own)
+    elif name is not None:
+        field = "viscous" if name == "p2" else name
+        friction[field] = friction.get(field, 0.0) + VALUE
+    return Robot(hand=hand, drive=TorqueDrive(gain=1.0), friction=Friction(**friction))
+
+
+def _mujoco_torque(robot, added, angle, velocity):
+    model = compile_model(robot)
+    mount(model, robot, added)
+    if robot.friction.stribeck:  # the joint sets it for the velocity of each step
+        model.dof_frictionloss[0] = robot.loaded(added).level(velocity)
+    data = mujoco.MjData(model)
+    data.qpos[0], data.qvel[0] = angle, velocity
+    mujoco.mj_forward(model, data)
+    return float(data.qacc[0]) * 0.004
+
+
+def test_friction_is_refused_below_the_bounds_of_the_table():
+    for name in [field.name for field in fields(FrictionTerms)]:
+        if TERMS[name].lower == 0:
+            with pytest.raises(ValueError, match=name):
+                Friction(**{"coulomb": 1.0, name: -1e-3})
