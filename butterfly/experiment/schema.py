@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.oneof import OneOf
-from butterfly.experiment.sweeps import SweepSpec
+from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.identify.free_run_problem import Loss
-from butterfly.identify.methods import Method
+from butterfly.identify.methods import Method, Options, estimate
 from butterfly.identify.validation import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
@@ -39,6 +39,10 @@ from butterfly.plant.motor import CommandPath
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.plant.twin import twin
 from butterfly.yaml_input import StrictModel
+
+if TYPE_CHECKING:
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
@@ -129,6 +133,16 @@ class EstimatorSpec(StrictModel):
     method: Method = Method.HARMONIC_BALANCE
     terms: tuple[str, ...] | None = None
     loss: Loss = Loss.LINEAR
+    check: bool = True
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate the parameters."""
+        options = Options(terms=self.terms, loss=self.loss, check=self.check)
+        return estimate(data, self.method, options)
+
+    def unchecked(self, data: DataSet) -> ParameterEstimate:
+        """Estimate the parameters without fitting again for each added mass left out."""
+        return self.model_copy(update={"check": False})(data)
 
     @property
     def label(self) -> str:
@@ -188,7 +202,7 @@ class Experiment(StrictModel):
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     description: str = ""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
     plant: PlantSpec
     added_masses: Annotated[list[AddedMass], Field(min_length=1)]
     excitations: tuple[Sine, ...] = ()
@@ -215,6 +229,9 @@ class Experiment(StrictModel):
     def _one_way_to_name_estimators(self) -> Experiment:
         if self.estimators and {"method", "terms"} & self.model_fields_set:
             raise ValueError("either estimators, or method and terms")
+        labels = [each.label for each in self.estimators]
+        if len(set(labels)) < len(labels):
+            raise ValueError("estimators that differ: the results of each go by its name")
         return self
 
     @property

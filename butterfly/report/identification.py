@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from butterfly.experiment.record import ParameterRecord
 from butterfly.files import replacing
 from butterfly.identify.estimate import UNITS
+from butterfly.logs.log import InputKind
 from butterfly.model.harmonic import resonance_frequency
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.format import interval, with_error
 from butterfly.report.page import render, write_beside
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from butterfly.identify.identification import Identification
@@ -31,6 +35,8 @@ SYMBOLS = {
     "cogging_cosine": "cogging, cosine",
 }
 """How each parameter is printed, if not by its name."""
+
+_INPUT_UNITS = {InputKind.VOLTAGE: "V", InputKind.TORQUE: "unit"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,26 +57,24 @@ def parameter_rows(
     identification: Identification, truth: LumpedParameters | None = None
 ) -> list[ParameterRow]:
     """Tabulate the estimate, beside the true parameters if they are known."""
-    estimate = identification.estimate
-    errors = estimate.standard_errors
-    rows = []
-    for k, name in enumerate(estimate.names):
-        value, error = float(estimate.values[k]), float(errors[k])
-        others = [float(values[k]) for values in estimate.left_out.values()]
-        true = None if truth is None else float(getattr(truth, name))
-        rows.append(
-            ParameterRow(
-                symbol=SYMBOLS.get(name, name),
-                unit=UNITS[name].replace("unit", _input_unit(identification)),
-                value=with_error(value, error),
-                error=f"{error:#.2g}" if np.isfinite(error) else "–",
-                interval=interval(estimate.lower[k], estimate.upper[k]),
-                left_out=interval(min(others), max(others)) if others else "–",
-                true="" if true is None else f"{true:.5g}",
-                deviation=f"{100 * (value / true - 1):+.2f} %" if true else "",
-            )
+    return rows_of(_records(identification, truth), identification.data.input_kind)
+
+
+def rows_of(parameters: Sequence[ParameterRecord], input_kind: InputKind) -> list[ParameterRow]:
+    """Tabulate the records of parameters; ``input_kind`` tells the unit of p4."""
+    return [
+        ParameterRow(
+            symbol=SYMBOLS.get(each.parameter, each.parameter),
+            unit=UNITS[each.parameter].replace("unit", _INPUT_UNITS[input_kind]),
+            value=with_error(each.value, _or_nan(each.standard_error)),
+            error="–" if each.standard_error is None else f"{each.standard_error:#.2g}",
+            interval=interval(_or_nan(each.lower), _or_nan(each.upper)),
+            left_out=interval(_or_nan(each.least_left_out), _or_nan(each.largest_left_out)),
+            true="" if each.true is None else f"{each.true:.5g}",
+            deviation="" if each.deviation is None else f"{100 * each.deviation:+.2f} %",
         )
-    return rows
+        for each in parameters
+    ]
 
 
 def summary(identification: Identification) -> list[str]:
@@ -148,36 +152,21 @@ def write_report(
 def _numbers(identification: Identification, truth: LumpedParameters | None) -> dict[str, Any]:
     """Return what the report says, for programs."""
     estimate, fit = identification.estimate, identification.summary
-    columns = zip(
-        estimate.names,
-        *(
-            each.tolist()
-            for each in (
-                estimate.values,
-                estimate.standard_errors,
-                estimate.lower,
-                estimate.upper,
-            )
-        ),
-        strict=True,
-    )
     return {
         "method": estimate.method,
-        "parameters": {
-            name: {
-                "value": value,
-                "standard_error": error,
-                "lower": lower,
-                "upper": upper,
-                "true": None if truth is None else getattr(truth, name),
-            }
-            for name, value, error, lower, upper in columns
-        },
+        "parameters": {each.parameter: each.numbers() for each in _records(identification, truth)},
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
         "fits": {run.log.source: run.fit for run in identification.free_runs},
         "verdict": list(estimate.verdict),
     }
 
 
-def _input_unit(identification: Identification) -> str:
-    return "V" if identification.data.input_kind == "voltage" else "unit"
+def _records(
+    identification: Identification, truth: LumpedParameters | None
+) -> tuple[ParameterRecord, ...]:
+    estimate = identification.estimate
+    return ParameterRecord.all_of(estimate, truth, list(estimate.left_out.values()))
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from butterfly.experiment.execution import FAILED, OK, REFUSED, Outcome
 
 from butterfly.experiment.engines import DaskEngine, LocalEngine
-from butterfly.experiment.execution import FAILED, OK, REFUSED, Outcome
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
 from butterfly.experiment.store import ESTIMATES, RUNS, TABLES, ResultStore

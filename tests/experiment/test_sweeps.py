@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
-from butterfly.experiment.runner import controller_of
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulation import controller_of
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
 from butterfly.plant.joints import Simulator
 from butterfly.plant.sweep import sweep as sweep_logs

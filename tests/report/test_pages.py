@@ -11,9 +11,18 @@ from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
-from butterfly.experiment.execution import Outcome
-from butterfly.experiment.store import ESTIMATES, RUNS, ResultStore
+from butterfly.experiment.columns import ESTIMATES, RUNS
+from butterfly.experiment.record import (
+    EstimateRecord,
+    Outcome,
+    ParameterRecord,
+    PlannedRun,
+    RunRecord,
+    SweepRecord,
+)
+from butterfly.experiment.store import ResultStore
 from butterfly.identify.data import DataSet
+from butterfly.identify.free_run import FitSummary
 from butterfly.identify.methods import Method, estimate
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
@@ -73,19 +82,25 @@ def _sweep_page(folder):
     runs = []
     for number in range(60):
         values = (0.1 + 0.01 * number, 10 ** rng.uniform(-5, -2), "ab"[number % 2])
-        overrides = dict(zip(fields, values, strict=True))
-        about = {"key": f"{number:024d}", "repetition": 0, "seed": number, "overrides": overrides}
-        runs.append({"number": number} | about)
+        place = {"key": f"{number:024d}", "repetition": 0, "seed": number}
+        place["overrides"] = dict(zip(fields, values, strict=True))
+        runs.append(PlannedRun(number=number, **place))
         status = {7: "refused", 8: "failed"}.get(number, "ok")
-        row = {"true": 1.0, "lower": 0.9, "upper": 1.1, "standard_error": 0.05}
-        found = [row | {"parameter": p, "value": rng.normal(1, 0.05)} for p in ("p1", "p3")]
-        fit = dict.fromkeys(("median", "mean", "worst"), 99.0)
-        estimate = {"method": "m", "error": "", "condition": 3.0, "fit": fit, "parameters": found}
-        estimates = [estimate] if status == "ok" else []
-        record = about | {"status": status, "error": "", "estimates": estimates}
-        store.write(Outcome(record=record))
-    about = {"name": "sixty", "description": "", "fields": fields, "runs": runs, "worst": 5}
-    store.write_sweep(about)
+        interval = {"true": 1.0, "lower": 0.9, "upper": 1.1, "standard_error": 0.05}
+        estimate = EstimateRecord(
+            estimator="m",
+            ending="stopped" if number == 9 else "converged",
+            condition=3.0,
+            fit=FitSummary(99.0, 99.0, 99.0),
+            parameters=tuple(
+                ParameterRecord(parameter=name, value=rng.normal(1, 0.05), **interval)
+                for name in ("p1", "p3")
+            ),
+        )
+        estimates = (estimate,) if status == "ok" else ()
+        store.write(Outcome(record=RunRecord(**place, status=status, estimates=estimates)))
+    about = {"name": "sixty", "description": "", "seed": 0, "versions": {}, "worst": 5}
+    store.write_sweep(SweepRecord(**about, fields=tuple(fields), runs=tuple(runs)))
     store.write_tables()
     return sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
 
