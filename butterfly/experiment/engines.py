@@ -83,14 +83,13 @@ class LocalEngine:
         ButterflyError
             If no worker can be started.
         """
-        pending, attempts = deque(tasks), Counter[str]()
+        pending, attempts, stuck = deque(tasks), Counter[str](), 0
         with _environment(_ONE_THREAD):
             while pending:
                 before = len(pending)
                 yield from self._pooled(work, pending, attempts, dict(tables))
-                if len(pending) == before:
-                    attempts[""] += 1
-                if attempts[""] == _ATTEMPTS:
+                stuck = stuck + 1 if len(pending) == before else 0
+                if stuck == _ATTEMPTS:
                     raise ButterflyError("the worker processes end before they have begun")
 
     def _pooled(
@@ -111,16 +110,12 @@ class LocalEngine:
                     running[pool.schedule(_work_here, (work, task))] = task
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
+                    outcome = _outcome(future, running[future], attempts)
                     task = running.pop(future)
-                    try:
-                        outcome = future.result()
-                    except ProcessExpired:
-                        attempts[task.key] += 1
-                        if attempts[task.key] < _ATTEMPTS:
-                            pending.appendleft(task)
-                            continue
-                        outcome = _died(task)
-                    yield outcome
+                    if outcome is None:
+                        pending.appendleft(task)
+                    else:
+                        yield outcome
         except BrokenProcessPool:
             pending.extend(running.values())
         finally:
@@ -139,6 +134,15 @@ def _keep_tables(tables: Tables) -> None:
 
 def _work_here(work: Work, task: Task) -> Outcome:
     return work(task, _tables)
+
+
+def _outcome(future: Future[Outcome], task: Task, attempts: Counter[str]) -> Outcome | None:
+    """Return what came of a task; None if its worker died and it is to be tried again."""
+    try:
+        return future.result()
+    except ProcessExpired:
+        attempts[task.key] += 1
+        return _died(task) if attempts[task.key] == _ATTEMPTS else None
 
 
 def _died(task: Task) -> Outcome:

@@ -16,19 +16,17 @@ _PACKAGE = Path(__file__).parents[1]
 
 @cache
 def fingerprint() -> str:
-    """Return a hash over the sources that a run computes with, and the shipped robots.
+    """Return a hash over `computing_sources`; it takes some milliseconds, once for a process."""
+    return hash_of(computing_sources())
 
-    It takes some milliseconds, once for a process.
-    """
+
+def computing_sources() -> dict[str, Path]:
+    """Return the files that a run computes with, by name: sources, and the shipped robots."""
     models = shipped("models")
-    return hash_of(
-        {
-            path.relative_to(_PACKAGE).as_posix(): path
-            for name in COMPUTING
-            for path in (_PACKAGE / name).rglob("*.py")
-        }
-        | {path.relative_to(models).as_posix(): path for path in models.rglob("*.xml")}
-    )
+    files = {name: (_PACKAGE / name).rglob("*.py") for name in COMPUTING}
+    return {
+        path.relative_to(_PACKAGE).as_posix(): path for paths in files.values() for path in paths
+    } | {path.relative_to(models).as_posix(): path for path in models.rglob("*.xml")}
 
 
 def hash_of(files: dict[str, Path]) -> str:
