@@ -196,12 +196,14 @@ def _table(folder: Path, name: str) -> pa.Table:
 def _filtered(table: pa.Table, where: str | None, columns: str | None) -> pa.Table:
     for name, text in (parse_pairs(where, "--filter") if where else {}).items():
         column = table[_known(name, table.column_names, "--filter")]
-        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+        if pa.types.is_integer(column.type) and text.isdigit():
+            table = table.filter(pc.equal(column, int(text)))
+        elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             try:
                 value = float(text)
             except ValueError:
                 raise InputError("--filter", name, text, "a number") from None
-            near = pc.abs(pc.subtract(column.cast("double"), value))
+            near = pc.abs(pc.subtract(column.cast("double", safe=False), value))
             table = table.filter(pc.less_equal(near, 1e-9 * max(abs(value), 1e-300)))
         else:
             table = table.filter(pc.equal(column.cast("string"), text))

@@ -143,6 +143,9 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
     assert code == 0
     lines = exported.read_text().splitlines()
     assert (lines[0], len(lines)) == ('"number","value"', 7)
+    seed = ResultStore(one).sweep().runs[2].seed
+    code, out, _ = butterfly("results", "table", one, "--filter", f"seed={seed}")
+    assert (code, out.count(" ok ")) == (0, 1)
     code, out, _ = butterfly("results", "compare", one, "0", "3")
     assert (code, "plant.encoder.noise" in out) == (0, True)
     code, out, _ = butterfly("results", "clean", one)
