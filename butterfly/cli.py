@@ -15,14 +15,14 @@ from butterfly import (
     run_commands,
     study_commands,
 )
-from butterfly.arguments import ReportOption, parse_pairs, parse_parameters, parse_terms
+from butterfly.arguments import ReportOption, RootOption, parse_pairs, parse_parameters
 from butterfly.console import show_identification, show_pairs, show_progress
 from butterfly.errors import ButterflyError, InputError
-from butterfly.identify.free_run_problem import Loss
+from butterfly.estimator_options import takes_estimator
+from butterfly.identify.data import read_data_set
+from butterfly.identify.estimators import Estimator  # noqa: TC001 - typer reads annotations
 from butterfly.identify.identification import identify
-from butterfly.identify.methods import Method, Options
 from butterfly.identify.resonance_regression import INSEPARABLE, PendulumEstimate, physical_hand
-from butterfly.identify.thesis import DECIMATION
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import (
@@ -86,26 +86,13 @@ def _root(
 
 
 @app.command("identify")
+@takes_estimator()
 def identify_command(
     *,
     data: Annotated[Path, typer.Argument(help="A data-set manifest (YAML), or a folder of logs.")],
-    method: Annotated[
-        Method,
-        typer.Option(
-            help="harmonic-balance: joint linear fit of the steady responses. "
-            "output-error: joint fit of free-run simulations. "
-            "weak-form: linear fit against test functions, for any input. "
-            "linear: joint complex fit for small swings without friction. "
-            "thesis: resonances (100) and (102), slips included."
-        ),
-    ] = Method.HARMONIC_BALANCE,
+    estimator: Estimator,
     report: ReportOption = None,
-    root: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the logs, if not the one the manifest names.", show_default=False
-        ),
-    ] = None,
+    root: RootOption = None,
     arm: ArmOption = None,
     input_kind: InputOption = InputKind.VOLTAGE,
     hold: HoldOption = Intersample.ZERO_ORDER_HOLD,
@@ -117,18 +104,6 @@ def identify_command(
             show_default=False,
         ),
     ] = None,
-    terms: Annotated[
-        str | None,
-        typer.Option(
-            help="Fitted besides p1..p4, coulomb and delay, separated by commas: drag, load, "
-            "stribeck; with output-error also bias, p3_offset, stribeck_velocity, tilt, cogging, "
-            "cogging_cosine. An empty text means none.",
-            show_default="the method's own choice",
-        ),
-    ] = None,
-    loss: Annotated[
-        Loss, typer.Option(help="How residuals count in output-error; all but linear are robust.")
-    ] = Loss.LINEAR,
     hand_mass: Annotated[
         float | None,
         typer.Option(
@@ -137,9 +112,6 @@ def identify_command(
             show_default=False,
         ),
     ] = None,
-    decimation: Annotated[
-        int, typer.Option(min=1, help="Every how-manieth sample the thesis's method uses.")
-    ] = DECIMATION,
 ) -> None:
     """Identify the robot from a data set.
 
@@ -152,8 +124,8 @@ def identify_command(
     """
     manifest = _manifest(data, root, arm, input_kind, hold)
     others = {text: parse_parameters(text, "--against") for text in against or []}
-    options = Options(terms=parse_terms(terms), loss=loss, decimation=decimation)
-    result = identify(manifest, method, options, against=others, track=show_progress)
+    read = read_data_set(manifest, show_progress)
+    result = identify(read, estimator, against=others, track=show_progress)
     show_identification(result)
     if hand_mass is not None:
         hand = physical_hand(PendulumEstimate.of(result.estimate), hand_mass)

@@ -7,12 +7,17 @@ from typing import Annotated
 
 import typer
 
-from butterfly.arguments import DataArgument, ReportOption, RootOption, parse_terms
+from butterfly.arguments import (  # noqa: TC001 - typer reads annotations
+    DataArgument,
+    ReportOption,
+    RootOption,
+)
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
 from butterfly.console import read_data, show_page, show_progress
 from butterfly.errors import InputError, nearest
-from butterfly.identify.methods import Method, Options, estimate
+from butterfly.estimator_options import takes_estimator
+from butterfly.identify.estimators import ESTIMATORS, Estimator
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.page import Page, write_page
@@ -26,18 +31,11 @@ def register(app: typer.Typer) -> None:
     app.command("leaderboard")(leaderboard_command)
 
 
+@takes_estimator()
 def compare_command(
     *,
     data: DataArgument,
-    method: Annotated[
-        Method, typer.Option(help="The estimator that finds the simulators' parameters.")
-    ] = Method.HARMONIC_BALANCE,
-    terms: Annotated[
-        str | None,
-        typer.Option(
-            help="Terms fitted besides, separated by commas.", show_default="the method's"
-        ),
-    ] = None,
+    estimator: Estimator,
     logs: Annotated[
         str | None,
         typer.Option(help="Numbers of the logs, from 0 on, by commas.", show_default="all"),
@@ -57,7 +55,7 @@ def compare_command(
     Example: `butterfly compare real-logs --root LOGS --report compare.html`
     """
     read = read_data(data, _root_of(data, root))
-    found = estimate(read, method, Options(terms=parse_terms(terms), check=False))
+    found = estimator.unchecked()(read)
     numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
     compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
     _show(three_way_page(read.name, read.description, compared), report)
@@ -80,10 +78,10 @@ def leaderboard_command(
     """
     names = [part.strip() for part in methods.split(",")]
     for name in names:
-        if name not in set(Method):
-            raise InputError("butterfly leaderboard", "--methods", name, nearest(name, Method))
+        if name not in ESTIMATORS:
+            raise InputError("butterfly leaderboard", "--methods", name, nearest(name, ESTIMATORS))
     sets = [read_data(path, _root_of(path, root)) for path in data]
-    entries = leaderboard(sets, [Method(name) for name in names], track=show_progress)
+    entries = leaderboard(sets, [ESTIMATORS[name]() for name in names], track=show_progress)
     _show(leaderboard_page(entries), report)
 
 

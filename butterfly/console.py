@@ -13,6 +13,7 @@ from rich.table import Table
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.report.identification import parameter_rows, rows_of, summary
+from butterfly.report.words import sentences_of
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
@@ -91,6 +92,9 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
             typer.echo(
                 f"Median FIT {fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
             )
+        values = {row.parameter: row.value for row in estimate.parameters}
+        for sentence in sentences_of(estimate.findings, values):
+            typer.echo(sentence)
     show_estimates(record)
 
 

@@ -10,7 +10,7 @@ import typer
 
 from butterfly.console import show_pairs
 from butterfly.experiment.twin import export, robot_of
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.picture import render
 from butterfly.plant.twin import MASS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -11,31 +11,22 @@ import typer
 from butterfly.arguments import DataArgument, RootOption, parse_terms
 from butterfly.console import CONSOLE, new_table, read_data, show_page, show_progress
 from butterfly.errors import InputError
+from butterfly.estimator_options import takes_estimator
 from butterfly.experiment.figure_data import write_figure_data
 from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.reproduction import has_real_logs, reproduce
 from butterfly.identify.design import LARGEST_SWING, rank_experiments
-from butterfly.identify.free_run import FitSummary
-from butterfly.identify.methods import Method, Options, estimate
+from butterfly.identify.estimators import Estimator  # noqa: TC001 - typer reads annotations
+from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.identify.resampling import bootstrap
 from butterfly.identify.residual import residual_torque
-from butterfly.identify.validation import Split, fits_of, hold_out, select_terms
+from butterfly.identify.validation import Split, hold_out, select_terms
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.residual import write_residual
 from butterfly.resources import locate
-
-if TYPE_CHECKING:
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
-
-MethodOption = Annotated[Method, typer.Option(help="The estimator; see `butterfly identify`.")]
-TermsOption = Annotated[
-    str | None,
-    typer.Option(help="Terms fitted besides, separated by commas.", show_default="the method's"),
-]
 
 
 def register(app: typer.Typer) -> None:
@@ -48,11 +39,11 @@ def register(app: typer.Typer) -> None:
     app.command("calibrate-orbit")(calibrate_orbit_command)
 
 
+@takes_estimator()
 def validate_command(
     *,
     data: DataArgument,
-    method: MethodOption = Method.HARMONIC_BALANCE,
-    terms: TermsOption = None,
+    estimator: Estimator,
     split: Annotated[
         Split, typer.Option(help="What is left out together: one added mass, or some frequencies.")
     ] = Split.MASS,
@@ -69,10 +60,10 @@ def validate_command(
     Example: `butterfly validate results/quickstart --method output-error`
     """
     logs = read_data(data, root)
-    options = Options(terms=parse_terms(terms), check=False)
-    held = hold_out(logs, lambda part: estimate(part, method, options), split, track=show_progress)
-    whole = estimate(logs, method, options)
-    seen = FitSummary.of(fits_of(logs, whole))
+    quick = estimator.unchecked()
+    held = hold_out(logs, quick, split, track=show_progress)
+    whole = quick(logs)
+    seen = FitSummary.of(Predictor(logs).fits(whole))
     table = new_table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
     for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
         table.add_row(name, *_fit(fit))
@@ -84,12 +75,7 @@ def validate_command(
         )
         typer.echo(f"Without {name}: {values}")
     if repetitions:
-        drawn = bootstrap(
-            logs,
-            lambda part: estimate(part, method, options),
-            repetitions=repetitions,
-            track=show_progress,
-        )
+        drawn = bootstrap(logs, quick, repetitions=repetitions, track=show_progress)
         table = new_table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
         rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
         for name, *numbers in rows:
@@ -97,13 +83,14 @@ def validate_command(
         CONSOLE.print(table)
 
 
+@takes_estimator("output-error", leave_out=("terms",))
 def select_command(
     *,
     data: DataArgument,
+    estimator: Estimator,
     candidates: Annotated[
         str, typer.Option(help="Terms to choose from, separated by commas.")
     ] = "drag,load,bias,p3_offset,stribeck",
-    method: MethodOption = Method.OUTPUT_ERROR,
     root: RootOption = None,
 ) -> None:
     """Choose friction terms by how well they predict added masses that were left out.
@@ -112,11 +99,8 @@ def select_command(
     forty logs this takes minutes.
     """
     logs = read_data(data, root)
-
-    def fit(part: DataSet, terms: tuple[str, ...]) -> ParameterEstimate:
-        return estimate(part, method, Options(terms=terms, check=False))
-
-    passed = select_terms(logs, fit, parse_terms(candidates) or (), track=show_progress)
+    terms = parse_terms(candidates) or ()
+    passed = select_terms(logs, estimator.unchecked(), terms, track=show_progress)
     headers = [f"{kind} {what}" for kind in ("in sample", *Split) for what in ("median", "mean")]
     table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
     for structure in passed:
@@ -127,11 +111,12 @@ def select_command(
     typer.echo(f"Chosen: --terms {','.join(passed[-1].terms) or '(none)'}")
 
 
+@takes_estimator()
 def residual_command(
     *,
     data: DataArgument,
+    estimator: Estimator,
     number: Annotated[int, typer.Option("--log", min=0, help="Which log, from 0 on.")] = 0,
-    method: MethodOption = Method.HARMONIC_BALANCE,
     plot: Annotated[
         Path | None, typer.Option(help="Write a plot (HTML) to this file.", show_default=False)
     ] = None,
@@ -142,8 +127,8 @@ def residual_command(
     if number >= len(logs.logs):
         raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
     log = logs.logs[number]
-    found = estimate(logs, method, Options(check=False)).parameters
-    residual = residual_torque(log, found, logs.equilibria[log.added_mass])
+    setting = Predictor(logs).setting(number, estimator.unchecked()(logs))
+    residual = residual_torque(log, setting.parameters, setting.zero)
     typer.echo(f"{log.label}: looks like {residual.looks_like}")
     table = new_table("Share of its variance that each term alone explains", "term", "%")
     for name, share in residual.shares.items():
@@ -154,11 +139,11 @@ def residual_command(
         typer.echo(f"Plot: {plot}")
 
 
+@takes_estimator()
 def design_command(
     *,
     data: DataArgument,
-    method: MethodOption = Method.HARMONIC_BALANCE,
-    terms: TermsOption = None,
+    estimator: Estimator,
     swing: Annotated[
         float, typer.Option(min=0.01, help="Largest swing allowed, in rad.")
     ] = LARGEST_SWING,
@@ -171,8 +156,8 @@ def design_command(
     simulated with the estimate.
     """
     logs = read_data(data, root)
-    found = estimate(logs, method, Options(terms=parse_terms(terms)))
-    misfit = 1 - float(np.median(fits_of(logs, found))) / 100
+    found = estimator(logs)
+    misfit = 1 - float(np.median(Predictor(logs).fits(found))) / 100
     masses = sorted({*logs.masses, NO_ADDED_MASS})
     ranked = rank_experiments(found, masses, misfit, largest_swing=swing, track=show_progress)
     table = new_table(

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.errors import ButterflyError
-from butterfly.identify.free_run import FitSummary
-from butterfly.identify.methods import Method, Options, estimate
-from butterfly.identify.validation import Split, fits_of, hold_out
+from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.identify.validation import Split, hold_out
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,21 +48,21 @@ class Entry:
 
 
 def leaderboard(
-    sets: Sequence[DataSet], methods: Sequence[Method], *, track: Track = untracked
+    sets: Sequence[DataSet], estimators: Sequence[Estimator], *, track: Track = untracked
 ) -> list[Entry]:
-    """Try every method on every data set; the best first, by median FIT of left-out masses.
+    """Try every estimator on every data set; the best first, by median FIT of left-out masses.
 
     Parameters
     ----------
     sets
         The data sets.
-    methods
-        The estimators, each with its own choice of terms.
+    estimators
+        Told what they are to be told.
     track
         Shows progress.
     """
-    pairs = [(data, method) for data in sets for method in methods]
-    entries = [_entry(data, method) for data, method in track(pairs, "Comparing estimators")]
+    pairs = [(data, estimator) for data in sets for estimator in estimators]
+    entries = [_entry(data, estimator) for data, estimator in track(pairs, "Comparing estimators")]
     order = [data.name for data in sets]
     return sorted(entries, key=lambda each: (order.index(each.data), -_score(each)))
 
@@ -73,21 +73,20 @@ def _score(entry: Entry) -> float:
     return -1e3 + (entry.in_sample.median if entry.in_sample is not None else -1e3)
 
 
-def _entry(data: DataSet, method: Method) -> Entry:
+def _entry(data: DataSet, estimator: Estimator) -> Entry:
     begun = time.perf_counter()
     found, held, error = None, None, ""
     seconds = 0.0
     try:
-        found = estimate(data, method)
+        found = estimator(data)
         seconds = time.perf_counter() - begun
-        quick = Options(check=False)
-        held = hold_out(data, lambda part: estimate(part, method, quick), Split.MASS)
+        held = hold_out(data, estimator.unchecked(), Split.MASS)
     except ButterflyError as problem:
         error = str(problem)
     return Entry(
         data=data.name,
-        method=str(method),
-        in_sample=None if found is None else FitSummary.of(fits_of(data, found)),
+        method=estimator.label,
+        in_sample=None if found is None else FitSummary.of(Predictor(data).fits(found)),
         held_out=None if held is None else held.summary,
         estimate=found,
         seconds=seconds or time.perf_counter() - begun,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import FreeRun, free_run
+from butterfly.identify.predict import FreeRun, Predictor
 from butterfly.identify.residual import ResidualTorque, residual_torque
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.replay import replay_input
@@ -94,18 +94,18 @@ def compare_three(
     InputError
         If no hand moves as the parameters say, or a simulation diverges.
     """
-    zeros = data.equilibria
+    predictor = Predictor(data)
     found = []
     for number in track(numbers, "Simulating twice"):
         log = data.logs[number]
-        parameters, own = estimate.applied(log)
-        zero = own.get("zero", zeros[log.added_mass])
+        setting = predictor.setting(number, estimate)
+        parameters, zero = setting.parameters, setting.zero
         joint = MujocoJoint(
             twin(parameters, mass), log.added_mass, angle=float(log.angle[0]) - zero
         )
         delay, compression = parameters.delay, parameters.compression
         mujoco = zero + replay_input(joint, log, delay, compression)
-        greybox = free_run(log, parameters, zero).simulated
+        greybox = predictor.run_with(number, setting).simulated
         found.append(
             ThreeWay(
                 log=log,

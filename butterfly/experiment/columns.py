@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         PlannedRun,
         RunRecord,
     )
-    from butterfly.identify.free_run import FitSummary
+    from butterfly.identify.predict import FitSummary
 
 RUNS, ESTIMATES = "runs", "estimates"
 TABLES = (RUNS, ESTIMATES)

@@ -19,7 +19,7 @@ from butterfly.files import replacing
 from butterfly.identify.thesis import scripted_amplitude
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.model.discrete import HeldSystem
-from butterfly.model.harmonic import frequency_response
+from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.resources import shipped
 from butterfly.signals.periodogram import periodogram

@@ -109,7 +109,7 @@ def hold_orbit(
         if data is None:
             raise InputError(experiment.name, "control.believed", "nothing", "parameters, or logs")
         first = experiment.all_estimators[0]
-        believed = (found or first.unchecked(data)).parameters
+        believed = (found or first.unchecked()(data)).parameters
         zero = _zero(control, data)
     rng = np.random.default_rng(of_orbit(experiment.seed))
     return study_orbit(

@@ -17,7 +17,6 @@ from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.record import (
     FAILED,
-    NO_ESTIMATE,
     OK,
     REFUSED,
     EstimateRecord,
@@ -25,13 +24,13 @@ from butterfly.experiment.record import (
     Outcome,
     RunRecord,
 )
-from butterfly.experiment.schema import EstimatorSpec, Experiment
+from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import packed, simulate
 from butterfly.identify.data import DataSet
-from butterfly.identify.free_run import free_run_of
-from butterfly.identify.identification import Identification
-from butterfly.identify.input_kind import judge_input
+from butterfly.identify.estimators import OutputError
+from butterfly.identify.findings import Ending
+from butterfly.identify.identification import Identification, identify
 from butterfly.identify.validation import hold_out
 from butterfly.progress import Track, untracked
 
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from butterfly.experiment.plan import Task
-    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
     from butterfly.logs.log import Log
     from butterfly.orbit.study import OrbitStudy
     from butterfly.plant.excitations import Table
@@ -140,20 +139,6 @@ def versions() -> dict[str, str]:
     }
 
 
-def identification_of(data: DataSet, found: ParameterEstimate, track: Track) -> Identification:
-    """Return an estimate with the free runs of its logs."""
-    zeros = data.equilibria
-    found = replace(found, verdict=(*found.verdict, *judge_input(found, data.input_kind)))
-    return Identification(
-        data=data,
-        estimate=found,
-        free_runs=tuple(
-            free_run_of(found, log, zeros) for log in track(data.logs, "Simulating logs")
-        ),
-        comparisons=(),
-    )
-
-
 def _judged(error: Exception | None) -> tuple[str, str]:
     """Return the status of a run that ended so, and what its record says of it."""
     if error is None:
@@ -206,12 +191,12 @@ class _Run:
         finally:
             self.seconds[part] = time.perf_counter() - begun
 
-    def _identify(self, data: DataSet, spec: EstimatorSpec) -> None:
+    def _identify(self, data: DataSet, spec: Estimator) -> None:
         """Add what an estimator gives, or why it refuses."""
         try:
-            identification = identification_of(data, spec(data), self._track)
+            identification = identify(data, self._threaded(spec), track=self._track)
         except ButterflyError as error:
-            refused = EstimateRecord(estimator=spec.label, ending=NO_ESTIMATE, error=str(error))
+            refused = EstimateRecord(estimator=spec.label, ending=Ending.REFUSED, error=str(error))
             self.estimates.append(refused)
             return
         found, fit = identification.estimate, identification.summary
@@ -219,15 +204,21 @@ class _Run:
         record = EstimateRecord.of(spec.label, found, fit, self._truth)
         self.estimates.append(self._validated(record, data, spec))
 
-    def _validated(
-        self, record: EstimateRecord, data: DataSet, spec: EstimatorSpec
-    ) -> EstimateRecord:
+    def _threaded(self, spec: Estimator) -> Estimator:
+        """Return an estimator that takes no more threads than it may."""
+        if self._threads is not None and isinstance(spec, OutputError) and spec.workers == 0:
+            return replace(spec, workers=self._threads)
+        return spec
+
+    def _validated(self, record: EstimateRecord, data: DataSet, spec: Estimator) -> EstimateRecord:
         """Add how well logs that were left out are predicted, if that was asked for."""
         validation = self._experiment.validation
         if validation is None:
             return record
         try:
-            held = hold_out(data, spec.unchecked, validation.split, track=self._track)
+            held = hold_out(
+                data, self._threaded(spec).unchecked(), validation.split, track=self._track
+            )
         except ButterflyError as error:
             return replace(record, error=f"nothing could be left out: {error}")
         return replace(record, held_out=held.summary)

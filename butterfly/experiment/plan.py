@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from butterfly.errors import InputError
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from butterfly.experiment.reading import Source
     from butterfly.experiment.schema import Experiment
     from butterfly.experiment.sweeps import Overrides
+    from butterfly.identify.estimators import Estimator
     from butterfly.plant.excitations import Table
 
 _NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it
@@ -151,7 +152,7 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
         What it was read from; digests stand for tables read from files.
     """
     asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
-    asked["estimators"] = [each.model_dump(mode="json") for each in experiment.all_estimators]
+    asked["estimators"] = [_options(each) for each in experiment.all_estimators]
     named = content.get("signals", [])
     asked["signals"] = [
         digest_of(signal) or spec.model_dump(mode="json")
@@ -159,3 +160,8 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
     ]
     text = json.dumps([SCHEMA, fingerprint(), asked], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def _options(estimator: Estimator) -> dict[str, object]:
+    """Return the options of an estimator that its result depends on."""
+    return {name: value for name, value in asdict(estimator).items() if name != "workers"}

@@ -11,19 +11,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from butterfly.identify.free_run import FitSummary  # noqa: TC001 - pydantic reads annotations
+from butterfly.identify.findings import Ending, Finding
+from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
+    from collections.abc import Mapping
 
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.study import OrbitStudy
 
 SCHEMA = 2
@@ -34,34 +33,6 @@ OK, REFUSED, FAILED = "ok", "refused", "failed"
 
 _Record = TypeVar("_Record")
 _CONFIG = ConfigDict(ser_json_inf_nan="strings")  # JSON has no NaN
-
-
-class Parameters(Protocol):
-    """An estimate of n parameters, by whatever method."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The n names."""
-
-    @property
-    def values(self) -> NDArray[np.float64]:
-        """(n,) values."""
-
-    @property
-    def standard_errors(self) -> NDArray[np.float64]:
-        """(n,) standard errors."""
-
-    @property
-    def lower(self) -> NDArray[np.float64]:
-        """(n,) limits of the 95 % intervals."""
-
-    @property
-    def upper(self) -> NDArray[np.float64]:
-        """(n,) limits of the 95 % intervals."""
-
-    @property
-    def on_bound(self) -> tuple[str, ...]:
-        """Names of the parameters that a bound holds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,27 +65,14 @@ class ParameterRecord:
 
     @classmethod
     def all_of(
-        cls,
-        found: Parameters,
-        truth: object | None = None,
-        left_out: Sequence[NDArray[np.float64]] = (),
+        cls, found: ParameterEstimate, truth: LumpedParameters | None = None
     ) -> tuple[ParameterRecord, ...]:
-        """Return a record for each parameter of an estimate.
-
-        Parameters
-        ----------
-        found
-            The estimate.
-        truth
-            Has the true values as attributes, if they are known.
-        left_out
-            (n,) estimates with some logs left out.
-        """
+        """Return a record for each parameter of an estimate, beside the truth if it is known."""
         columns = (found.values, found.standard_errors, found.lower, found.upper)
         rows = zip(found.names, *(column.tolist() for column in columns), strict=True)
         records = []
         for k, (name, value, error, lower, upper) in enumerate(rows):
-            others = [float(values[k]) for values in left_out]
+            others = [float(values[k]) for values in found.left_out.values()]
             records.append(
                 cls(
                     parameter=name,
@@ -142,16 +100,6 @@ class ParameterRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FindingRecord:
-    """Something to know about an estimate (see `butterfly.identify.estimate.Finding`)."""
-
-    kind: str
-    parameters: tuple[str, ...] = ()
-    number: float | None = None
-    severity: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
 class EstimateRecord:
     """What an estimator gave.
 
@@ -160,7 +108,7 @@ class EstimateRecord:
     estimator
         Its label.
     ending
-        How it came to its values: "converged", or what else.
+        How it came to its values, or that it refused.
     error
         Why there are none, or no held-out FIT.
     parameters
@@ -174,35 +122,32 @@ class EstimateRecord:
     """
 
     estimator: str
-    ending: str
+    ending: Ending
     error: str = ""
     parameters: tuple[ParameterRecord, ...] = ()
     condition: float | None = None
-    findings: tuple[FindingRecord, ...] = ()
+    findings: tuple[Finding, ...] = ()
     fit: FitSummary | None = None
     held_out: FitSummary | None = None
 
     @classmethod
     def of(
-        cls, estimator: str, found: ParameterEstimate, fit: FitSummary, truth: object
+        cls, estimator: str, found: ParameterEstimate, fit: FitSummary, truth: LumpedParameters
     ) -> EstimateRecord:
         """Return the record of an estimate."""
         return cls(
             estimator=estimator,
-            ending=CONVERGED,
-            parameters=ParameterRecord.all_of(found, truth, list(found.left_out.values())),
+            ending=found.ending,
+            parameters=ParameterRecord.all_of(found, truth),
             condition=_or_none(found.condition),
+            findings=found.findings,
             fit=fit,
         )
 
     @property
     def converged(self) -> bool:
         """Whether the values are where the estimator wanted to be."""
-        return self.ending == CONVERGED
-
-
-CONVERGED, NO_ESTIMATE = "converged", "refused"
-"""Two of the endings."""
+        return self.ending is Ending.CONVERGED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,7 +198,7 @@ class OrbitRecord:
             amplitudes_rad=tuple(_or_none(each.amplitude) for each in rounds),
             ending=study.calibration.ending,
             absolute=last.is_absolute,
-            parameters=ParameterRecord.all_of(last),
+            parameters=ParameterRecord.all_of(last.estimate),
             free_run_rms_rad=study.errors,
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,

@@ -11,14 +11,14 @@ import numpy as np
 
 from butterfly.experiment.reading import read_experiment
 from butterfly.identify.data import read_data_set
-from butterfly.identify.harmonic_balance import fit_harmonic_balance
+from butterfly.identify.estimators import HarmonicBalance
 from butterfly.identify.resonance import complex_fit
 from butterfly.identify.thesis import ScriptedAmplitude, fit_resonances, fit_thesis
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.discrete import HeldSystem
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
 from butterfly.resources import shipped
 from butterfly.signals.frequency_response import response_point
 
@@ -33,7 +33,7 @@ SYNTHETIC = "experiments/thesis/synthetic.yaml"
 """What Tables 1 and 2 rest on."""
 
 COARSE = 4
-"""Every how-manieth sample the scripts keep of the synthetic data: 0.04 s."""
+"""Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
 
 _START = 0.01  # rad, at which the Simulink model starts
 _WINDOW = 45.0  # s at the end of a record that the first script uses
@@ -224,7 +224,7 @@ def _table_2_rows(scripted: dict[AddedMass, float], right: dict[AddedMass, float
 def _real_rows(root: Path | None) -> list[Row]:
     data = read_data_set(read_manifest(shipped("experiments/real-logs.yaml"), root))
     fine, coarse = fit_thesis(data.recorded, 5), fit_thesis(data.recorded, 25)
-    right = fit_harmonic_balance(data.sines).parameters
+    right = HarmonicBalance(check=False)(data).parameters
     resonances = [resonance_frequency(right.with_added_mass(mass)) for mass in data.masses]
     return [
         Row(

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from itertools import product
+from operator import or_
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
+from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
-from butterfly.identify.free_run_problem import Loss
-from butterfly.identify.methods import Method, Options, estimate
+from butterfly.identify.estimators import ESTIMATORS, Estimator
 from butterfly.identify.validation import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
@@ -39,10 +47,6 @@ from butterfly.plant.motor import CommandPath
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.plant.twin import twin
 from butterfly.yaml_input import StrictModel
-
-if TYPE_CHECKING:
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
@@ -127,28 +131,25 @@ class SignalSpec(OneOf):
     file: TableFile | None = None
 
 
-class EstimatorSpec(StrictModel):
-    """An estimator, and what it fits besides p1..p4, Coulomb torque and delay."""
+_DEFAULT = "harmonic-balance"
 
-    method: Method = Method.HARMONIC_BALANCE
-    terms: tuple[str, ...] | None = None
-    loss: Loss = Loss.LINEAR
-    check: bool = True
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
-        """Estimate the parameters."""
-        options = Options(terms=self.terms, loss=self.loss, check=self.check)
-        return estimate(data, self.method, options)
+def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
+    """Complete an estimator that does not say which it is."""
+    if isinstance(estimator, dict) and "method" not in estimator:
+        return {"method": _DEFAULT} | estimator
+    return estimator
 
-    def unchecked(self, data: DataSet) -> ParameterEstimate:
-        """Estimate the parameters without fitting again for each added mass left out."""
-        return self.model_copy(update={"check": False})(data)
 
-    @property
-    def label(self) -> str:
-        """Short name for tables."""
-        told = [*(self.terms or ()), *([self.loss.value] if self.loss is not Loss.LINEAR else [])]
-        return f"{self.method}({', '.join(told)})" if told else str(self.method)
+if TYPE_CHECKING:
+    MethodName = str
+    AnyEstimator = Estimator
+else:
+    MethodName = Literal[tuple(ESTIMATORS)]
+    AnyEstimator = Annotated[
+        Annotated[reduce(or_, ESTIMATORS.values()), Field(discriminator="method")],
+        BeforeValidator(_named),
+    ]
 
 
 class ValidationSpec(StrictModel):
@@ -208,15 +209,27 @@ class Experiment(StrictModel):
     excitations: tuple[Sine, ...] = ()
     signals: tuple[SignalSpec, ...] = ()
     duration: Annotated[float, Field(gt=0)]
-    method: Method = Method.HARMONIC_BALANCE
+    method: MethodName = _DEFAULT
     terms: tuple[str, ...] | None = None
-    estimators: tuple[EstimatorSpec, ...] = ()
+    estimators: tuple[AnyEstimator, ...] = ()
     validation: ValidationSpec | None = None
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None
     sweep: SweepSpec | None = None
     keep_signals: bool = False
     extends: str | None = None
+
+    @field_validator("terms")
+    @classmethod
+    def _offered(
+        cls, terms: tuple[str, ...] | None, info: ValidationInfo
+    ) -> tuple[str, ...] | None:
+        if terms is not None and "method" in info.data:
+            try:
+                ESTIMATORS[info.data["method"]]().with_terms(terms)
+            except InputError as error:
+                raise ValueError(f"{error.expected} (of {info.data['method']})") from None
+        return terms
 
     @model_validator(mode="after")
     def _some_input(self) -> Experiment:
@@ -235,9 +248,12 @@ class Experiment(StrictModel):
         return self
 
     @property
-    def all_estimators(self) -> tuple[EstimatorSpec, ...]:
+    def all_estimators(self) -> tuple[Estimator, ...]:
         """Every estimator that is named, by either way."""
-        return self.estimators or (EstimatorSpec(method=self.method, terms=self.terms),)
+        if self.estimators:
+            return self.estimators
+        plain = ESTIMATORS[self.method]()
+        return (plain if self.terms is None else plain.with_terms(self.terms),)
 
     def runs(self) -> list[tuple[AddedMass, Excitation]]:
         """List what each run carries and is driven with."""

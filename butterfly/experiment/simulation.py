@@ -58,7 +58,7 @@ def simulate(
     seeds = of_runs(experiment.seed, len(runs))
     logs = sweep(robot, runs, controller, seeds, threads=threads, track=track)
     for number, log in enumerate(logs):
-        yield replace(log, source=_name(number, log))
+        yield replace(log, name=_name(number, log))
 
 
 def controller_of(experiment: Experiment) -> Controller:
@@ -110,7 +110,7 @@ def _name(number: int, log: Log) -> str:
 def _entry(log: Log, suffix: str) -> LogEntry:
     sine, added = log.excitation, log.added_mass
     return LogEntry(
-        file=f"{log.source}.{suffix}",
+        file=f"{log.name}.{suffix}",
         added_mass=added.mass,
         arm=added.arm,
         omega=sine.omega if sine else None,

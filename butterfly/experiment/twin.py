@@ -8,7 +8,8 @@ import yaml
 
 from butterfly.experiment.reading import read_experiment
 from butterfly.files import replacing
-from butterfly.identify.identification import identify
+from butterfly.identify.data import read_data_set
+from butterfly.identify.estimators import HarmonicBalance
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.twin import MASS, twin
@@ -42,7 +43,9 @@ def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robo
     if path.is_dir():
         path /= MANIFEST_NAME
     if _is_manifest(path):
-        return twin(identify(read_manifest(path, root)).estimate.parameters, mass)
+        return twin(
+            HarmonicBalance(check=False)(read_data_set(read_manifest(path, root))).parameters, mass
+        )
     return read_experiment(path).plant.robot
 
 

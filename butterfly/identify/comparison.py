@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from butterfly.identify.free_run import FitSummary, free_run
+from butterfly.identify.predict import FitSummary
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from butterfly.identify.data import DataSet
+    from butterfly.identify.predict import Predictor
     from butterfly.model.parameters import LumpedParameters
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
@@ -51,7 +51,7 @@ class Comparison:
 
 
 def compare(
-    name: str, parameters: LumpedParameters, data: DataSet, *, track: Track = untracked
+    name: str, parameters: LumpedParameters, predictor: Predictor, *, track: Track = untracked
 ) -> Comparison:
     """Simulate every log with ``parameters``; a p4 that is NaN is replaced by the best one.
 
@@ -61,41 +61,37 @@ def compare(
         Where the parameters come from.
     parameters
         Of the bare hand.
-    data
-        The logs.
+    predictor
+        Of the logs.
     track
         Shows progress.
     """
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
-        parameters = replace(parameters, p4=best_gain(parameters, data, track=track))
-    return Comparison(
-        name=name, parameters=parameters, gain_fitted=gain_fitted, fits=_fits(parameters, data)
-    )
+        parameters = replace(parameters, p4=best_gain(parameters, predictor, track=track))
+    fits = predictor.fits_with(parameters)
+    return Comparison(name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits)
 
 
-def best_gain(parameters: LumpedParameters, data: DataSet, *, track: Track = untracked) -> float:
+def best_gain(
+    parameters: LumpedParameters, predictor: Predictor, *, track: Track = untracked
+) -> float:
     """Return the p4 with the highest median FIT, the other parameters held (see `compare`)."""
     unit = replace(parameters, p4=1.0)
     ratios = [
         abs(
             p.gain / quasi_linear_response(unit.with_added_mass(p.added_mass), p.omega, p.amplitude)
         )
-        for p in data.sines
+        for p in predictor.data.sines
     ]
     guess = float(np.median(ratios))
 
     def loss(decades: float) -> float:
         trial = replace(parameters, p4=guess * 10**decades)
-        return -float(np.median(_fits(trial, data)))
+        return -float(np.median(predictor.fits_with(trial)))
 
     coarse = np.linspace(-_DECADES, _DECADES, _GRID)
     start = coarse[np.argmin([loss(x) for x in track(coarse, "Finding the best p4")])]
     width = coarse[1] - coarse[0]
     fine = minimize_scalar(loss, bounds=(start - width, start + width), method="bounded")
     return float(guess * 10**fine.x)
-
-
-def _fits(parameters: LumpedParameters, data: DataSet) -> NDArray[np.float64]:
-    zeros = data.equilibria
-    return np.array([free_run(log, parameters, zeros[log.added_mass]).fit for log in data.logs])

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
-_LEAST_FREEDOM = 1e-6  # a cluster that alone determines a parameter leaves no residual to judge by
+_LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
 
 
 def compress(
@@ -29,6 +31,15 @@ def compress(
     return rows, rest
 
 
+def compress_all(
+    clusters: Iterable[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (n, p, p) rows and (n, p) residuals of n clusters (see `compress`)."""
+    compressed = [compress(jacobian, residuals) for jacobian, residuals in clusters]
+    rows, residuals = zip(*compressed, strict=True)
+    return np.array(rows), np.array(residuals)
+
+
 def cluster_covariance(
     rows: NDArray[np.float64], residuals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -36,7 +47,8 @@ def cluster_covariance(
 
     Unbiased when the weights are right, and consistent when they are not; few and unequal clusters
     are accounted for by Satterthwaite degrees of freedom, one number per parameter (Bell &
-    McCaffrey, Survey Methodology 28, 2002).
+    McCaffrey, Survey Methodology 28, 2002). With X_g the rows of cluster g, N = (X^T X)^-1 and
+    A_g = (I - X_g N X_g^T)^(-1/2), the influence of a cluster is A_g X_g N.
 
     Parameters
     ----------
@@ -50,20 +62,34 @@ def cluster_covariance(
     covariance, freedom
         (p, p), and (p,) degrees of freedom for Student's t.
     """
-    clusters, size, count = rows.shape
     scale = np.linalg.norm(rows, axis=(0, 1))
-    rows = rows / scale
-    flat = rows.reshape(-1, count)
+    rows = np.asarray(rows / scale)
+    flat = rows.reshape(-1, rows.shape[2])
     normal = np.linalg.inv(flat.T @ flat)
-    keeps = np.eye(clusters * size) - flat @ normal @ flat.T
-    keeps = keeps.reshape(-1, clusters, size)
-    own = np.array([keeps[k * size : (k + 1) * size, k] for k in range(clusters)])
-    share, axes = np.linalg.eigh(own)
-    share = np.maximum(share, _LEAST_FREEDOM)
-    reduce = np.einsum("nij,nj,nkj->nik", axes, share**-0.5, axes)
-    influence = np.einsum("nij,njk,kp->nip", reduce, rows, normal)
+    residual_maker = np.eye(rows.shape[1]) - rows @ normal @ np.swapaxes(rows, 1, 2)
+    eigenvalues, axes = np.linalg.eigh(residual_maker)
+    roots = np.maximum(eigenvalues, _LEAST_EIGENVALUE) ** -0.5
+    inverse_root = np.einsum("nij,nj,nkj->nik", axes, roots, axes)
+    influence = inverse_root @ rows @ normal
     scores = np.einsum("nip,ni->np", influence, residuals)
-    spread = np.einsum("lni,nip->pln", keeps, influence)
-    products = np.swapaxes(spread, 1, 2) @ spread
-    freedom = np.trace(products, axis1=1, axis2=2) ** 2 / np.sum(products**2, axis=(1, 2))
-    return scores.T @ scores / np.outer(scale, scale), freedom
+    covariance = scores.T @ scores / np.outer(scale, scale)
+    return covariance, _satterthwaite(rows, np.asarray(normal), influence)
+
+
+def _satterthwaite(
+    rows: NDArray[np.float64], normal: NDArray[np.float64], influence: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(p,) degrees of freedom tr(P)^2/tr(P^2), for each parameter of its own P.
+
+    P = D - B N B^T over clusters: D the squared length of each cluster's influence on the
+    parameter, and the rows of B that influence seen through X_g. Never formed, so that memory
+    grows with the number of clusters only.
+    """
+    lengths = np.sum(influence**2, axis=1)  # (n, p): the diagonals of D
+    seen = np.einsum("nij,nip->pnj", rows, influence)  # (p, n, p): the Bs
+    shared = np.swapaxes(seen, 1, 2) @ seen @ normal  # (p, p, p): B^T B N
+    overlap = np.einsum("pnj,jk,pnk->np", seen, normal, seen)
+    trace = lengths.sum(axis=0) - np.trace(shared, axis1=1, axis2=2)
+    squares = (lengths**2 - 2 * lengths * overlap).sum(axis=0)
+    squares += np.einsum("pij,pji->p", shared, shared)
+    return np.asarray(trace**2 / squares)

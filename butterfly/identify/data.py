@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.errors import InputError
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.manifest import Manifest, read_entry
 from butterfly.progress import Track, untracked
@@ -60,8 +61,13 @@ class DataSet:
         Raises
         ------
         InputError
-            If a log cannot be used.
+            If there is no log, one cannot be used, or their inputs are of different kinds.
         """
+        if not recorded:
+            raise InputError(name, "logs", "none", "at least one log")
+        kinds = sorted({log.input_kind for log in recorded})
+        if len(kinds) > 1:
+            raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
         examined = [examine(log, repairs) for log in recorded]
         logs = [log for log, _ in examined]
         return cls(

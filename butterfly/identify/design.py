@@ -17,7 +17,7 @@ import numpy as np
 from butterfly.errors import IdentifiabilityError
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:

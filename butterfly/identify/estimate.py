@@ -1,4 +1,4 @@
-"""What an estimator returns: values with covariance, intervals and a verdict."""
+"""What an estimator returns: values with covariance, intervals, and what can be concluded."""
 
 from __future__ import annotations
 
@@ -7,55 +7,62 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.covariance import cluster_covariance, compress_all
+from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.identifiability import Conditioning, sort_by_precision
+from butterfly.identify.intervals import honest_limits
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
 
-PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
-"""The parameters that every method estimates, in their order."""
 
-TERMS = (
-    *("drag", "load", "bias", "p3_offset", "stribeck", "stribeck_velocity"),
-    *("tilt", "cogging", "cogging_cosine"),
-)
-"""Terms that some methods can estimate besides."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved:
+    """A solver's end: n values that m equations determine, and the equations about them.
 
-UNITS = {
-    "p1": "kg m²",
-    "p2": "N m s/rad",
-    "p3": "N m",
-    "p4": "N m/unit",
-    "coulomb": "N m",
-    "delay": "s",
-    "drag": "N m s²/rad²",
-    "load": "m",
-    "bias": "N m",
-    "p3_offset": "N m",
-    "stribeck": "N m",
-    "stribeck_velocity": "rad/s",
-    "tilt": "rad",
-    "cogging": "N m",
-    "cogging_cosine": "N m",
-}
-"""Unit of each parameter; "unit" is the input's, V for a voltage."""
+    Parameters
+    ----------
+    names
+        Of the n values; those that all logs share come first.
+    values
+        (n,).
+    jacobian, residuals
+        (m, n) derivatives by the values, and (m,) residuals, weighted as the solver weighs them.
+    cluster
+        (m,) numbers of the logs, or stretches, between which errors are independent.
+    on_bound
+        (n,) whether a bound holds the value.
+    lower
+        (n,) least values.
+    ending
+        How the solver ended.
+    findings
+        What it has to say besides.
+    """
 
-_NOT_NEGATIVE = frozenset({"p2", "coulomb", "drag", "stribeck"})  # friction takes energy out
-_LEAST_STRIBECK_VELOCITY = 1e-3  # rad/s
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    cluster: NDArray[np.intp]
+    on_bound: NDArray[np.bool_]
+    lower: NDArray[np.float64]
+    ending: Ending = Ending.CONVERGED
+    findings: tuple[Finding, ...] = ()
 
-CONFIDENCE = 0.95
-"""Level of all intervals."""
-
-
-def lower_bounds(names: Sequence[str]) -> NDArray[np.float64]:
-    """(n,) least values that n parameters can have."""
-    least = {"stribeck_velocity": _LEAST_STRIBECK_VELOCITY} | dict.fromkeys(_NOT_NEGATIVE, 0.0)
-    return np.array([least.get(name, -np.inf) for name in names])
+    def by_cluster(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (k, n, n) rows and (k, n) residuals that say of k clusters what these do."""
+        order = np.argsort(self.cluster, kind="stable")
+        starts = np.flatnonzero(np.diff(self.cluster[order])) + 1
+        parts = np.split(order, starts)
+        return compress_all((self.jacobian[part], self.residuals[part]) for part in parts)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,41 +74,107 @@ class ParameterEstimate:
     method
         How they were obtained.
     names
-        The n parameters estimated: `PARAMETERS`, then terms.
+        The n parameters estimated: `butterfly.model.terms.PARAMETERS`, then terms.
     values
         (n,) in their order.
     covariance
         (n, n); NaN where the method has no statement to make.
     lower, upper
-        (n,) limits of the intervals at `CONFIDENCE`.
+        (n,) limits of the intervals at `butterfly.identify.intervals.CONFIDENCE`.
     left_out
-        (n,) estimates with the logs of one added mass left out; empty if there are too few masses.
+        (n,) estimates with the logs of one added mass (or one run) left out; empty if there are
+        too few.
     condition
         Condition number of the column-scaled regression (or Jacobian).
     on_bound
         Parameters held by a bound.
-    verdict
-        What can and cannot be concluded, in words.
+    ending
+        How the estimation ended.
+    findings
+        What can and cannot be concluded.
     resonances
         Where the method rests on resonance frequencies: these, in rad/s, per added mass.
     local
         Where the method estimates them: ``zero`` (the encoder's reading in rad at the model's
         angle 0), ``velocity`` (at the first sample, in rad/s) and ``bias``, for one log (by its
-        source), for one added mass, or for all (None).
+        name), for one added mass, or for all (None).
     """
 
     method: str
-    names: tuple[str, ...] = PARAMETERS
+    names: tuple[str, ...]
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]
     lower: NDArray[np.float64]
     upper: NDArray[np.float64]
-    left_out: dict[AddedMass, NDArray[np.float64]]
+    left_out: Mapping[Hashable, NDArray[np.float64]]
     condition: float
     on_bound: tuple[str, ...]
-    verdict: tuple[str, ...]
+    ending: Ending
+    findings: tuple[Finding, ...]
     resonances: dict[AddedMass, float] = field(default_factory=dict)
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
+
+    @classmethod
+    def from_rows(
+        cls,
+        solved: Solved,
+        *,
+        method: str,
+        left_out: Mapping[Hashable, NDArray[np.float64]],
+        shared: int | None = None,
+        findings: Sequence[Finding] = (),
+        local: dict[AddedMass | str | None, dict[str, float]] | None = None,
+    ) -> ParameterEstimate:
+        """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
+
+        Parameters
+        ----------
+        solved
+            The values and their equations.
+        method
+            How they were obtained.
+        left_out
+            (n,) values from parts of the data, which widen the intervals.
+        shared
+            How many values, from the first on, are parameters of the robot; all if not given.
+        findings, local
+            As the estimate has them; the findings come after those on the values.
+
+        Raises
+        ------
+        IdentifiabilityError
+            If the equations are singular for every practical purpose.
+        """
+        rows, residuals = solved.by_cluster()
+        conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names)
+        conditioning.refuse_singular()
+        covariance, freedom = cluster_covariance(rows, residuals)
+        own = slice(shared)
+        names, values = solved.names[own], solved.values[own]
+        limits = honest_limits(values, covariance[own, own], freedom[own], left_out.values())
+        lower = np.maximum(limits[0], solved.lower[own])
+        on_bound = tuple(np.array(names)[solved.on_bound[own]].tolist())
+        return cls(
+            method=method,
+            names=names,
+            values=values,
+            covariance=covariance[own, own],
+            lower=lower,
+            upper=limits[1],
+            left_out=left_out,
+            condition=conditioning.number,
+            on_bound=on_bound,
+            ending=solved.ending,
+            findings=(
+                *sort_by_precision(values, lower, limits[1], names),
+                conditioning.finding,
+                *solved.findings,
+                *_of_bounds(on_bound),
+                *_of_signs(names),
+                *findings,
+            ),
+            local=local or {},
+        )
 
     @property
     def parameters(self) -> LumpedParameters:
@@ -110,13 +183,13 @@ class ParameterEstimate:
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:
-        """(6,) square roots of the variances."""
+        """(n,) square roots of the variances."""
         return np.sqrt(np.diag(self.covariance))
 
     def applied(self, log: Log) -> tuple[LumpedParameters, dict[str, float]]:
         """Return what holds for one log: parameters, and zero and velocity where estimated."""
         own: dict[str, float] = {}
-        for key in (None, log.added_mass, log.source):
+        for key in (None, log.added_mass, log.name):
             own |= self.local.get(key, {})
         parameters = self.parameters
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
@@ -125,3 +198,20 @@ class ParameterEstimate:
         """Return the estimate with p4 set to a value found otherwise."""
         values = np.where(np.array(self.names) == "p4", p4, self.values)
         return replace(self, values=values)
+
+    def with_findings(self, *more: Finding) -> ParameterEstimate:
+        """Return the estimate with further findings."""
+        return replace(self, findings=(*self.findings, *more))
+
+
+def _of_bounds(on_bound: tuple[str, ...]) -> list[Finding]:
+    if not on_bound:
+        return []
+    return [Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=Severity.CARE)]
+
+
+def _of_signs(names: Sequence[str]) -> list[Finding]:
+    unknown = tuple(name for name in names if not TERMS[name].sign_observable)
+    if not unknown:
+        return []
+    return [Finding(kind=FindingKind.SIGN_UNKNOWN, parameters=unknown, severity=Severity.CARE)]

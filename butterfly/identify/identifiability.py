@@ -1,4 +1,4 @@
-"""Say in words what the data can and cannot tell."""
+"""Judge what the data can and cannot tell."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.estimate import PARAMETERS
+from butterfly.identify.findings import Finding, FindingKind, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,7 +43,7 @@ class Conditioning:
     weakest: tuple[str, ...]
 
     @classmethod
-    def of(cls, rows: NDArray[np.float64], names: tuple[str, ...] = PARAMETERS) -> Conditioning:
+    def of(cls, rows: NDArray[np.float64], names: tuple[str, ...]) -> Conditioning:
         """Judge the (m, n) rows of a regression on the n parameters ``names``."""
         size = np.linalg.norm(rows, axis=0)
         size[size == 0] = 1.0  # a column without effect makes the regression singular
@@ -62,14 +62,17 @@ class Conditioning:
                 "a run with another known mass"
             )
 
-    def words(self) -> list[str]:
-        """Return the judgement in a sentence."""
+    @property
+    def finding(self) -> Finding:
+        """The judgement."""
         if self.number <= WEAK_CONDITION:
-            return [f"The regression is well conditioned (condition number {self.number:.0f})."]
-        return [
-            f"{' and '.join(self.weakest)} are known mainly in one combination (condition number "
-            f"{self.number:.0f}): add a run that tells them apart."
-        ]
+            return Finding(kind=FindingKind.CONDITION, number=self.number)
+        return Finding(
+            kind=FindingKind.COMBINATION,
+            parameters=self.weakest,
+            number=self.number,
+            severity=Severity.CARE,
+        )
 
 
 def refuse_one_mass(masses: Iterable[AddedMass]) -> None:
@@ -86,15 +89,22 @@ def sort_by_precision(
     lower: NDArray[np.float64],
     upper: NDArray[np.float64],
     names: tuple[str, ...],
-) -> str:
-    """Say which of the (n,) parameters are known well, roughly, or not from zero."""
+) -> list[Finding]:
+    """Tell which of the (n,) parameters are known well, roughly, or not from zero."""
     zero = (lower <= 0) & (upper >= 0)
     precise = ~zero & ((upper - lower) / 2 <= _PRECISE * np.abs(values))
     groups = {
-        f"known within {100 * _PRECISE:.0f} %": precise,
-        "known roughly": ~zero & ~precise,
-        "not distinguishable from zero": zero,
+        FindingKind.PRECISE: precise,
+        FindingKind.ROUGH: ~zero & ~precise,
+        FindingKind.NOT_FROM_ZERO: zero,
     }
     named = np.array(names)
-    parts = [f"{', '.join(named[mask])} {how}" for how, mask in groups.items() if mask.any()]
-    return "; ".join(parts) + "."
+    return [
+        Finding(
+            kind=kind,
+            parameters=tuple(named[mask].tolist()),
+            number=_PRECISE if kind is FindingKind.PRECISE else None,
+        )
+        for kind, mask in groups.items()
+        if mask.any()
+    ]

@@ -1,18 +1,17 @@
-"""The whole job on one data set: read, check, respond, fit, validate."""
+"""The whole job on one data set: fit, judge, simulate."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.identify.comparison import Comparison, compare
-from butterfly.identify.data import DataSet, read_data_set
-from butterfly.identify.free_run import FitSummary, FreeRun, free_run_of
+from butterfly.identify.estimators import Estimator, HarmonicBalance
 from butterfly.identify.input_kind import judge_input
-from butterfly.identify.methods import Method, Options, estimate
+from butterfly.identify.predict import FitSummary, FreeRun, Predictor
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.logs.manifest import Manifest
     from butterfly.model.parameters import LumpedParameters
 
 
@@ -58,21 +57,20 @@ class Identification:
 
 
 def identify(
-    manifest: Manifest,
-    method: Method = Method.HARMONIC_BALANCE,
-    options: Options | None = None,
+    data: DataSet,
+    estimator: Estimator | None = None,
     *,
     against: Mapping[str, LumpedParameters] = MappingProxyType({}),
     track: Track = untracked,
 ) -> Identification:
-    """Read a data set and identify the robot from it.
+    """Identify the robot that made the logs of a data set.
 
     Parameters
     ----------
-    manifest
-        The data set.
-    method, options
-        The estimator, and what it is told.
+    data
+        The logs.
+    estimator
+        Harmonic balance if not given.
     against
         Other parameters to simulate the logs with, by name; a p4 that is NaN is fitted.
     track
@@ -81,21 +79,20 @@ def identify(
     Raises
     ------
     InputError
-        If a log cannot be read or used.
+        If the estimator cannot use the logs.
     IdentifiabilityError
         If the logs cannot determine the parameters.
     """
-    data = read_data_set(manifest, track)
-    found = estimate(data, method, options)
-    found = replace(found, verdict=(*found.verdict, *judge_input(found, data.input_kind)))
-    zeros = data.equilibria
+    found = (estimator or HarmonicBalance())(data)
+    found = found.with_findings(*judge_input(found, data.input_kind))
+    predictor = Predictor(data)
+    numbers = track(range(len(data.logs)), "Simulating logs")
     return Identification(
         data=data,
         estimate=found,
-        free_runs=tuple(
-            free_run_of(found, log, zeros) for log in track(data.logs, "Simulating logs")
-        ),
+        free_runs=tuple(predictor.run(number, found) for number in numbers),
         comparisons=tuple(
-            compare(name, parameters, data, track=track) for name, parameters in against.items()
+            compare(name, parameters, predictor, track=track)
+            for name, parameters in against.items()
         ),
     )

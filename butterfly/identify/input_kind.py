@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from butterfly.identify.findings import Finding, FindingKind, Severity
 from butterfly.logs.log import InputKind
 
 if TYPE_CHECKING:
@@ -13,8 +14,8 @@ LEAST_RESISTANCE = 0.01
 """Ohm; no motor of a robot's joint has less."""
 
 
-def judge_input(estimate: ParameterEstimate, kind: InputKind) -> list[str]:
-    """Say whether a voltage-fed motor could have the damping and gain that were found.
+def judge_input(estimate: ParameterEstimate, kind: InputKind) -> list[Finding]:
+    """Tell whether a voltage-fed motor could have the damping and gain that were found.
 
     With one motor constant K for torque and back EMF, p4 = K/R and p2 >= K^2/R = p4^2 R (6): the
     damping bounds the resistance. If the bound is below what any motor has, the input can hardly
@@ -33,11 +34,14 @@ def judge_input(estimate: ParameterEstimate, kind: InputKind) -> list[str]:
     p4 = abs(estimate.parameters.p4)
     if not upper["p2"] >= 0 or not p4 > 0:
         return []
-    resistance, constant = upper["p2"] / p4**2, upper["p2"] / p4
+    resistance = upper["p2"] / p4**2
     if resistance >= LEAST_RESISTANCE:
         return []
     return [
-        f"The data look torque-driven: as a voltage-fed motor it would have a back-EMF constant "
-        f"below {constant:.2g} V s/rad and a resistance below {resistance:.2g} Ohm, since its "
-        "back EMF alone would brake more than p2 does. Check the manifest's key input."
+        Finding(
+            kind=FindingKind.TORQUE_DRIVEN,
+            parameters=("p2", "p4"),
+            number=resistance,
+            severity=Severity.WARNING,
+        )
     ]

@@ -8,20 +8,23 @@ import numpy as np
 from scipy.special import stdtrit
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.estimate import CONFIDENCE
+from butterfly.identify.findings import Finding, FindingKind, Severity
 from butterfly.identify.identifiability import refuse_one_mass
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Hashable, Iterable
 
     from numpy.typing import NDArray
 
     from butterfly.model.parameters import AddedMass
 
+CONFIDENCE = 0.95
+"""Level of all intervals."""
+
 
 def without_each_mass(
-    masses: Iterable[AddedMass], refit: Callable[[AddedMass], NDArray[np.float64]]
-) -> dict[AddedMass, NDArray[np.float64]]:
+    masses: Iterable[AddedMass], refit: Callable[[AddedMass], NDArray[np.float64]], *, asked: bool
+) -> tuple[dict[Hashable, NDArray[np.float64]], list[Finding]]:
     """Estimate again without each added mass, but where the rest cannot determine the parameters.
 
     Parameters
@@ -30,16 +33,25 @@ def without_each_mass(
         Of the logs.
     refit
         Returns the (n,) estimates from all logs but those of one added mass.
+    asked
+        Whether to do so at all.
+
+    Returns
+    -------
+    The estimates, and what is to be said if there are none.
     """
     different = sorted(set(masses))
-    left_out = {}
+    if not asked:
+        return {}, [Finding(kind=FindingKind.UNCHECKED)]
+    left_out: dict[Hashable, NDArray[np.float64]] = {}
     for mass in different:
         try:
             refuse_one_mass(other for other in different if other != mass)
             left_out[mass] = refit(mass)
         except IdentifiabilityError:
             continue
-    return left_out
+    few = Finding(kind=FindingKind.FEW_MASSES, number=len(different), severity=Severity.CARE)
+    return left_out, [] if left_out else [few]
 
 
 def honest_limits(

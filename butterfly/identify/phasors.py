@@ -7,15 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.model.friction import FrictionTerms
-from butterfly.model.harmonic import (
-    coulomb_describing_function,
-    drag_describing_function,
-    gravity_describing_function,
-    quasi_linear_response,
-    stribeck_describing_function,
-)
+from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import TERMS, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +19,7 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
     from butterfly.signals.frequency_response import ResponsePoint
 
-_SMALL_SWING = 1e-3  # rad, at which the slope of sin is 1
+_SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
 _SWING_STEP = 1e-4  # relative step of the differences in the swing
 _EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
 
@@ -44,8 +38,8 @@ class Phasors:
         What the hand carried.
     names
         The parameters that are estimated.
-    small
-        Whether the swings count as small, so that sin th = th.
+    swing
+        In rad, at which the describing functions are taken.
     """
 
     omega: NDArray[np.float64]
@@ -54,57 +48,53 @@ class Phasors:
     variance: NDArray[np.float64]
     masses: tuple[AddedMass, ...]
     names: tuple[str, ...]
-    small: bool
+    swing: NDArray[np.float64]
 
     @classmethod
     def of(cls, points: Sequence[ResponsePoint], names: tuple[str, ...], *, small: bool) -> Phasors:
-        """Collect them from steady responses."""
+        """Collect them from steady responses; with ``small``, sin th counts as th."""
+        angle = np.array([p.angle.fundamental for p in points])
         return cls(
             omega=np.array([p.omega for p in points]),
-            angle=np.array([p.angle.fundamental for p in points]),
+            angle=angle,
             input=np.array([p.input for p in points]),
             variance=np.array(
                 [max(np.trace(p.angle.covariance) / 2, _EXACT * p.amplitude**2) for p in points]
             ),
             masses=tuple(p.added_mass for p in points),
             names=names,
-            small=small,
+            swing=np.full(angle.size, _SMALL_SWING) if small else np.abs(angle),
         )
 
-    def regression(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
-        w, th, a = self.omega, self.angle, np.abs(self.angle)
-        u = self.input * np.exp(-1j * w * delay)
-        gravity = th if self.small else gravity_describing_function(a) * th
-        coulomb = coulomb_describing_function(a) * th
-        velocity = FrictionTerms.stribeck_velocity
-        columns = {
-            "p1": -(w**2) * th,
-            "p2": 1j * w * th,
-            "p3": gravity,
-            "p4": -u,
-            "coulomb": coulomb,
-            "delay": 1j * w * u,
-            "drag": drag_describing_function(w, a) * th,
-            "load": np.array([mass.weight for mass in self.masses]) * coulomb,
-            "stribeck": stribeck_describing_function(w, a, velocity) * th,
-        }
+        matrix = np.column_stack([self._column(name, delay) for name in self.names])
         inertia = np.array([mass.inertia for mass in self.masses])
         moment = np.array([mass.gravity_moment for mass in self.masses])
-        matrix = np.column_stack([columns[name] for name in self.names])
-        return matrix, inertia * w**2 * th - moment * gravity
+        known = inertia * self._column("p1", delay) + moment * self._column("p3", delay)
+        return matrix, -known
 
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
         known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
         hand = LumpedParameters(**known)
-        swings = np.full(self.omega.size, _SMALL_SWING) if self.small else np.abs(self.angle)
         slopes = np.empty(self.omega.size)
         for mass in set(self.masses):
             rows = np.array([each == mass for each in self.masses])
             loaded = hand.with_added_mass(mass)
-            slopes[rows] = _slope(loaded, self.omega[rows], swings[rows])
+            slopes[rows] = _slope(loaded, self.omega[rows], self.swing[rows])
         return slopes
+
+    def _column(self, name: str, delay: float) -> NDArray[np.complex128]:
+        """Return what a parameter multiplies, the motor's torque brought to the left."""
+        if name in {"p4", "delay"}:
+            late = self.input * np.exp(-1j * self.omega * delay)
+            return np.asarray(-late if name == "p4" else 1j * self.omega * late)
+        describing = TERMS[name].describing
+        assert describing is not None  # noqa: S101 - or harmonic balance would not offer it
+        weight = np.array([mass.weight for mass in self.masses])
+        motion = Motion(0.0, 0.0, 0.0)._replace(weight=weight)
+        return np.asarray(describing(self.omega, self.swing, motion) * self.angle)
 
 
 def _slope(

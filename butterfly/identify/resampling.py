@@ -9,9 +9,8 @@ import numpy as np
 from scipy.stats import f as fisher
 
 from butterfly.errors import IdentifiabilityError, InputError, nearest
-from butterfly.identify.estimate import CONFIDENCE
-from butterfly.identify.free_run_problem import OutputErrorOptions
-from butterfly.identify.output_error import minimum
+from butterfly.identify.estimators.output_error import OutputError
+from butterfly.identify.intervals import CONFIDENCE
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -126,7 +125,7 @@ def profile(
     estimate: ParameterEstimate,
     name: str,
     values: Sequence[float],
-    options: OutputErrorOptions | None = None,
+    estimator: OutputError | None = None,
     *,
     track: Track = untracked,
 ) -> Profile:
@@ -145,7 +144,7 @@ def profile(
         The parameter.
     values
         (n,) increasing values at which it is held.
-    options
+    estimator
         With which the estimate was made.
 
     Raises
@@ -155,14 +154,14 @@ def profile(
     """
     if name not in estimate.names:
         raise InputError("profile", "name", name, nearest(name, estimate.names))
-    options = options or OutputErrorOptions()
+    estimator = estimator or OutputError()
     start = estimate.parameters
     zero = estimate.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    least = minimum(data.logs, start, zeros, options)
-    held = replace(options, fixed=(*options.fixed, name))
+    least = estimator.minimum(data.logs, start, zeros)
+    held = estimator.holding(name)
     costs = [
-        minimum(data.logs, replace(start, **{name: float(value)}), zeros, held) / least
+        held.minimum(data.logs, replace(start, **{name: float(value)}), zeros) / least
         for value in track(values, f"Profiling {name}")
     ]
     freedom = max(2 * len(data.logs) - len(estimate.names), 1)

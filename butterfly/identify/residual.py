@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.weak_signals import weak_signals
+from butterfly.identify.weak_signals import Known, weak_signals
+from butterfly.model.terms import TERMS, Motion
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,6 +20,7 @@ HALF_WIDTH = 0.05
 """Half-width in s of the bump over which the torque is averaged."""
 
 _SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
+_PARTS = ("p1", "p2", "p3", "p4")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +32,8 @@ class ResidualTorque:
     time, angle, velocity, torque
         (n,) instants in s, angle in rad from the hanging position, velocity in rad/s, N m.
     shares
-        By term: the part of the torque's variance that this term alone explains, largest first.
+        By term, in words: the part of the torque's variance that this term alone explains, largest
+        first.
     """
 
     time: NDArray[np.float64]
@@ -71,24 +74,16 @@ def residual_torque(
         If the log is shorter than the bump.
     """
     loaded = parameters.with_added_mass(log.added_mass)
-    signals = weak_signals(log, zero, half_width, parameters.delay)
-    torque = (
-        loaded.p1 * signals.mean["p1"]
-        + loaded.p2 * signals.mean["p2"]
-        + loaded.p3 * signals.mean["p3"]
-        + loaded.p4 * signals.mean["p4"]
-    )
+    known = Known(zero=zero, delay=parameters.delay)
+    signals = weak_signals(log, _PARTS, known, half_width)
+    torque = sum(getattr(loaded, name) * signals.mean[name] for name in _PARTS)
     velocity = signals.velocity
-    speed = float(np.sqrt(np.mean(velocity**2)))
-    slow = np.exp(-((velocity / (_SLOW * speed)) ** 2))
+    slow = _SLOW * float(np.sqrt(np.mean(velocity**2)))
+    motion = Motion(signals.angle, velocity, np.sign(velocity), stribeck_velocity=slow)
     templates = {
-        "Coulomb friction": np.sign(velocity),
-        "viscous friction": velocity,
-        "quadratic drag": np.abs(velocity) * velocity,
-        "Stribeck friction": np.sign(velocity) * slow,
-        "a gravity moment": np.sin(signals.angle),
-        "a centre of mass beside its line": np.cos(signals.angle) - np.mean(np.cos(signals.angle)),
-        "an inertia": signals.mean["p1"],
+        row.looks_like: signals.mean[row.name] if row.basis is None else row.basis(motion)
+        for row in TERMS.values()
+        if row.looks_like
     }
     shares = {name: _share(torque, template) for name, template in templates.items()}
     return ResidualTorque(

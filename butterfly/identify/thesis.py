@@ -1,6 +1,6 @@
 """The thesis's method as its scripts compute it, slips included.
 
-It stands here so that the published digits can be reproduced and compared; `harmonic_balance` is
+It stands here so that the published digits can be reproduced and compared; harmonic balance is
 what to use. docs/theory.md lists each slip beside the corrected formula.
 """
 
@@ -15,8 +15,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
-from butterfly.identify.estimate import PARAMETERS, ParameterEstimate
+from butterfly.identify.estimate import ParameterEstimate
+from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.identifiability import Conditioning
+from butterfly.model.terms import PARAMETERS
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
 
@@ -149,7 +151,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
     logs
         As recorded: repeated stamps not dropped.
     decimation
-        Every how-manieth sample is used.
+        Keep every n-th sample.
 
     Raises
     ------
@@ -167,32 +169,40 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
         resonances[mass] = scripted_resonance(points)
     (p1, p2, p3), jacobian = fit_resonances(resonances)
     values = np.array([p1, p2, p3, np.nan, 0.0, 0.0])
-    unknown = np.full(6, np.nan)
+    unknown = np.full(values.size, np.nan)
     condition = Conditioning.of(jacobian, PARAMETERS[:3]).number
     bounds = zip(PARAMETERS, (p1, p2, p3), UPPER_BOUNDS, strict=False)
     on_bound = tuple(n for n, value, top in bounds if value > 0.999 * top or value < 1e-9 * top)
     return ParameterEstimate(
         method=METHOD,
+        names=PARAMETERS,
         values=values,
-        covariance=np.full((6, 6), np.nan),
+        covariance=np.full((values.size, values.size), np.nan),
         lower=unknown,
         upper=unknown,
         left_out={},
         condition=condition,
         on_bound=on_bound,
-        verdict=_verdict(len(resonances), condition, on_bound),
+        ending=Ending.CONVERGED,
+        findings=_findings(len(resonances), on_bound),
         resonances=resonances,
     )
 
 
-def _verdict(count: int, condition: float, on_bound: tuple[str, ...]) -> tuple[str, ...]:
-    sentences = [
-        "This method estimates neither Coulomb friction nor delay, nor p4: the best p4 is used.",
-        f"{count} resonance frequencies for 3 parameters (condition number {condition:.0f}) leave "
-        "no room for a statement of uncertainty.",
+def _findings(count: int, on_bound: tuple[str, ...]) -> tuple[Finding, ...]:
+    care = Severity.CARE
+    found = [
+        Finding(
+            kind=FindingKind.NOT_ESTIMATED, parameters=("coulomb", "delay", "p4"), severity=care
+        ),
+        Finding(
+            kind=FindingKind.NO_UNCERTAINTY,
+            parameters=("p1", "p2", "p3"),
+            number=count,
+            severity=care,
+        ),
     ]
     if on_bound:
-        sentences.append(
-            f"{', '.join(on_bound)} ended on a bound: the bound, not the data, set it."
-        )
-    return tuple(sentences)
+        warning = Severity.WARNING
+        found.append(Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=warning))
+    return tuple(found)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from butterfly.logs.log import Intersample, held_impulses
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import compressed
+from butterfly.signals import hold
 from butterfly.signals.resample import uniform_grid
 
 if TYPE_CHECKING:
@@ -43,17 +43,9 @@ class Trajectory:
 
     def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
         self.log = log
-        drive = log.excitation.omega if log.excitation else 0.0
-        loaded = parameters.with_added_mass(log.added_mass)
-        fastest = max(resonance_frequency(loaded), drive)
-        step = min(LONGEST_STEP, 1 / (_STEPS_PER_RADIAN * fastest)) if fastest else LONGEST_STEP
-        grid = uniform_grid(log.time, step)
+        grid = uniform_grid(log.time, grid_step(log, parameters))
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
-        time, angle = log.time[first:], log.angle[first:]
-        cell = np.searchsorted(self.grid, time, "right") - 1
-        cell = np.minimum(cell, self.grid.size - 2)
-        self._cells = np.unique(cell)
-        self._averages = self._average(cell, time, angle)
+        self._first = first
         self._inputs = lru_cache(maxsize=4)(self._delivered)
 
     def simulate(
@@ -97,8 +89,8 @@ class Trajectory:
             As in `simulate`.
         """
         angle, speed = self.simulate(parameters, zero, velocity)
-        from_start, start_slope, from_end, end_slope, measured = self._averages
-        begin, end = self._cells, self._cells + 1
+        begin, (from_start, start_slope, from_end, end_slope, measured) = self._averages
+        end = begin + 1
         return np.asarray(
             from_start * angle[begin]
             + start_slope * speed[begin]
@@ -107,13 +99,18 @@ class Trajectory:
             - measured
         )
 
-    def _average(self, cell: NDArray[np.intp], time: Samples, angle: Samples) -> Samples:
+    @cached_property
+    def _averages(self) -> tuple[NDArray[np.intp], Samples]:
         """Average the cubic Hermite polynomials, and the measured angle, over each grid interval.
 
         Returns
         -------
-        (5, m) weights of angle and velocity at both ends, and mean measured angle.
+        (m,) numbers of the intervals that hold samples, and (5, m) weights of angle and velocity at
+        both ends, and mean measured angle.
         """
+        time, angle = self.log.time[self._first :], self.log.angle[self._first :]
+        cell = np.searchsorted(self.grid, time, "right") - 1
+        cell = np.minimum(cell, self.grid.size - 2)
         length = np.diff(self.grid)[cell]
         s = (time - self.grid[cell]) / length
         r = 1 - s
@@ -122,19 +119,22 @@ class Trajectory:
         )
         starts = np.flatnonzero(np.diff(cell, prepend=-1))
         counts = np.diff(starts, append=cell.size)
-        return np.add.reduceat(values, starts, axis=1) / counts
+        return cell[starts], np.add.reduceat(values, starts, axis=1) / counts
 
     def _delivered(self, delay: float, compression: float) -> NDArray[np.float64]:
         """(n - 1, 3) delivered input at start, middle and end of each interval, ``delay`` s late.
 
-        A held input is averaged over each interval, so that no impulse is lost or gained when its
-        steps fall between the instants of the grid.
+        The parabola that has the held input's mean and first and second moment over the interval,
+        so that no impulse is lost or gained where steps fall between the instants of the grid.
         """
-        log, grid = self.log, self.grid
+        log = self.log
         inputs = compressed(log.input, compression)
-        if log.intersample is Intersample.FIRST_ORDER_HOLD:
-            ends = np.interp(grid - delay, log.time, inputs)
-            middles = np.interp(grid[:-1] + np.diff(grid) / 2 - delay, log.time, inputs)
-            return np.column_stack([ends[:-1], middles, ends[1:]])
-        means = held_impulses(log.time, inputs, grid - delay) / np.diff(grid)
-        return np.repeat(means[:, None], 3, axis=1)
+        mean, slope, bend = hold.moments(log.time, inputs, self.grid - delay, log.intersample)
+        return np.column_stack([mean - slope + bend, mean - bend / 2, mean + slope + bend])
+
+
+def grid_step(log: Log, parameters: LumpedParameters) -> float:
+    """Return the longest step in s of a simulation's grid, for parameters of the bare hand."""
+    drive = log.excitation.omega if log.excitation else 0.0
+    fastest = max(resonance_frequency(parameters.with_added_mass(log.added_mass)), drive)
+    return min(LONGEST_STEP, 1 / (_STEPS_PER_RADIAN * fastest)) if fastest else LONGEST_STEP

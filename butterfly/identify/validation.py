@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.free_run import FitSummary, free_run_of
+from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
 
-    Estimator = Callable[[DataSet], ParameterEstimate]
+    Fitter = Callable[[DataSet], ParameterEstimate]
 
 FREQUENCY_FOLDS = 5
 """Number of parts into which the drive frequencies are dealt, neighbours into different ones."""
@@ -60,7 +61,7 @@ class HeldOut:
 
 
 def hold_out(
-    data: DataSet, estimator: Estimator, split: Split, *, track: Track = untracked
+    data: DataSet, estimator: Fitter, split: Split, *, track: Track = untracked
 ) -> HeldOut:
     """Estimate from all logs but a part, predict that part, and go on to the next.
 
@@ -76,18 +77,12 @@ def hold_out(
     if len(parts) < 2:  # noqa: PLR2004 - nothing would be left to estimate from
         raise IdentifiabilityError(f"all logs have the same {split}: none can be held out")
     fits = np.empty(len(data.logs))
-    estimates, zeros = {}, data.equilibria
+    estimates, predictor = {}, Predictor(data)
     for name, rows in track(parts.items(), f"Leaving out one {split} at a time"):
         found = estimator(data.take([k for k in range(len(data.logs)) if k not in rows]))
         estimates[name] = found
-        fits[rows] = [free_run_of(found, data.logs[k], zeros).fit for k in rows]
+        fits[rows] = predictor.fits(found, rows)
     return HeldOut(split=split, fits=fits, estimates=estimates)
-
-
-def fits_of(data: DataSet, estimate: ParameterEstimate) -> NDArray[np.float64]:
-    """(n,) FIT in per cent of every log, simulated with an estimate."""
-    zeros = data.equilibria
-    return np.array([free_run_of(estimate, log, zeros).fit for log in data.logs])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,7 +96,7 @@ class Structure:
 
 def select_terms(
     data: DataSet,
-    estimator: Callable[[DataSet, tuple[str, ...]], ParameterEstimate],
+    estimator: Estimator,
     candidates: Sequence[str],
     *,
     track: Track = untracked,
@@ -113,11 +108,17 @@ def select_terms(
     Returns
     -------
     The structures passed through, the last being the one selected.
+
+    Raises
+    ------
+    InputError
+        If the estimator offers no terms, or not one of these.
     """
 
     def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
-        return hold_out(data, lambda part: estimator(part, terms), split).summary
+        return hold_out(data, estimator.with_terms(terms), split).summary
 
+    predictor = Predictor(data)
     chosen: tuple[str, ...] = ()
     best = judge(chosen, Split.MASS)
     passed = [(chosen, best)]
@@ -134,7 +135,7 @@ def select_terms(
     return [
         Structure(
             terms=terms,
-            in_sample=FitSummary.of(fits_of(data, estimator(data, terms))),
+            in_sample=FitSummary.of(predictor.fits(estimator.with_terms(terms)(data))),
             held_out={Split.MASS: summary, Split.FREQUENCY: judge(terms, Split.FREQUENCY)},
         )
         for terms, summary in track(passed, "Judging the structures")

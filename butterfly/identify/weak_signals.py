@@ -17,17 +17,19 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import savgol_filter
 
 from butterfly.errors import InputError
-from butterfly.logs.log import Intersample, held_impulses
-from butterfly.model.friction import FrictionTerms
+from butterfly.logs.log import Intersample
 from butterfly.model.parameters import compressed
+from butterfly.model.terms import TERMS, FrictionTerms, Motion
+from butterfly.signals import hold
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
-
-    _Columns = dict[str, tuple[int, NDArray[np.float64]]]
+    from butterfly.model.terms import Term
 
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
@@ -75,34 +77,50 @@ class WeakSignals:
         return np.asarray(self.still < _LARGEST_STICK)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What is known of a joint before its torques are averaged.
+
+    Parameters
+    ----------
+    zero
+        Encoder reading in rad where the model's angle is 0.
+    delay
+        From input to torque, in s.
+    compression
+        Of the drive, in 1/unit of input; the column of "compression" is the derivative about it.
+    periods, stribeck_velocity
+        See `butterfly.model.terms.FrictionTerms`.
+    """
+
+    zero: float
+    delay: float = 0.0
+    compression: float = 0.0
+    periods: float = FrictionTerms.cogging_periods
+    stribeck_velocity: float = FrictionTerms.stribeck_velocity
+
+
 def weak_signals(
     log: Log,
-    zero: float,
+    names: Sequence[str],
+    known: Known,
     half_width: float,
-    delay: float = 0.0,
-    *,
     balance: Balance = Balance.MOMENTUM,
-    cogging_periods: float = 1.0,
-    compression: float = 0.0,
 ) -> WeakSignals:
-    """Average every term of the equation of motion over the test functions of one log.
+    """Average terms of the equation of motion over the test functions of one log.
 
     Parameters
     ----------
     log
         Of any input.
-    zero
-        Encoder reading in rad of the hand at rest.
+    names
+        Which parameters' terms.
+    known
+        What is known beforehand.
     half_width
         Of the test functions in s; they stand half of it apart.
-    delay
-        From input to torque, in s.
     balance
         Of momentum, or of energy.
-    cogging_periods
-        Of the cogging torque in one turn.
-    compression
-        Of the drive, in 1/unit of input, about which "compression" is the derivative of p4 v.
 
     Raises
     ------
@@ -111,98 +129,75 @@ def weak_signals(
     """
     grid = uniform_grid(log.time)
     step = float(grid[1] - grid[0])
-    reach = math.ceil((half_width + abs(delay)) / step)
+    reach = math.ceil((half_width + abs(known.delay)) / step)
     if grid.size < 2 * reach + 1:
         longer = f"{2 * reach * step:.3g} s or more"
         raise InputError(log.source, "time", f"{grid[-1] - grid[0]:.3g} s", longer)
-    angle = resample(log.time, log.angle, grid) - zero
-    delivered = compressed(log.input, compression)
-    inputs, lost = (
-        _mean(log, values, grid - delay, step)
-        for values in (delivered, delivered * np.abs(delivered))
+    angle = resample(log.time, log.angle, grid) - known.zero
+    velocity = _velocity(angle, half_width, step)
+    motion = Motion(
+        angle,
+        velocity,
+        np.sign(velocity),
+        input=_delivered(log, grid - known.delay, step, known.compression),
+        weight=log.added_mass.weight,
+        periods=known.periods,
+        stribeck_velocity=known.stribeck_velocity,
     )
-    width = 2 * max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1) + 1
-    width = min(width, angle.size - 1 + angle.size % 2)
-    velocity = savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step)
     speed = float(np.sqrt(np.mean(velocity**2)))
     still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
     centres = np.arange(reach, grid.size - reach, max(1, round(SPACING * half_width / step)))
-    of = _momentum if balance is Balance.MOMENTUM else _energy
-    columns = of(angle, velocity, inputs, cogging_periods)
-    columns["compression"] = (0, lost if balance is Balance.MOMENTUM else lost * velocity)
-    columns["load"] = (0, log.added_mass.weight * columns["coulomb"][1])
+    column_of = _momentum if balance is Balance.MOMENTUM else _energy
     area = _against(0, np.ones_like(angle), half_width, step, centres[:1])
     return WeakSignals(
         time=grid[centres],
         angle=angle[centres],
         velocity=velocity[centres],
         mean={
-            name: _against(*column, half_width, step, centres) / area
-            for name, column in columns.items()
+            name: _against(*column_of(TERMS[name], motion), half_width, step, centres) / area
+            for name in names
         },
         still=_against(0, still, half_width, step, centres) / area,
     )
 
 
-def _momentum(
-    angle: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    inputs: NDArray[np.float64],
-    periods: float,
-) -> _Columns:
-    """Return what each parameter multiplies: order of the bump's derivative, and (m,) signal."""
-    sign = np.sign(velocity)
-    return {
-        "p1": (2, angle),
-        "p2": (1, -angle),
-        "p3": (0, np.sin(angle)),
-        "p3_offset": (0, np.cos(angle)),
-        "coulomb": (0, sign),
-        "stribeck": (0, _weakening(velocity) * sign),
-        "drag": (0, np.abs(velocity) * velocity),
-        "bias": (0, -np.ones_like(angle)),
-        "cogging": (0, -np.sin(periods * angle)),
-        "cogging_cosine": (0, -np.cos(periods * angle)),
-        "p4": (0, -inputs),
-        "delay": (1, -inputs),
-    }
+def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
+    width = 2 * max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1) + 1
+    width = min(width, angle.size - 1 + angle.size % 2)
+    return np.asarray(savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step))
 
 
-def _energy(
-    angle: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    inputs: NDArray[np.float64],
-    periods: float,
-) -> _Columns:
-    """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
-    speed = np.abs(velocity)
-    return {
-        "p1": (1, -(velocity**2) / 2),
-        "p2": (0, velocity**2),
-        "p3": (1, np.cos(angle)),
-        "p3_offset": (1, -np.sin(angle)),
-        "coulomb": (0, speed),
-        "stribeck": (0, _weakening(velocity) * speed),
-        "drag": (0, speed**3),
-        "bias": (1, angle),
-        "cogging": (1, -np.cos(periods * angle) / periods),
-        "cogging_cosine": (1, np.sin(periods * angle) / periods),
-        "p4": (0, -inputs * velocity),
-    }
-
-
-def _weakening(velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.exp(-((velocity / FrictionTerms.stribeck_velocity) ** 2)))
-
-
-def _mean(
-    log: Log, values: NDArray[np.float64], instants: NDArray[np.float64], step: float
+def _delivered(
+    log: Log, instants: NDArray[np.float64], step: float, compression: float
 ) -> NDArray[np.float64]:
-    """Average values held as the log's input is over ``step`` s about instants; 0 before it."""
+    """Return the delivered input at instants: a held one's mean over the ``step`` s about each."""
+    inputs = compressed(log.input, compression)
     if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        return np.interp(instants, log.time, values, left=0.0)
-    ends = np.concatenate([instants - step / 2, instants[-1:] + step / 2])
-    return held_impulses(log.time, values, ends) / step
+        return hold.value(log.time, inputs, instants, log.intersample)
+    edges = np.concatenate([instants - step / 2, instants[-1:] + step / 2])
+    return hold.mean(log.time, inputs, edges, log.intersample)
+
+
+def _momentum(row: Term, motion: Motion) -> tuple[int, NDArray[np.float64]]:
+    """Return what a parameter multiplies: order of the bump's derivative, and (m,) signal.
+
+    Derivatives of the angle go over to the bump, as does that of the input by which a delay acts.
+    """
+    if row.derivative:
+        return row.derivative, (-1) ** row.derivative * motion.angle
+    if row.basis is None:
+        return 1, -motion.input
+    return 0, row.basis(motion)
+
+
+def _energy(row: Term, motion: Motion) -> tuple[int, NDArray[np.float64]]:
+    """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
+    if row.derivative == 2:  # noqa: PLR2004 - of the angle: the inertia
+        return 1, -(motion.velocity**2) / 2
+    if row.potential is not None:
+        return 1, -row.potential(motion.angle, motion.periods)
+    assert row.basis is not None  # noqa: S101 - a delay is known in the balance of energy
+    return 0, row.basis(motion) * motion.velocity
 
 
 def _against(

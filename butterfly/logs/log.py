@@ -52,28 +52,6 @@ class Sine:
         return np.asarray(self.amplitude * np.sin(self.omega * time))
 
 
-def held_impulses(
-    time: NDArray[np.float64], values: NDArray[np.float64], edges: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Integrate values that are held from each stamp to the next between edges.
-
-    No step is lost or gained, wherever the edges fall; outside the stamps the values count as 0.
-
-    Parameters
-    ----------
-    time, values
-        (n,) stamps in s and values.
-    edges
-        (m,) instants in s.
-
-    Returns
-    -------
-    (m - 1,) integrals.
-    """
-    impulse = np.concatenate([[0.0], np.cumsum(values[:-1] * np.diff(time))])
-    return np.diff(np.interp(edges, time, impulse))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:
     """One experiment: what was commanded and what the encoder saw.
@@ -96,6 +74,8 @@ class Log:
         The sinusoid that was commanded, or None for any other input.
     source
         File or plant that the log came from, for messages.
+    name
+        Unique in its data set; its own file's or run's.
     """
 
     time: NDArray[np.float64]
@@ -107,6 +87,7 @@ class Log:
     added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
     source: str = "log"
+    name: str = ""
 
     def __post_init__(self) -> None:
         n = np.size(self.time)

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import control
 import numpy as np
 
-from butterfly.model.energy import pull, stiffness
-from butterfly.model.harmonic import coulomb_describing_function, gravity_describing_function
+from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
+from butterfly.model.linear import Linearisation
+from butterfly.model.parameters import compressed
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Motion, torque_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -20,24 +22,38 @@ if TYPE_CHECKING:
 def state_space(parameters: LumpedParameters, angle: float = 0.0) -> control.StateSpace:
     """Linearise about rest at ``angle`` rad: states angle and velocity, input the command.
 
-    Coulomb friction and delay are left out; see `transfer_function` for the delay.
+    With an armature's lag the motor's torque is a third state. What `Linearisation` leaves out is
+    left out, and the delay; see `transfer_function` for that.
     """
-    p = parameters
+    p = Linearisation.of(parameters, angle)
+    a = np.array(
+        [
+            [0.0, 1.0, 0.0],
+            [-p.stiffness / p.inertia, -p.damping / p.inertia, 1 / p.inertia],
+            [0.0, 0.0, 0.0],
+        ]
+    )
+    b = np.array([[0.0], [p.gain / p.inertia], [0.0]])
+    count = 2
+    if p.time_constant > 0:
+        count = 3
+        a[2, 1:] = -p.back_emf / p.time_constant, -1 / p.time_constant
+        b[1:, 0] = 0.0, p.gain / p.time_constant
     return control.ss(
-        [[0.0, 1.0], [-stiffness(p, angle) / p.p1, -p.p2 / p.p1]],
-        [[0.0], [p.p4 / p.p1]],
-        np.eye(2),
+        a[:count, :count],
+        b[:count],
+        np.eye(2, count),
         np.zeros((2, 1)),
         inputs=["command"],
         outputs=["angle", "velocity"],
-        states=["angle", "velocity"],
+        states=["angle", "velocity", "torque"][:count],
     )
 
 
 def transfer_function(
     parameters: LumpedParameters, *, pade_order: int = 0
 ) -> control.TransferFunction:
-    """G(s) from command to angle about the hanging position (13).
+    """G(s) from command to angle about the hanging position (13), the armature's lag included.
 
     Parameters
     ----------
@@ -46,8 +62,9 @@ def transfer_function(
     pade_order
         Of the approximation of the delay; 0 leaves it out.
     """
-    p = parameters
-    plant = control.tf([p.p4], [p.p1, p.p2, p.p3])
+    p = Linearisation.of(parameters)
+    slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
+    plant = control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
     if pade_order == 0 or p.delay == 0:
         return plant
     return plant * control.tf(*control.pade(p.delay, pade_order))
@@ -84,27 +101,46 @@ def nonlinear_system(
 ) -> control.NonlinearIOSystem:
     """Return the whole equation as an input/output system, from command to angle and velocity.
 
+    The armature's lag adds the motor's torque to the states, bristles add their deflection.
+
     Parameters
     ----------
     parameters
         Of the hand with what it carries; the delay is left out.
     smoothing
-        Velocity in rad/s over which Coulomb friction changes its sign; python-control's solvers
-        need a continuous right-hand side, so it creeps at rest.
+        Velocity in rad/s over which friction without bristles changes its sign; python-control's
+        solvers need a continuous right-hand side, so it creeps at rest.
     """
     p = parameters
+    lagging, bending = p.time_constant > 0, p.bristle_stiffness > 0
+    names = ["angle", "velocity", *["torque"] * lagging, *["deflection"] * bending]
+    sliding = [row for row in (*CONSERVATIVE, *DISSIPATIVE) if not (bending and row.dry)]
 
     def update(_: float, state: NDArray[np.float64], command: Any, __: Any) -> list[float]:  # noqa: ANN401
-        x, v = float(state[0]), float(state[1])
-        torque = p.p4 * float(np.ravel(command)[0]) + pull(p, x)
-        torque -= (p.p2 + p.drag * abs(v)) * v + p.level(v) * math.tanh(v / smoothing)
-        return [v, torque / p.p1]
+        now = dict(zip(names, map(float, state), strict=True))
+        v = now["velocity"]
+        motion = Motion.of(p, now["angle"], v)._replace(direction=math.tanh(v / smoothing))
+        back_emf = p.back_emf * v if lagging else 0.0
+        drive = p.p4 * float(compressed(np.ravel(command)[:1], p.compression)[0]) - back_emf
+        torque = back_emf - torque_of(p, motion, sliding)
+        rates = [v, 0.0]
+        if lagging:
+            torque += now["torque"]
+            rates.append((drive - now["torque"]) / p.time_constant)
+        else:
+            torque += drive
+        if bending:
+            bend = now["deflection"]
+            rates.append(v - p.bristle_stiffness * abs(v) * bend / p.level(v))
+            torque -= p.bristle_stiffness * bend + p.bristle_damping * rates[-1]
+        rates[1] = torque / p.p1
+        return rates
 
     return control.nlsys(
         update,
-        lambda _t, state, _command, _parameters: state,
+        lambda _t, state, _command, _parameters: state[:2],
         inputs=["command"],
         outputs=["angle", "velocity"],
-        states=["angle", "velocity"],
+        states=names,
         name="hand",
     )

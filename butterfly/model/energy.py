@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from butterfly.errors import InputError
+from butterfly.model.terms import CONSERVATIVE, Motion, torque_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,35 +20,47 @@ if TYPE_CHECKING:
 
     from butterfly.model.parameters import LumpedParameters
 
-_GRID = 721  # angles in a turn at which the potential is looked at
+_GRID = 721  # angles at which the potential is looked at
 _POINTS = 1000  # of the quadrature over half a period
+_ASIDE = 1e-20  # rad, of an imaginary step
 
 
-def potential(p: LumpedParameters, angle: float) -> float:
-    """Potential energy in J above that at angle 0: gravity, offset, bias and cogging."""
-    raised = 2 * p.p3 * math.sin(angle / 2) ** 2 + p.p3_offset * math.sin(angle) - p.bias * angle
-    turned = p.cogging_periods * angle
-    raised -= 2 * p.cogging / p.cogging_periods * math.sin(turned / 2) ** 2
-    return raised - p.cogging_cosine / p.cogging_periods * math.sin(turned)
+def potential(p: LumpedParameters, angle: Any) -> Any:  # noqa: ANN401
+    """Potential energy in J above that at angle 0: gravity, offset, bias and cogging.
+
+    Parameters
+    ----------
+    p
+        Of the hand with what it carries.
+    angle
+        In rad; a number, or an array.
+    """
+    total = 0.0 * angle
+    for row in CONSERVATIVE:
+        value = getattr(p, row.name)
+        if value:
+            assert row.potential is not None  # noqa: S101 - or it would not be conservative
+            total = total + value * row.potential(angle, p.cogging_periods)
+    return total
 
 
 def pull(p: LumpedParameters, angle: float) -> float:
     """Torque in N m of the potential at an angle in rad: its slope, downwards."""
-    turned = p.cogging_periods * angle
-    torque = p.bias - p.p3 * math.sin(angle) - p.p3_offset * math.cos(angle)
-    return torque + p.cogging * math.sin(turned) + p.cogging_cosine * math.cos(turned)
+    return -torque_of(p, Motion.of(p, angle, 0.0), CONSERVATIVE)  # type: ignore[no-any-return]
 
 
 def stiffness(p: LumpedParameters, angle: float) -> float:
-    """Curvature in N m/rad of the potential at an angle in rad."""
-    turned = p.cogging_periods * angle
-    ripple = p.cogging * math.cos(turned) - p.cogging_cosine * math.sin(turned)
-    weight = p.p3 * math.cos(angle) - p.p3_offset * math.sin(angle)
-    return weight - p.cogging_periods * ripple
+    """Curvature in N m/rad of the potential at an angle in rad.
+
+    The imaginary part of the slope at a complex angle next to the real one, which is exact to
+    rounding (Squire & Trapp, SIAM Review 40, 1998).
+    """
+    beside = Motion.of(p, angle + 1j * _ASIDE, 0.0)
+    return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
 
-def energy(p: LumpedParameters, angle: float, velocity: float) -> float:
-    """E = p1 thd^2/2 + potential (105), in J."""
+def energy(p: LumpedParameters, angle: Any, velocity: Any) -> Any:  # noqa: ANN401
+    """E = p1 thd^2/2 + potential (105), in J; of numbers, or of arrays."""
     return 0.5 * p.p1 * velocity**2 + potential(p, angle)
 
 
@@ -79,12 +92,16 @@ class Orbit:
         InputError
             If it is not between the energy at rest and that at which the hand turns over; for a
             plain pendulum, 0 < E* < 2 p3 (the condition that (108) means).
+
+        A hand with p3 < 0 rests upside down, and swings about pi.
         """
-        angles = np.linspace(-math.pi, math.pi, _GRID)
-        levels = np.array([potential(parameters, angle) for angle in angles.tolist()])
-        bottom = int(np.argmin(levels))
-        wall = min(float(levels[: bottom + 1].max()), float(levels[bottom:].max()))
-        floor = float(levels[bottom])
+        turn = np.linspace(-math.pi, math.pi, _GRID)
+        lowest = turn[np.argmin(potential(parameters, turn))]
+        angles = lowest + 1.5 * np.linspace(-math.pi, math.pi, _GRID)
+        levels = potential(parameters, angles)
+        bottom = _GRID // 2
+        wall = min(float(levels[:bottom].max()), float(levels[bottom:].max()))
+        floor = float(levels.min(initial=levels[bottom], where=np.abs(angles - lowest) < math.pi))
         if not floor < target < wall:
             raise InputError(
                 "orbit",
@@ -94,7 +111,7 @@ class Orbit:
             )
 
         def excess(angle: float) -> float:
-            return potential(parameters, angle) - target
+            return float(potential(parameters, angle)) - target
 
         below = np.flatnonzero(levels[:bottom] > target)[-1]
         above = bottom + np.flatnonzero(levels[bottom:] > target)[0]
@@ -113,7 +130,7 @@ class Orbit:
         """
         if not 0 < amplitude < math.pi:
             raise InputError("orbit", "amplitude", f"{amplitude:g} rad", "between 0 and pi")
-        return cls.of_energy(parameters, potential(parameters, amplitude))
+        return cls.of_energy(parameters, float(potential(parameters, amplitude)))
 
     @classmethod
     def of_state(cls, parameters: LumpedParameters, angle: float, velocity: float) -> Orbit:
@@ -124,7 +141,7 @@ class Orbit:
         InputError
             If there is none.
         """
-        return cls.of_energy(parameters, energy(parameters, angle, velocity))
+        return cls.of_energy(parameters, float(energy(parameters, angle, velocity)))
 
     @property
     def period(self) -> float:
@@ -147,16 +164,14 @@ class Orbit:
         solved = solve_ivp(rhs, span, [self.upper, 0.0], "DOP853", times, rtol=1e-12, atol=1e-13)
         return solved.y[0], solved.y[1]
 
-    def _over_angle(self, integrand: Callable[[float], float]) -> float:
-        """Integrate a function of the speed over the angle, its square-root ends straightened."""
-        p, middle = self.parameters, 0.5 * (self.lower + self.upper)
-        reach = 0.5 * (self.upper - self.lower)
+    def _over_angle(self, integrand: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> float:
+        """Integrate a function of the speed over the angle, its square-root ends straightened.
 
-        # In the phase the integrand is periodic and smooth: the midpoint rule converges
-        # exponentially.
-        total, step = 0.0, math.pi / _POINTS
-        for k in range(_POINTS):
-            phase = (k + 0.5) * step - math.pi / 2
-            left = self.energy - potential(p, middle + reach * math.sin(phase))
-            total += integrand(math.sqrt(2 * left / p.p1)) * reach * math.cos(phase)
-        return total * step
+        In the phase the integrand is periodic and smooth: the midpoint rule converges
+        exponentially.
+        """
+        p, middle = self.parameters, 0.5 * (self.lower + self.upper)
+        reach, step = 0.5 * (self.upper - self.lower), math.pi / _POINTS
+        phase = (np.arange(_POINTS) + 0.5) * step - math.pi / 2
+        left = self.energy - potential(p, middle + reach * np.sin(phase))
+        return float(np.sum(integrand(np.sqrt(2 * left / p.p1)) * reach * np.cos(phase)) * step)

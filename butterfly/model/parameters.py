@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.friction import Friction, FrictionTerms
+from butterfly.model.friction import Friction
+from butterfly.model.terms import FrictionTerms
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

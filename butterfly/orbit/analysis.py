@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from scipy.integrate import solve_ivp
+from scipy.integrate import simpson, solve_ivp
 
 from butterfly.model.energy import energy, pull, stiffness
 
@@ -30,8 +30,7 @@ def invariant(
     velocity: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return (n,) values of I = E - E* (107) in J along a motion."""
-    pairs = zip(angle.tolist(), velocity.tolist(), strict=True)
-    return np.array([energy(parameters, x, v) - orbit.energy for x, v in pairs])
+    return np.asarray(energy(parameters, angle, velocity) - orbit.energy)
 
 
 def comparison_factors(orbit: Orbit, gamma: float, count: int) -> NDArray[np.float64]:
@@ -48,7 +47,7 @@ def comparison_factors(orbit: Orbit, gamma: float, count: int) -> NDArray[np.flo
     _, velocity = orbit.solution(times)
     squared = velocity**2
     parts = [slice(k * _FINE, (k + 1) * _FINE + 1) for k in range(count)]
-    areas = np.array([_simpson(squared[part], times[part]) for part in parts])
+    areas = np.array([simpson(squared[part], x=times[part]) for part in parts])
     return np.exp(-abs(orbit.parameters.p4) * gamma * areas)
 
 
@@ -139,10 +138,3 @@ def _turning_points(time: NDArray[np.float64], angle: NDArray[np.float64]) -> li
         fine = np.linspace(float(fit.domain[0]), float(fit.domain[1]), 201)
         heights.append(float(fit(fine).max()))
     return heights
-
-
-def _simpson(values: NDArray[np.float64], times: NDArray[np.float64]) -> float:
-    """Integrate an odd number of equally spaced values."""
-    weights = np.ones(values.size)
-    weights[1:-1:2], weights[2:-1:2] = 4, 2
-    return float(weights @ values * (times[1] - times[0]) / 3)

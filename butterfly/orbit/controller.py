@@ -9,6 +9,7 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
+from butterfly.model.terms import DISSIPATIVE, Motion, torque_of
 from butterfly.orbit.velocity import FilteredDifference
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     Target = Callable[[LumpedParameters], Orbit]
 
+_FRICTION = tuple(row for row in DISSIPATIVE if row.name != "p2")
 _STARTED = 0.01  # share of the target's energy above which the hand needs no kick
 _LEAST_GAIN = 0.1  # share of its gain that a drive is believed to keep at any command
 _SINES = 12  # of a dither
@@ -120,13 +122,12 @@ class EnergyShaping:
         excess = energy(p, angle, speed) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
         if self._compensate_terms and abs(speed) > _STANDSTILL:
-            braking = p.level(speed) + p.drag * speed**2
-            command += math.copysign(braking, speed) / p.p4
+            command += torque_of(p, Motion.of(p, angle, speed), _FRICTION) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         if excess < (1 - _STARTED) * (self._rest - self._target):
             command += math.copysign(self._kick, speed)
-        self._command = command
-        return command
+        self._command = float(command)
+        return self._command
 
 
 class Dithered:

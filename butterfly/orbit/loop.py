@@ -11,7 +11,8 @@ from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.analysis import swing
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
-from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
+from butterfly.orbit.options import RecalibrationOptions
+from butterfly.orbit.recalibration import Recalibration, recalibrate
 from butterfly.orbit.velocity import FilteredDifference
 from butterfly.progress import Track, untracked
 

@@ -1,39 +1,44 @@
-"""Re-calibrate while the loop runs, by recursive least squares with forgetting."""
+"""Re-calibrate while the loop runs, by least squares that forgets."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from butterfly.errors import InputError, require_number
+from butterfly.identify.findings import Finding, FindingKind
+from butterfly.identify.regression import Regression
 from butterfly.identify.weak_signals import SPACING, weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import gain_for
-from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.regression import BASE, least
+from butterfly.orbit.options import BASE, LEAST, RecalibrationOptions
+from butterfly.orbit.recalibration import estimate_of, from_ratios
+from butterfly.orbit.selection import SEGMENT, Equations
 from butterfly.plant.motor import CommandPath
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.controller import EnergyShaping, Target
     from butterfly.plant.bench import ControlLaw
     from butterfly.plant.motor import Reading
 
 _FEWEST = 20  # readings in a test function
 _MARGIN = 3  # readings by which the buffer is longer than a test function
+_FORGOTTEN = 12.0  # memories after which a row, its weight e^-12, is thrown away
 
 
 class OnlineRecalibration:
     """Ratios p_i/p1 by the weak form, updated twice in each half-width of its test functions.
 
-    The recursion keeps the normal equations, old ones fading as exp(-age/memory), and solves them
-    under the constraints p2, p4, friction >= 0; without constraints this is recursive least
-    squares with forgetting (Ljung, System Identification, 2nd ed., 11.2).
+    The rows of the past fade as exp(-age/memory) and are solved under the constraints p2, p4,
+    friction >= 0; without constraints this is recursive least squares with forgetting (Ljung,
+    System Identification, 2nd ed., 11.2).
 
     Parameters
     ----------
@@ -62,10 +67,10 @@ class OnlineRecalibration:
         self._options = options
         self._names = (*BASE[1:], *terms)
         self._keep = math.exp(-SPACING * options.half_width / memory)
-        self._information = np.zeros((len(self._names), len(self._names)))
-        self._moment = np.zeros(len(self._names))
+        longest = math.ceil(_FORGOTTEN / -math.log(self._keep))
+        self._rows: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=longest)
         self._samples: list[tuple[float, float, float]] = []
-        self._rows = 0
+        self._count = 0
 
     def observe(self, reading: Reading, command: float) -> bool:
         """Take in a reading and the command that followed it; return whether a row was added.
@@ -95,41 +100,54 @@ class OnlineRecalibration:
             intersample=Intersample.ZERO_ORDER_HOLD,
             source="control loop",
         )
-        signals = weak_signals(
-            log,
-            0.0,
-            options.half_width,
-            options.delay,
-            balance=options.balance,
-            cogging_periods=options.cogging_periods,
-        )
+        names = ("p1", *self._names)
+        known = options.known(0.0)
+        signals = weak_signals(log, names, known, options.half_width, options.balance)
         if not signals.moving[0]:
             return False
-        row = np.array([signals.mean[name][0] for name in self._names])
-        self._information = self._keep * self._information + np.outer(row, row)
-        self._moment = self._keep * self._moment - row * signals.mean["p1"][0]
-        self._rows += 1
+        self._rows.append((self._count, np.array([signals.mean[name][0] for name in names])))
+        self._count += 1
         return True
 
     @property
     def is_ready(self) -> bool:
         """Whether there is twice as much data as unknowns."""
-        return self._rows >= 2 * len(self._names)
+        return self._count >= 2 * len(self._names)
 
     def ratios(self) -> NDArray[np.float64]:
         """(n,) current p2/p1, p3/p1, p4/p1 and terms over p1."""
-        scale = np.sqrt(np.diag(self._information))
-        scale[scale == 0] = 1.0  # a column of zeros stays without effect
-        values, axes = np.linalg.eigh(self._information / np.outer(scale, scale))
-        root = np.sqrt(np.maximum(values, values[-1] * 1e-14))
-        rows, target = (axes * root).T, (axes / root).T @ (self._moment / scale)
-        bounds = (least(self._names), np.inf)
-        return np.asarray(lsq_linear(rows, target, bounds, method="bvls").x / scale)
+        return self._regression().solve().values
 
     def parameters(self, inertia: float = 1.0) -> LumpedParameters:
         """Return the current parameters of the hand with what it carries, p1 = ``inertia``."""
-        scaled = dict(zip(self._names, (inertia * self.ratios()).tolist(), strict=True))
-        return LumpedParameters(p1=inertia, **scaled, cogging_periods=self._options.cogging_periods)
+        ratios = dict(zip(self._names, self.ratios().tolist(), strict=True))
+        return from_ratios(ratios, inertia, self._options.cogging_periods)
+
+    def estimate(self) -> ParameterEstimate:
+        """Return the current ratios to p1, and how far to trust them.
+
+        Raises
+        ------
+        IdentifiabilityError
+            If the motion so far cannot tell the parameters apart.
+        """
+        regression = self._regression()
+        equations = Equations(regression=regression, run=np.zeros(len(self._rows), dtype=np.intp))
+        ratios = Finding(kind=FindingKind.RATIOS)
+        return estimate_of(equations, regression.solve(), "on-line", ratios)
+
+    def _regression(self) -> Regression:
+        """Put the rows together, each fading with its age, p1 counting as 1."""
+        numbers = np.array([number for number, _ in self._rows])
+        rows = np.array([row for _, row in self._rows])
+        rows *= self._keep ** (0.5 * (numbers[-1] - numbers))[:, None]
+        return Regression(
+            names=self._names,
+            rows=rows[:, 1:],
+            target=-rows[:, 0],
+            cluster=numbers // SEGMENT,
+            least=LEAST,
+        )
 
 
 class SelfTuning:

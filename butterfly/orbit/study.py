@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import free_run
+from butterfly.identify.predict import Setting, free_run
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.orbit.controller import Dithered
 from butterfly.orbit.loop import calibrate
-from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
+from butterfly.orbit.recalibration import recalibrate
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.loop import Calibration, Plan, Rig
+    from butterfly.orbit.options import RecalibrationOptions
 
 PERIODS = 5
 """Length of the free runs that are compared, in periods of the orbit."""
@@ -147,5 +148,4 @@ def prediction_error(
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
-    error = free_run(cut, loaded, zero).simulated - cut.angle
-    return float(np.sqrt(np.mean(error**2)))
+    return free_run(cut, Setting(parameters=loaded, zero=zero)).rms

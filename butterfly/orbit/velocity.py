@@ -6,9 +6,13 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from butterfly.errors import require_number
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Motion, torque_of
 
 if TYPE_CHECKING:
     from butterfly.model.parameters import LumpedParameters
+
+_STANDSTILL = 1e-3  # rad/s, below which friction has no sign
+_STATIC = (*CONSERVATIVE, *DISSIPATIVE)
 
 
 class VelocityEstimator(Protocol):
@@ -60,6 +64,8 @@ class FilteredDifference:
 class Observer:
     """Luenberger's observer with the model: without lag where the model is right.
 
+    The delay, the armature's lag and bristles are left out of it.
+
     Parameters
     ----------
     parameters
@@ -94,14 +100,13 @@ class Observer:
         else:
             p, step = self._p, time - self._time
             error = angle - self._angle
-            braked = p.p2 * self._velocity + p.p3 * math.sin(self._angle)
-            if abs(self._velocity) > _STANDSTILL:
-                braked += math.copysign(p.coulomb, self._velocity)
-            rate = (p.p4 * command - braked) / p.p1 + self._gains[1] * error
+            motion = Motion.of(p, self._angle, self._velocity)
+            if abs(self._velocity) <= _STANDSTILL:
+                motion = motion._replace(direction=0.0)
+            delivered = command / (1 + p.compression * abs(command))
+            torque = p.p4 * delivered - torque_of(p, motion, _STATIC)
+            rate = torque / p.p1 + self._gains[1] * error
             self._angle += step * (self._velocity + 0.5 * step * rate + self._gains[0] * error)
             self._velocity += step * rate
         self._time = time
         return self._velocity
-
-
-_STANDSTILL = 1e-3  # rad/s, below which friction has no sign

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.logs.log import Intersample, held_impulses
 from butterfly.model.parameters import compressed
+from butterfly.signals import hold
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,9 +43,7 @@ def replay_input(
     joint.reset()
     steps = np.diff(log.time)
     inputs = compressed(log.input, compression)
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        inputs = 0.5 * (np.append(inputs[1:], 0.0) + inputs)  # the mean of each interval
-    means = held_impulses(log.time, inputs, log.time - delay) / steps
+    means = hold.mean(log.time, inputs, log.time - delay, log.intersample)
     angles = np.empty(log.time.size)
     angles[0] = joint.angle
     for k, (mean, step) in enumerate(zip(means.tolist(), steps.tolist(), strict=True), start=1):

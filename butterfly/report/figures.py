@@ -8,13 +8,14 @@ import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.model.harmonic import frequency_response, quasi_linear_response
+from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import frequency_response
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from butterfly.identify.free_run import FreeRun
     from butterfly.identify.identification import Identification
+    from butterfly.identify.predict import FreeRun
     from butterfly.signals.frequency_response import ResponsePoint
 
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from butterfly.experiment.record import ParameterRecord
 from butterfly.files import replacing
-from butterfly.identify.estimate import UNITS
 from butterfly.logs.log import InputKind
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.terms import TERMS
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.format import interval, with_error
 from butterfly.report.page import render, write_beside
+from butterfly.report.words import sentences
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,18 +24,6 @@ if TYPE_CHECKING:
 
     from butterfly.identify.identification import Identification
     from butterfly.model.parameters import LumpedParameters
-
-SYMBOLS = {
-    "p1": "p₁",
-    "p2": "p₂",
-    "p3": "p₃",
-    "p4": "p₄",
-    "coulomb": "T_c",
-    "p3_offset": "p₃ offset",
-    "stribeck_velocity": "Stribeck velocity",
-    "cogging_cosine": "cogging, cosine",
-}
-"""How each parameter is printed, if not by its name."""
 
 _INPUT_UNITS = {InputKind.VOLTAGE: "V", InputKind.TORQUE: "unit"}
 
@@ -64,8 +53,8 @@ def rows_of(parameters: Sequence[ParameterRecord], input_kind: InputKind) -> lis
     """Tabulate the records of parameters; ``input_kind`` tells the unit of p4."""
     return [
         ParameterRow(
-            symbol=SYMBOLS.get(each.parameter, each.parameter),
-            unit=UNITS[each.parameter].replace("unit", _INPUT_UNITS[input_kind]),
+            symbol=TERMS[each.parameter].symbol,
+            unit=TERMS[each.parameter].unit.replace("unit", _INPUT_UNITS[input_kind]),
             value=with_error(each.value, _or_nan(each.standard_error)),
             error="–" if each.standard_error is None else f"{each.standard_error:#.2g}",
             interval=interval(_or_nan(each.lower), _or_nan(each.upper)),
@@ -89,7 +78,7 @@ def summary(identification: Identification) -> list[str]:
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
-        *identification.estimate.verdict,
+        *sentences(identification.estimate),
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
 
@@ -156,16 +145,17 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
         "method": estimate.method,
         "parameters": {each.parameter: each.numbers() for each in _records(identification, truth)},
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
-        "fits": {run.log.source: run.fit for run in identification.free_runs},
-        "verdict": list(estimate.verdict),
+        "fits": {run.log.name: run.fit for run in identification.free_runs},
+        "ending": estimate.ending,
+        "findings": [asdict(finding) for finding in estimate.findings],
+        "verdict": sentences(estimate),
     }
 
 
 def _records(
     identification: Identification, truth: LumpedParameters | None
 ) -> tuple[ParameterRecord, ...]:
-    estimate = identification.estimate
-    return ParameterRecord.all_of(estimate, truth, list(estimate.left_out.values()))
+    return ParameterRecord.all_of(identification.estimate, truth)
 
 
 def _or_nan(value: float | None) -> float:

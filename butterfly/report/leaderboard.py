@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from butterfly.compare.leaderboard import Entry
-    from butterfly.identify.free_run import FitSummary
+    from butterfly.identify.predict import FitSummary
 
 
 def leaderboard_page(entries: Sequence[Entry]) -> Page:

@@ -15,6 +15,7 @@ from butterfly.orbit.study import PERIODS
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import interval, with_error
 from butterfly.report.page import Page, Section, Table
+from butterfly.report.words import sentences
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,7 +63,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         Section(
             title="Parameters",
             tables=(_parameters_table(study, truth),),
-            text=" ".join(rounds[-1].recalibration.verdict),
+            text=" ".join(sentences(rounds[-1].recalibration.estimate)),
         ),
         Section(
             title="Free-run prediction next to the orbit",
@@ -109,9 +110,9 @@ def summary(study: OrbitStudy) -> list[str]:
         f"Next to the orbit the re-calibrated model's free run is off by "
         f"{_degrees(study.errors['re-calibrated'])}° rms, the model it began with by "
         f"{_degrees(generic)}°: {better:.3g} times less.",
-        f"Estimated by {recalibration.method}: {', '.join(recalibration.names)}; "
+        f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
         f"terms that did not help on held-out data: {rejected}.",
-        *recalibration.verdict,
+        *sentences(recalibration.estimate),
     ]
 
 
@@ -143,14 +144,14 @@ def _rounds_table(rounds: tuple[Round, ...]) -> Table:
 def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Table:
     last = study.calibration.rounds[-1]
     found, generic = last.recalibration, study.generic
-    rows = []
+    estimate, rows = found.estimate, []
     for k, name in enumerate(found.names):
-        value, error = float(found.values[k]), float(found.standard_errors[k])
-        ratio = not found.is_absolute and name != "compression"
+        value, error = float(estimate.values[k]), float(estimate.standard_errors[k])
+        ratio = found.is_ratio(name)
         scale = generic.p1 if ratio else 1.0
         symbol = _RATIOS.get(name, f"{name}/p₁") if ratio else name
         true = "" if truth is None else f"{getattr(truth, name) / (truth.p1 if ratio else 1):.6g}"
-        limits = interval(float(found.lower[k]), float(found.upper[k]))
+        limits = interval(float(estimate.lower[k]), float(estimate.upper[k]))
         before = f"{getattr(generic, name) / scale:.5g}" if ratio else "–"
         rows.append((symbol, with_error(value, error), f"{error:.2g}", limits, before, true))
     return Table(

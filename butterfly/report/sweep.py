@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.experiment.columns import MISSING
-from butterfly.experiment.record import CONVERGED, OK
-from butterfly.report.identification import SYMBOLS
+from butterfly.experiment.record import OK
+from butterfly.identify.findings import Ending
+from butterfly.model.terms import TERMS
 from butterfly.report.page import Link, Page, Section, Table
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
 
@@ -105,7 +106,7 @@ def _recovery_table(table: Estimates) -> Table:
             largest = float(np.abs(deviation).max())
             statistics = tuple(f"{100 * value:.3g}" for value in (middle, rms, largest))
         count = str(group["value"].size)
-        rows.append((method, SYMBOLS.get(name, name), count, *statistics, coverage))
+        rows.append((method, TERMS[name].symbol, count, *statistics, coverage))
     headers = (
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
         *("largest in %", "coverage in %"),
@@ -143,7 +144,7 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         seen.add(run)
         link = _link(main["number"][k], str(main["key"][k]))
         name = str(main["parameter"][k])
-        deviation = f"{SYMBOLS.get(name, name)} {100 * main['deviation'][k]:+.3g}"
+        deviation = f"{TERMS[name].symbol} {100 * main['deviation'][k]:+.3g}"
         values = (short(main[field][k]) for field in fields)
         rows.append((link, run[1], deviation, f"{main['fit_median'][k]:.1f}", *values))
     headers = ("run", "estimator", "deviation in %", "median FIT in %", *fields)
@@ -157,7 +158,7 @@ def _endings(table: Estimates) -> dict[tuple[float, str], str]:
 
 
 def _unconverged_table(table: Estimates) -> Table:
-    rest = table.take(table["ending"] != CONVERGED)
+    rest = table.take(table["ending"] != Ending.CONVERGED)
     listed = dict.fromkeys(
         zip(*(rest[name].tolist() for name in _TOLD), strict=True),
     )
@@ -206,7 +207,7 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
         sentences.append(f"{missing} of them are still to be done.")
     endings = list(_endings(table).values())
     if endings:
-        missed = sum(ending != CONVERGED for ending in endings)
+        missed = sum(ending != Ending.CONVERGED for ending in endings)
         sentences.append(f"{missed} of {len(endings)} estimates did not converge.")
     size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
     if size.size:
@@ -225,7 +226,7 @@ def _numbers(table: Estimates, status: NDArray[Any]) -> dict[str, Any]:
     return {
         "runs": int(status.size),
         "ok": int((status == OK).sum()),
-        "unconverged": sum(ending != CONVERGED for ending in _endings(table).values()),
+        "unconverged": sum(ending != Ending.CONVERGED for ending in _endings(table).values()),
         "recovery": [
             {
                 "estimator": method,

@@ -9,8 +9,8 @@ import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
+from butterfly.model.terms import TERMS
 from butterfly.report.figures import PALETTE
-from butterfly.report.identification import SYMBOLS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,7 +96,7 @@ def axis_figure(table: Estimates, field: str) -> Figure | None:
                 row=row,
                 col=1,
             )
-            figure.update_yaxes(title=f"{SYMBOLS.get(name, name)} in %", row=row)
+            figure.update_yaxes(title=f"{TERMS[name].symbol} in %", row=row)
     figure.update_xaxes(title=field, row=len(names))
     if _spans_decades(table[field]):
         figure.update_xaxes(type="log")

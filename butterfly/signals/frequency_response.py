@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.logs.log import Intersample
+from butterfly.signals import hold
 from butterfly.signals.sine_fit import SineFit, fit_sine
 from butterfly.signals.window import STEADY_SECONDS, steady_window
 
@@ -101,17 +101,8 @@ def response_point(
     response = fit_sine(time, angle, omega, pole=pole)
     return ResponsePoint(
         added_mass=log.added_mass,
-        input=command.fundamental * _hold(log, omega),
+        input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
         angle=response,
         drift=(halves[1] - halves[0]) / response.amplitude,
         label=log.label,
     )
-
-
-def _hold(log: Log, omega: float) -> complex:
-    """Gain at ``omega`` of the hold between samples, at the log's mean sampling period."""
-    half = 0.5 * omega * log.mean_step
-    shape = np.sinc(half / np.pi)
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        return complex(shape**2)
-    return complex(shape * np.exp(-1j * half))

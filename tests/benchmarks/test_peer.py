@@ -5,10 +5,10 @@ import time
 import mujoco
 import numpy as np
 import pytest
+from butterfly.identify.methods import Method, Options, estimate
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.data import DataSet
-from butterfly.identify.methods import Method, Options, estimate
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive

@@ -8,14 +8,13 @@ import time
 import mujoco
 import numpy as np
 import pytest
+from butterfly.identify.free_run import free_run
+from butterfly.identify.free_run_problem import FreeRunProblem
 from mujoco.rollout import Rollout
 from scipy.io import loadmat
 
-from butterfly.identify.free_run import free_run
-from butterfly.identify.free_run_problem import FreeRunProblem, OutputErrorOptions
-from butterfly.identify.harmonic_balance import fit_harmonic_balance
+from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.identification import identify
-from butterfly.identify.output_error import fit_output_error
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.friction import Friction
@@ -45,7 +44,7 @@ def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_mani
 
 
 def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
-    fit = _seconds(lambda: fit_harmonic_balance(real.data.sines))
+    fit = _seconds(lambda: HarmonicBalance().of_points(real.data.sines))
     parameters, rest = real.estimate.parameters, real.data.equilibria
     runs = _seconds(lambda: [free_run(g, parameters, rest[g.added_mass]) for g in real.data.logs])
     print(f"\nharmonic balance {1e3 * fit:.1f} ms, free run of 41 logs {1e3 * runs:.0f} ms")
@@ -54,8 +53,8 @@ def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
 
 def test_the_joint_output_error_fit_costs_less_than_250_simulations_of_every_log(real):
     data, start = real.data, real.estimate.parameters
-    options = OutputErrorOptions(check=False, workers=1)
-    fit = _seconds(lambda: fit_output_error(data.logs, start, data.equilibria, options), 2)
+    options = OutputError(check=False, workers=1)
+    fit = _seconds(lambda: options.of_logs(data.logs, start, data.equilibria), 2)
     problem = FreeRunProblem(data.logs, start, data.equilibria, options)
     once = _seconds(lambda: problem.residuals(problem.initial))
     print(f"\noutput error, 12 parameters, one core: {fit:.2f} s, {fit / once:.0f} simulations")

@@ -10,24 +10,27 @@ from hypothesis import strategies as st
 from butterfly.experiment.record import (
     CrossRecord,
     EstimateRecord,
-    FindingRecord,
     OrbitRecord,
     ParameterRecord,
     PlannedRun,
     RunRecord,
     SweepRecord,
 )
-from butterfly.identify.free_run import FitSummary
+from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.predict import FitSummary
 
 PARAMETER = ParameterRecord(
     parameter="p3", value=0.05, standard_error=1e-4, lower=0.0498, upper=0.0502, true=0.04
 )
+ON_BOUND = Finding(
+    kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Severity.CARE
+)
 ESTIMATE = EstimateRecord(
     estimator="output-error(drag)",
-    ending="stopped",
+    ending=Ending.STOPPED,
     parameters=(PARAMETER,),
     condition=3.0,
-    findings=(FindingRecord(kind="at-bound", parameters=("p2",), number=1.5, severity="warning"),),
+    findings=(ON_BOUND,),
     fit=FitSummary(99.0, -math.inf, -3e4),
 )
 ORBIT = OrbitRecord(

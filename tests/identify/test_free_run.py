@@ -2,15 +2,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from butterfly.identify.free_run import FitSummary, FreeRun, free_run
+from butterfly.identify.methods import Method, Options
 
 from butterfly.identify.comparison import compare
 from butterfly.identify.data import DataSet
-from butterfly.identify.free_run import FitSummary, FreeRun, free_run
 from butterfly.identify.identification import identify
-from butterfly.identify.methods import Method, Options
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
 from tests.conftest import ROBOT
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.estimate import PARAMETERS
-from butterfly.identify.harmonic_balance import fit_harmonic_balance
+from butterfly.identify.estimators import HarmonicBalance
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.terms import PARAMETERS
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.sine_fit import SineFit
 from tests.conftest import MASSES, ROBOT
@@ -57,14 +57,14 @@ robots = st.builds(
 
 @given(robots)
 def test_a_noise_free_balance_gives_back_the_robot(robot):
-    estimate = fit_harmonic_balance(_points(robot))
+    estimate = HarmonicBalance().of_points(_points(robot))
     scale = np.array([robot.p1, 1e-3, 0.05, robot.p4, 1e-3, 0.01])
     np.testing.assert_allclose(estimate.values / scale, _vector(robot) / scale, atol=1e-6)
 
 
 def test_standard_errors_match_repeated_experiments_and_intervals_cover():
     truth = _vector(ROBOT)
-    fits = [fit_harmonic_balance(_points(ROBOT, noise=5e-4, seed=k)) for k in range(200)]
+    fits = [HarmonicBalance().of_points(_points(ROBOT, noise=5e-4, seed=k)) for k in range(200)]
     spread = np.std([fit.values for fit in fits], axis=0)
     claimed = np.sqrt(np.mean([fit.standard_errors**2 for fit in fits], axis=0))
     np.testing.assert_allclose(claimed, spread, rtol=0.2)
@@ -99,7 +99,9 @@ def test_the_spread_reaches_the_cramer_rao_bound():
         ]
     )
     bound = noise * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    fits = [fit_harmonic_balance(_points(ROBOT, noise=noise, seed=k)).values for k in range(200)]
+    fits = [
+        HarmonicBalance().of_points(_points(ROBOT, noise=noise, seed=k)).values for k in range(200)
+    ]
     rmse = np.sqrt(np.mean((np.array(fits) - truth) ** 2, axis=0))
     assert np.all(rmse < 1.15 * bound)
 
@@ -108,10 +110,10 @@ def test_the_spread_reaches_the_cramer_rao_bound():
 @given(scale=st.floats(-100, 100).filter(lambda x: abs(x) > 0.01), seed=st.integers(0, 100))
 def test_the_input_s_unit_and_sign_change_p4_alone_and_the_order_of_logs_nothing(scale, seed):
     points = _points(ROBOT, noise=5e-4)
-    reference = fit_harmonic_balance(points).values
+    reference = HarmonicBalance().of_points(points).values
     order = np.random.default_rng(seed).permutation(len(points))
     scaled = [replace(points[k], input=points[k].input * scale) for k in order]
-    values = fit_harmonic_balance(scaled).values
+    values = HarmonicBalance().of_points(scaled).values
     values[3] *= scale
     np.testing.assert_allclose(values, reference, rtol=1e-6, atol=1e-12)
 
@@ -119,23 +121,23 @@ def test_the_input_s_unit_and_sign_change_p4_alone_and_the_order_of_logs_nothing
 def test_one_added_mass_is_refused_because_the_scale_is_free():
     for mass in MASSES:
         with pytest.raises(IdentifiabilityError, match="only up to a common factor"):
-            fit_harmonic_balance(_points(ROBOT, masses=[mass]))
+            HarmonicBalance().of_points(_points(ROBOT, masses=[mass]))
 
 
 def test_too_few_logs_are_refused():
     with pytest.raises(IdentifiabilityError, match="equations for 6 parameters"):
-        fit_harmonic_balance(_points(ROBOT, omegas=[3.0]))
+        HarmonicBalance().of_points(_points(ROBOT, omegas=[3.0]))
 
 
 def test_one_frequency_cannot_tell_the_parameters_apart():
     masses = [AddedMass(mass=0.02 * k, arm=0.104) for k in range(8)]
     with pytest.raises(IdentifiabilityError, match="do not determine"):
-        fit_harmonic_balance(_points(ROBOT, masses=masses, omegas=[3.0]))
+        HarmonicBalance().of_points(_points(ROBOT, masses=masses, omegas=[3.0]))
 
 
 def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
     robot = replace(ROBOT, coulomb=0.0)
-    fits = [fit_harmonic_balance(_points(robot, noise=5e-4, seed=k)) for k in range(10)]
+    fits = [HarmonicBalance().of_points(_points(robot, noise=5e-4, seed=k)) for k in range(10)]
     bounded = [fit for fit in fits if fit.values[4] == 0]
     assert bounded
     for fit in bounded:
@@ -146,13 +148,15 @@ def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
 
 def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
     points = _points(ROBOT, noise=5e-4)
-    assert not any("settle" in sentence for sentence in fit_harmonic_balance(points).verdict)
+    assert not any("settle" in sentence for sentence in HarmonicBalance().of_points(points).verdict)
     monkeypatch.setattr("butterfly.identify.harmonic_balance._MAX_ITERATIONS", 2)
-    assert any("did not settle" in sentence for sentence in fit_harmonic_balance(points).verdict)
+    assert any(
+        "did not settle" in sentence for sentence in HarmonicBalance().of_points(points).verdict
+    )
 
 
 def test_two_added_masses_suffice_but_cannot_be_checked_by_leaving_one_out():
-    estimate = fit_harmonic_balance(_points(ROBOT, masses=MASSES[:2]))
+    estimate = HarmonicBalance().of_points(_points(ROBOT, masses=MASSES[:2]))
     np.testing.assert_allclose(estimate.values, _vector(ROBOT), rtol=1e-6)
     assert estimate.left_out == {}
     assert any("Fewer than three" in sentence for sentence in estimate.verdict)

@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from butterfly.identify.methods import Method, Options, estimate
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.design import rank_experiments
-from butterfly.identify.free_run_problem import OutputErrorOptions
-from butterfly.identify.harmonic_balance import fit_harmonic_balance
+from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.input_kind import judge_input
-from butterfly.identify.methods import Method, Options, estimate
-from butterfly.identify.output_error import fit_output_error
 from butterfly.identify.resampling import bootstrap, profile
 from butterfly.identify.residual import residual_torque
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
@@ -85,15 +83,19 @@ def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):
 
 
 def test_the_bootstrap_agrees_with_the_sandwich(real):
-    drawn = bootstrap(real.data, lambda d: fit_harmonic_balance(d.sines), repetitions=100, seed=1)
+    drawn = bootstrap(
+        real.data, lambda d: HarmonicBalance().of_points(d.sines), repetitions=100, seed=1
+    )
     spread = np.std(drawn.values, axis=0)
     np.testing.assert_allclose(spread / real.estimate.standard_errors, 1.0, atol=0.35)
     assert np.all(drawn.lower < real.estimate.values)
     assert np.all(real.estimate.values < drawn.upper)
-    again = bootstrap(real.data, lambda d: fit_harmonic_balance(d.sines), repetitions=20, seed=1)
+    again = bootstrap(
+        real.data, lambda d: HarmonicBalance().of_points(d.sines), repetitions=20, seed=1
+    )
     np.testing.assert_array_equal(again.values, drawn.values[:20])
     with pytest.raises(InputError, match="at least 20"):
-        bootstrap(real.data, lambda d: fit_harmonic_balance(d.sines), repetitions=3)
+        bootstrap(real.data, lambda d: HarmonicBalance().of_points(d.sines), repetitions=3)
 
 
 def test_a_profile_is_lowest_at_the_estimate_and_its_interval_is_finite():
@@ -102,9 +104,9 @@ def test_a_profile_is_lowest_at_the_estimate_and_its_interval_is_finite():
         _log(robot, mass, omega, 3e-3, k)
         for k, (mass, omega) in enumerate((m, w) for m in MASSES for w in (2.5, 4.5, 7.0))
     ]
-    data, options = DataSet.of(logs), OutputErrorOptions(terms=(), check=False)
-    start = fit_harmonic_balance(data.sines).parameters
-    found = fit_output_error(data.logs, start, data.equilibria, options)
+    data, options = DataSet.of(logs), OutputError(terms=(), check=False)
+    start = HarmonicBalance().of_points(data.sines).parameters
+    found = options.of_logs(data.logs, start, data.equilibria)
     best = found.parameters.p1
     values = best * np.linspace(0.98, 1.02, 9)
     curve = profile(data, found, "p1", values, options)

@@ -2,16 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from butterfly.identify.free_run import FitSummary, free_run_of
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
-from butterfly.identify.free_run import FitSummary, free_run_of
-from butterfly.identify.free_run_problem import Loss, OutputErrorOptions
-from butterfly.identify.harmonic_balance import fit_harmonic_balance
-from butterfly.identify.output_error import fit_output_error
+from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import resonance_frequency
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES
 
@@ -57,8 +55,8 @@ def logs():
 
 def _fit(logs, **options):
     data = DataSet.of(logs)
-    start = fit_harmonic_balance(data.sines).parameters
-    return fit_output_error(data.logs, start, data.equilibria, OutputErrorOptions(**options))
+    start = HarmonicBalance().of_points(data.sines).parameters
+    return OutputError(**options).of_logs(data.logs, start, data.equilibria)
 
 
 def test_every_term_is_recovered_within_its_interval(logs):
@@ -117,19 +115,19 @@ def test_a_robust_loss_is_not_misled_by_a_log_that_jumps(logs):
 def test_one_added_mass_is_refused(logs):
     data = DataSet.of(logs[:4])
     with pytest.raises(IdentifiabilityError, match="common factor"):
-        fit_output_error(data.logs, ROBOT, data.equilibria)
+        OutputError().of_logs(data.logs, ROBOT, data.equilibria)
 
 
 def test_an_unknown_term_is_named():
     with pytest.raises(InputError, match="did you mean"):
-        OutputErrorOptions(terms=("drug",))
+        OutputError(terms=("drug",))
 
 
 @pytest.fixture(scope="module")
 def fitted(real):
     data = real.data
     start = real.estimate.parameters
-    return fit_output_error(data.logs, start, data.equilibria)
+    return OutputError().of_logs(data.logs, start, data.equilibria)
 
 
 def test_the_real_logs_are_followed_closely(real, fitted):
@@ -141,8 +139,8 @@ def test_the_real_logs_are_followed_closely(real, fitted):
 
 
 def test_viscous_and_coulomb_friction_alone_follow_them_less(real):
-    data, options = real.data, OutputErrorOptions(terms=(), per_mass=("zero",))
-    estimate = fit_output_error(data.logs, real.estimate.parameters, data.equilibria, options)
+    data, options = real.data, OutputError(terms=(), per_mass=("zero",))
+    estimate = options.of_logs(data.logs, real.estimate.parameters, data.equilibria)
     fits = [free_run_of(estimate, log, {}).fit for log in data.logs]
     assert 95 <= np.median(fits) < 96.5
 

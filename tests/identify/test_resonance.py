@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identify.harmonic_balance import fit_linear
+from butterfly.identify.estimators import Linear
 from butterfly.identify.resonance import (
     Resonance,
     complex_fit,
@@ -28,7 +28,7 @@ from butterfly.identify.resonance_regression import (
     physical_hand,
 )
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.model.harmonic import frequency_response, resonance_frequency
+from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.signals.sine_fit import SineFit
@@ -160,7 +160,7 @@ def test_the_joint_linear_fit_reaches_the_bound_and_its_intervals_cover():
         [(responses(truth + h) - responses(truth - h)) / (2 * h.sum()) for h in steps]
     )
     bound = NOISE * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
-    fits = [fit_linear([p for m in MASSES for p in _points(m, rng)]) for _ in range(RUNS)]
+    fits = [Linear().of_points([p for m in MASSES for p in _points(m, rng)]) for _ in range(RUNS)]
     errors = np.array([fit.values - truth for fit in fits])
     assert np.all(np.sqrt(np.mean(errors**2, axis=0)) < 1.1 * bound)
     inside = np.mean([(f.lower <= truth) & (truth <= f.upper) for f in fits], axis=0)

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
+from butterfly.identify.free_run import FitSummary
+from butterfly.identify.methods import Method, Options, estimate
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.free_run import FitSummary
-from butterfly.identify.harmonic_balance import fit_harmonic_balance
-from butterfly.identify.methods import Method, Options, estimate
+from butterfly.identify.estimators import HarmonicBalance
 from butterfly.identify.validation import Split, fits_of, hold_out, select_terms
 
 
 def _balance(data, terms=()):
-    return fit_harmonic_balance(data.sines, terms)
+    return HarmonicBalance(terms=terms).of_points(data.sines)
 
 
 def _output_error(data, terms):

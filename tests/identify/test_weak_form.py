@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from butterfly.identify.methods import Method, estimate
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
-from butterfly.identify.methods import Method, estimate
-from butterfly.identify.weak_form import fit_weak_form
+from butterfly.identify.estimators import WeakForm
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
@@ -48,7 +48,7 @@ ZEROS = dict.fromkeys(MASSES, 0.3)
 
 
 def test_the_robot_is_found_from_any_input(logs):
-    found = fit_weak_form(logs, ZEROS, ("drag", "p3_offset"))
+    found = WeakForm(terms=("drag", "p3_offset")).of_logs(logs, ZEROS)
     truth = [getattr(ROBOT, name) for name in found.names]
     np.testing.assert_allclose(found.values, truth, rtol=0.02)
     np.testing.assert_allclose(found.values[[0, 2, 3]], np.array(truth)[[0, 2, 3]], rtol=2e-3)
@@ -56,14 +56,14 @@ def test_the_robot_is_found_from_any_input(logs):
 
 def test_noise_of_a_few_encoder_steps_does_little_harm():
     noisy = [_log(mass, noise=5e-4) for mass in MASSES]
-    found = fit_weak_form(noisy, ZEROS, ("drag", "p3_offset")).parameters
+    found = WeakForm(terms=("drag", "p3_offset")).of_logs(noisy, ZEROS).parameters
     for name in ("p1", "p3", "p4"):
         assert getattr(found, name) == pytest.approx(getattr(ROBOT, name), rel=0.01)
 
 
 def test_unit_sign_clock_and_order_change_p4_alone(logs):
     moved = [replace(log, time=log.time + 7.0, input=-3.0 * log.input) for log in reversed(logs)]
-    before, after = (fit_weak_form(each, ZEROS).values for each in (logs, moved))
+    before, after = (WeakForm().of_logs(each, ZEROS).values for each in (logs, moved))
     after[3] *= -3.0
     np.testing.assert_allclose(after, before, rtol=1e-4)
 
@@ -71,7 +71,7 @@ def test_unit_sign_clock_and_order_change_p4_alone(logs):
 def test_a_third_of_the_sampling_rate_gives_the_same(logs):
     coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
     terms = ("drag", "p3_offset")
-    fine, thinned = (fit_weak_form(each, ZEROS, terms).values for each in (logs, coarse))
+    fine, thinned = (WeakForm(terms=terms).of_logs(each, ZEROS).values for each in (logs, coarse))
     np.testing.assert_allclose(thinned[:4], fine[:4], rtol=0.01)
 
 
@@ -84,15 +84,15 @@ def test_output_error_starts_from_it_when_there_are_no_sines(logs):
 
 def test_what_cannot_be_estimated_is_refused(logs):
     with pytest.raises(InputError, match="did you mean"):
-        fit_weak_form(logs, ZEROS, ("dreg",))
+        WeakForm(terms=("dreg",)).of_logs(logs, ZEROS)
     with pytest.raises(IdentifiabilityError, match="common factor"):
-        fit_weak_form(logs[:1], ZEROS)
+        WeakForm().of_logs(logs[:1], ZEROS)
     with pytest.raises(InputError, match="or more"):
-        fit_weak_form([logs[0].take(np.arange(100)), logs[1]], ZEROS)
+        WeakForm().of_logs([logs[0].take(np.arange(100)), logs[1]], ZEROS)
 
 
 def test_the_real_logs_give_the_known_values(real):
-    found = fit_weak_form(real.data.logs, real.data.equilibria).parameters
+    found = WeakForm().of_logs(real.data.logs, real.data.equilibria).parameters
     assert 0.00205 <= found.p1 <= 0.00216
     assert 2.40 <= found.p4 <= 2.50
     assert 0.0044 <= found.coulomb <= 0.0053

@@ -11,7 +11,7 @@ from butterfly.model.control_bridge import (
     transfer_function,
 )
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import frequency_response
+from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import LumpedParameters
 
 ROBOT = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=0.4, coulomb=1e-3, delay=0.01, drag=1e-4)

@@ -7,17 +7,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import (
+from butterfly.model.describing import (
     coulomb_describing_function,
     drag_describing_function,
-    frequency_response,
     gravity_describing_function,
-    predicted_swing,
-    quasi_linear_response,
-    resonance_frequency,
     stribeck_describing_function,
 )
+from butterfly.model.greybox import simulate
+from butterfly.model.harmonic import predicted_swing, quasi_linear_response
+from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.sine_fit import fit_sine
 

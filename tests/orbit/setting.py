@@ -7,7 +7,7 @@ import numpy as np
 
 from butterfly.experiment.orbit import simulated_rig
 from butterfly.experiment.schema import PlantSpec
-from butterfly.identify.harmonic_balance import fit_linear
+from butterfly.identify.estimators import Linear
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -72,7 +72,7 @@ def generic(spec, amplitudes):
     )
     seeds = np.random.SeedSequence(0).spawn(len(jobs))
     logs = sweep(spec.robot, jobs, controller, seeds)
-    return fit_linear([response_point(log) for log in logs]).parameters
+    return Linear().of_points([response_point(log) for log in logs]).parameters
 
 
 def sixty_degrees(**changes):

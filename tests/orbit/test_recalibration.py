@@ -14,7 +14,8 @@ from butterfly.orbit.analysis import swing
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
 from butterfly.orbit.loop import calibrate
 from butterfly.orbit.online import OnlineRecalibration, SelfTuning
-from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
+from butterfly.orbit.options import RecalibrationOptions
+from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.study import study_orbit
 from butterfly.orbit.thesis_index import Index, minimise_index
 from butterfly.plant.motor import CommandPath

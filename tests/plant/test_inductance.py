@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from butterfly.model.friction import Friction
-from butterfly.model.harmonic import frequency_response
+from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.plant.bench import Bench
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint

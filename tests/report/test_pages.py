@@ -22,11 +22,12 @@ from butterfly.experiment.record import (
 )
 from butterfly.experiment.store import ResultStore
 from butterfly.identify.data import DataSet
-from butterfly.identify.free_run import FitSummary
-from butterfly.identify.methods import Method, estimate
+from butterfly.identify.estimators import HarmonicBalance, Linear, Thesis, WeakForm
+from butterfly.identify.findings import Ending
+from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
-from butterfly.orbit.recalibration import RecalibrationOptions
+from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.sweep import Controller, sweep
 from butterfly.report.leaderboard import leaderboard_page
@@ -60,7 +61,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def compared(data):
-    found = estimate(data, Method.HARMONIC_BALANCE)
+    found = HarmonicBalance()(data)
     return compare_three(data, found, range(len(data.logs)))
 
 
@@ -89,7 +90,7 @@ def _sweep_page(folder):
         interval = {"true": 1.0, "lower": 0.9, "upper": 1.1, "standard_error": 0.05}
         estimate = EstimateRecord(
             estimator="m",
-            ending="stopped" if number == 9 else "converged",
+            ending=Ending.STOPPED if number == 9 else Ending.CONVERGED,
             condition=3.0,
             fit=FitSummary(99.0, 99.0, 99.0),
             parameters=tuple(
@@ -107,7 +108,7 @@ def _sweep_page(folder):
 
 @pytest.fixture(scope="module")
 def pages(data, compared, tmp_path_factory):
-    entries = leaderboard([data], [Method.HARMONIC_BALANCE, Method.WEAK_FORM, Method.THESIS])
+    entries = leaderboard([data], [HarmonicBalance(), WeakForm(), Thesis()])
     return {
         "three-way": three_way_page(data.name, "a description", compared),
         "leaderboard": leaderboard_page(entries),
@@ -126,7 +127,7 @@ def test_both_simulators_follow_the_log_and_each_other(compared):
 
 
 def test_the_leaderboard_is_sorted_by_what_was_predicted_unseen(data):
-    entries = leaderboard([data], [Method.THESIS, Method.LINEAR, Method.HARMONIC_BALANCE])
+    entries = leaderboard([data], [Thesis(), Linear(), HarmonicBalance()])
     scores = [entry.held_out.median for entry in entries if entry.held_out is not None]
     assert scores == sorted(scores, reverse=True)
     assert entries[0].method == "harmonic-balance"

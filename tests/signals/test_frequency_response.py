@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
-from butterfly.model.harmonic import frequency_response
+from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import LumpedParameters
 from butterfly.signals.frequency_response import response_point
 

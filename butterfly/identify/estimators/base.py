@@ -1,0 +1,105 @@
+"""What all estimators have in common: their terms, their label, and the check that costs most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from butterfly.errors import InputError, nearest
+from butterfly.model.terms import PARAMETERS, offered
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimator:
+    """Base of the estimators: frozen, its options are its fields; called with a data set.
+
+    Parameters
+    ----------
+    method
+        Name of the estimator, which nothing else can have.
+    """
+
+    method: str = ""
+
+    summary: ClassVar[str]
+    """What it does, in a few words."""
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate the parameters of the robot that made the logs.
+
+        Raises
+        ------
+        InputError
+            If the logs cannot be used.
+        IdentifiabilityError
+            If they cannot determine the parameters.
+        """
+        raise NotImplementedError
+
+    @property
+    def label(self) -> str:
+        """Short name for tables: the method, and what it was told besides its defaults."""
+        told = [
+            part
+            for each in fields(self)
+            if each.name not in {"method", "check"} and getattr(self, each.name) != each.default
+            for part in _parts(each.name, getattr(self, each.name))
+        ]
+        return f"{self.method}({', '.join(told)})" if told else self.method
+
+    def unchecked(self) -> Self:
+        """Return the estimator without the refits that leave one added mass out."""
+        return self._with(check=False) if hasattr(self, "check") else self
+
+    def with_terms(self, terms: tuple[str, ...]) -> Self:
+        """Return the estimator with other terms.
+
+        Raises
+        ------
+        InputError
+            If it offers none, or not one of these.
+        """
+        if not hasattr(self, "terms"):
+            raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
+        return self._with(terms=terms)
+
+    def _with(self, **options: Any) -> Self:  # noqa: ANN401 - any option that the estimator has
+        return replace(self, **options)
+
+
+def names_of(method: str, terms: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the parameters that a method fits with some terms besides.
+
+    Raises
+    ------
+    InputError
+        If the method does not offer such a term.
+    """
+    require_names(method, "terms", terms, offered(method))
+    return (*PARAMETERS, *terms)
+
+
+def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[str, ...]) -> None:
+    """Raise InputError unless all names are valid, and each is given once."""
+    for name in names:
+        if name not in valid:
+            raise InputError(method, field, name, nearest(name, valid))
+        if names.count(name) > 1:
+            raise InputError(method, field, f"{name} twice", "each name once")
+
+
+def _parts(name: str, value: Any) -> list[str]:  # noqa: ANN401 - any option
+    """Name what an option was set to, as briefly as can be."""
+    if name == "terms":
+        return list(value) or ["no terms"]
+    if isinstance(value, str):
+        return [str(value)]
+    if isinstance(value, tuple):
+        return [f"{name} {' '.join(value)}"]
+    return [f"{name} {value}"]

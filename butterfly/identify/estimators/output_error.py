@@ -1,0 +1,273 @@
+"""Output error: the parameters whose free-run simulation follows all logs best, jointly.
+
+Every log is simulated from its first sample with the recorded input alone; the difference to the
+measured angle is averaged over each step of the simulation, divided by the log's own rms motion,
+and its sum of squares minimised over the parameters that all logs share, and over those of one
+added mass or of one log (Ljung, System Identification, 2nd ed. 1999, section 7.2; Schittkowski,
+Numerical Data Fitting in Dynamical Systems, 2002).
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from butterfly.errors import InputError, require_number
+from butterfly.identify.estimate import ParameterEstimate, Solved
+from butterfly.identify.estimators.base import Estimator, require_names
+from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
+from butterfly.identify.estimators.starts import closed_form_start
+from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.identifiability import refuse_one_mass
+from butterfly.identify.intervals import without_each_mass
+from butterfly.model.terms import PARAMETERS, offered
+from butterfly.signals.window import STEADY_SECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+
+_TOLERANCE = 3e-4  # relative change of the cost; an interval's limits are at some 5e-2
+_SMALLEST_STEP = 1e-6  # relative, of the parameters
+_MAX_EVALUATIONS = 60
+_ON_BOUND = 1e-4  # share of a parameter's scale within which it is on its bound
+_NORMAL = 1.4826  # standard deviation over median absolute deviation
+_OUTLYING = (
+    1.5  # robust standard deviations beyond which robust losses take a residual for an outlier
+)
+
+
+class Loss(StrEnum):
+    """How residuals, in robust standard deviations, count (see `scipy.optimize.least_squares`)."""
+
+    LINEAR = "linear"
+    SOFT_L1 = "soft_l1"
+    HUBER = "huber"
+    CAUCHY = "cauchy"
+
+    def weights(self, residuals: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+        """(n,) weights that residuals get at the minimum: the slope of the loss in their square.
+
+        Parameters
+        ----------
+        residuals
+            (n,).
+        scale
+            Size from which on a residual counts less.
+        """
+        squares = (residuals / scale) ** 2
+        match self:
+            case Loss.SOFT_L1:
+                return np.asarray((1 + squares) ** -0.5)
+            case Loss.HUBER:
+                return np.asarray(np.maximum(squares, 1.0) ** -0.5)
+            case Loss.CAUCHY:
+                return np.asarray(1 / (1 + squares))
+            case Loss.LINEAR:
+                return np.ones_like(residuals)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where the optimiser stopped, in scaled parameters; the scale is the loss's."""
+
+    scaled: NDArray[np.float64]
+    on_bound: NDArray[np.bool_]
+    converged: bool
+    simulations: int
+    scale: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputError(Estimator):
+    """The parameters whose free-run simulation follows all logs best.
+
+    Of at least two different added masses (none counts as one). The covariance is the
+    cluster-robust one over logs, of weighted residuals where the loss is robust; the intervals are
+    widened to hold the estimates that leave one added mass out.
+
+    Parameters
+    ----------
+    terms
+        Fitted besides p1..p4, Coulomb torque and delay; the others keep the values of the start.
+    fixed
+        Of all parameters, those that keep the values of the start.
+    per_mass
+        What is fitted for each added mass: zero (the encoder's), bias, velocity (at the start).
+    per_log
+        What is fitted for each log. The encoder's zero is shared by all if in neither.
+    window
+        Length in s, at the end of a sine's log, whose errors count: how a joint starts from rest
+        depends on how it came to rest. Logs of other inputs count from their start.
+    loss
+        How residuals count; all but linear are robust.
+    check
+        Whether to fit again without each added mass.
+    workers
+        Threads; 0 for one per core.
+    """
+
+    method: Literal["output-error"] = "output-error"
+    terms: tuple[str, ...] = ("drag", "load", "bias", "p3_offset", "stribeck")
+    fixed: tuple[str, ...] = ()
+    per_mass: tuple[str, ...] = ()
+    per_log: tuple[str, ...] = ()
+    window: float = STEADY_SECONDS
+    loss: Loss = Loss.LINEAR
+    check: bool = True
+    workers: int = 0
+
+    summary: ClassVar[str] = "joint fit of free-run simulations"
+
+    def __post_init__(self) -> None:
+        known = offered(self.method)
+        require_names(self.method, "terms", self.terms, known)
+        require_names(self.method, "fixed", self.fixed, (*PARAMETERS, *known))
+        require_names(self.method, "per_mass", self.per_mass, LOCAL)
+        require_names(self.method, "per_log", self.per_log, LOCAL)
+        require_number(self.method, positive=True, unit="s", window=self.window)
+        if self.workers < 0:
+            raise InputError(self.method, "workers", self.workers, "0 or more")
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Fit from a closed form's estimate on (see `Estimator`)."""
+        return self.of_logs(data.logs, *closed_form_start(data))
+
+    def of_logs(
+        self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
+    ) -> ParameterEstimate:
+        """Fit the free-run simulation of all logs jointly.
+
+        Parameters
+        ----------
+        logs
+            With increasing stamps.
+        start
+            First guess; a poor one may stall the fit, so take a closed form's.
+        zeros
+            First guess of the encoder's reading in rad of the hand at rest, per added mass.
+
+        Raises
+        ------
+        IdentifiabilityError
+            If the logs cannot determine the parameters.
+        """
+        refuse_one_mass(log.added_mass for log in logs)
+        problem = FreeRunResiduals(logs, start, zeros, self._choice)
+        end = self._minimise(problem, problem.initial)
+        values = end.scaled * problem.scale
+        known = dict(zip(problem.keys, values.tolist(), strict=True))
+        shared = len(problem.names)
+
+        def without(mass: AddedMass) -> NDArray[np.float64]:
+            """Fit from where the whole fit ended."""
+            kept = [log for log in logs if log.added_mass != mass]
+            part = FreeRunResiduals(kept, start, zeros, self._choice)
+            initial = np.array([known[key] for key in part.keys]) / part.scale
+            return np.asarray((self._minimise(part, initial).scaled * part.scale)[:shared])
+
+        masses = (log.added_mass for log in logs)
+        left_out, said = without_each_mass(masses, without, asked=self.check)
+        return ParameterEstimate.from_rows(
+            self._solved(problem, end),
+            method="output error",
+            left_out=left_out,
+            shared=shared,
+            findings=said,
+            local=_local(list(known.items())[shared:]),
+        )
+
+    def minimum(
+        self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
+    ) -> float:
+        """Return the least sum of squares, each log's being its mean square relative error.
+
+        Parameters
+        ----------
+        logs, start, zeros
+            As `of_logs` takes them.
+        """
+        problem = FreeRunResiduals(logs, start, zeros, self._choice)
+        end = self._minimise(problem, problem.initial)
+        return float(np.sum(problem.residuals(end.scaled) ** 2))
+
+    def holding(self, name: str) -> OutputError:
+        """Return the estimator with a parameter held at the start's value."""
+        return replace(self, fixed=(*self.fixed, name))
+
+    @property
+    def _choice(self) -> Choice:
+        return Choice(
+            terms=self.terms,
+            fixed=self.fixed,
+            per_mass=self.per_mass,
+            per_log=self.per_log,
+            window=self.window,
+            workers=self.workers or os.cpu_count() or 1,
+        )
+
+    def _minimise(self, problem: FreeRunResiduals, initial: NDArray[np.float64]) -> _End:
+        lower = problem.lower
+        fit = {
+            "jac": problem.jacobian,
+            "bounds": (lower, np.inf),
+            "ftol": _TOLERANCE,
+            "xtol": _SMALLEST_STEP,
+            "max_nfev": _MAX_EVALUATIONS,
+        }
+        inside = np.maximum(initial, lower + _ON_BOUND)
+        result, scale = least_squares(problem.residuals, inside, **fit), 1.0
+        if self.loss is not Loss.LINEAR:
+            scale = _OUTLYING * _NORMAL * float(np.median(np.abs(result.fun)))
+            robust = {"loss": self.loss.value, "f_scale": scale}
+            result = least_squares(problem.residuals, result.x, **fit, **robust)
+        on_bound = result.x <= lower + _ON_BOUND
+        return _End(
+            scaled=np.where(on_bound, lower, result.x),
+            on_bound=on_bound,
+            converged=result.status > 0,
+            simulations=int(result.nfev),
+            scale=scale,
+        )
+
+    def _solved(self, problem: FreeRunResiduals, end: _End) -> Solved:
+        logs = problem.by_log(end.scaled)
+        residuals = np.concatenate([log.residuals for log in logs])
+        jacobian = np.concatenate([log.jacobian for log in logs]) / problem.scale
+        root = np.sqrt(self.loss.weights(residuals, end.scale))
+        took = Finding(
+            kind=FindingKind.SIMULATIONS,
+            number=end.simulations,
+            severity=Severity.NOTE if end.converged else Severity.WARNING,
+        )
+        return Solved(
+            names=tuple(name for name, _ in problem.keys),
+            values=end.scaled * problem.scale,
+            jacobian=jacobian * root[:, None],
+            residuals=residuals * root,
+            cluster=np.repeat(np.arange(len(logs)), [log.residuals.size for log in logs]),
+            on_bound=end.on_bound,
+            lower=problem.lower * problem.scale,
+            ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
+            findings=(took,),
+        )
+
+
+def _local(
+    known: list[tuple[tuple[str, AddedMass | str | None], float]],
+) -> dict[AddedMass | str | None, dict[str, float]]:
+    """Return what is not shared, and the zero, by whose it is."""
+    local: dict[AddedMass | str | None, dict[str, float]] = {}
+    for (name, whose), value in known:
+        local.setdefault(whose, {})[name] = value
+    return local

@@ -1,0 +1,43 @@
+"""The thesis's method as an estimator; the formulas stand in `butterfly.identify.thesis`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from butterfly.errors import InputError
+from butterfly.identify.comparison import best_gain
+from butterfly.identify.estimators.base import Estimator
+from butterfly.identify.predict import Predictor
+from butterfly.identify.thesis import DECIMATION, fit_thesis
+
+if TYPE_CHECKING:
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thesis(Estimator):
+    """p1, p2, p3 from the two largest gains of each added mass, as published, slips included.
+
+    It estimates neither Coulomb torque nor delay; p4 is the one with the highest median FIT.
+
+    Parameters
+    ----------
+    decimation
+        Keep every n-th sample: 25 gives Table 4, 5 what Table 5 was computed from.
+    """
+
+    method: Literal["thesis"] = "thesis"
+    decimation: int = DECIMATION
+
+    summary: ClassVar[str] = "resonances (100) and (102), slips included"
+
+    def __post_init__(self) -> None:
+        if self.decimation < 1:
+            raise InputError(self.method, "decimation", self.decimation, "1 or more")
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate from the sines of a data set (see `Estimator`)."""
+        found = fit_thesis(data.recorded, self.decimation)
+        return found.with_gain(best_gain(found.parameters, Predictor(data)))

@@ -1,0 +1,154 @@
+"""The weak form: the equation of motion against test functions, linear in the parameters.
+
+Multiplied by a bump phi(t - c) and integrated by parts, (78) needs neither velocity nor
+acceleration of the angle th:
+
+    (p1 + Z) int phi'' th - p2 int phi' th + (p3 + X) int phi sin th + T_c int phi sgn thd + ...
+        = p4 int phi u(t - d)
+
+so every trajectory will do, not sines alone (Shinbrot, Trans. ASME 79, 1957; Messenger & Bortz,
+J. Comput. Phys. 443, 2021). The bump is (1 - s^2)^4. Only the friction terms need a velocity, from
+local polynomials; windows in which the joint sticks are left out, since friction is then not a
+function of the motion. The delay enters as p4 d int phi' u, about the current one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+
+from butterfly.errors import require_number
+from butterfly.identify.estimate import ParameterEstimate, Solved
+from butterfly.identify.estimators.base import Estimator, names_of
+from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.identifiability import refuse_one_mass
+from butterfly.identify.intervals import without_each_mass
+from butterfly.identify.regression import Regression
+from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass
+
+_ROUNDS = 8  # about the delay
+_SETTLED = 1e-7  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class WeakForm(Estimator):
+    """p1..p4, Coulomb torque, delay and terms by linear least squares, from any input.
+
+    Of at least two different added masses (none counts as one). The covariance is the
+    cluster-robust one over logs; the intervals are widened to hold the estimates that leave one
+    added mass out. Stribeck velocity and cogging periods are held.
+
+    Parameters
+    ----------
+    terms
+        Fitted besides p1..p4, Coulomb torque and delay.
+    half_width
+        Of the test functions in s; a sine's logs use at most a quarter period.
+    check
+        Whether to fit again without each added mass.
+    """
+
+    method: Literal["weak-form"] = "weak-form"
+    terms: tuple[str, ...] = ("drag",)
+    half_width: float = HALF_WIDTH
+    check: bool = True
+
+    summary: ClassVar[str] = "linear fit against test functions, for any input"
+
+    def __post_init__(self) -> None:
+        names_of(self.method, self.terms)
+        require_number(self.method, positive=True, unit="s", half_width=self.half_width)
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate from all logs of a data set (see `Estimator`)."""
+        return self.of_logs(data.logs, data.equilibria)
+
+    def of_logs(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> ParameterEstimate:
+        """Estimate from logs, given the encoder's reading in rad at rest for each added mass.
+
+        Raises
+        ------
+        IdentifiabilityError
+            If the logs cannot determine the parameters.
+        InputError
+            If a log is shorter than a test function.
+        """
+        refuse_one_mass(log.added_mass for log in logs)
+        solved = self._solve(logs, zeros)
+
+        def without(mass: AddedMass) -> NDArray[np.float64]:
+            return self._solve([log for log in logs if log.added_mass != mass], zeros).values
+
+        left_out, said = without_each_mass(
+            (log.added_mass for log in logs), without, asked=self.check
+        )
+        return ParameterEstimate.from_rows(
+            solved, method="weak form", left_out=left_out, findings=said
+        )
+
+    def _solve(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> Solved:
+        """Solve about a delay, and about the delay found, until it no longer moves."""
+        names = names_of(self.method, self.terms)
+        late, delay, settled = names.index("delay"), 0.0, False
+        for _ in range(_ROUNDS):
+            regression = self._regression(logs, zeros, names, delay)
+            solution = regression.solve()
+            step, delay = solution.values[late] - delay, float(solution.values[late])
+            settled = bool(abs(step) < _SETTLED)
+            if settled:
+                break
+        rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Severity.WARNING)
+        return Solved(
+            names=names,
+            values=solution.values,
+            jacobian=regression.jacobian(solution.values),
+            residuals=regression.residuals(solution.values),
+            cluster=regression.cluster,
+            on_bound=solution.on_bound,
+            lower=regression.lower,
+            ending=Ending.CONVERGED if settled else Ending.STOPPED,
+            findings=() if settled else (rounds,),
+        )
+
+    def _regression(
+        self,
+        logs: Sequence[Log],
+        zeros: Mapping[AddedMass, float],
+        names: tuple[str, ...],
+        delay: float,
+    ) -> Regression:
+        """Put the windows of all logs together, each log weighing the same."""
+        parts = [self._windows(log, zeros[log.added_mass], names, delay) for log in logs]
+        rows, targets = zip(*parts, strict=True)
+        numbers = [np.full(target.size, k) for k, target in enumerate(targets)]
+        return Regression(
+            names=names,
+            rows=np.concatenate(rows),
+            target=np.concatenate(targets),
+            cluster=np.concatenate(numbers),
+            about={"delay": delay},
+        )
+
+    def _windows(
+        self, log: Log, zero: float, names: tuple[str, ...], delay: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """One log's (m, n) regressors and (m,) targets, its rms inertial term being 1/sqrt(m)."""
+        period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
+        known = Known(zero=zero, delay=delay)
+        signals = weak_signals(log, names, known, min(self.half_width, period / 4))
+        rows = np.column_stack([signals.mean[name][signals.moving] for name in names])
+        inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
+        size = float(np.linalg.norm(inertia)) or 1.0
+        carried = log.added_mass.inertia * inertia + log.added_mass.gravity_moment * gravity
+        return rows / size, -carried / size

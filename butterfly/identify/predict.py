@@ -1,0 +1,158 @@
+"""Does the model move like the robot? Free-run simulation of whole logs, and its FIT."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.trajectory import Trajectory, grid_step
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRun:
+    """A log and its simulation from the first sample on with the recorded input.
+
+    Parameters
+    ----------
+    log
+        The log.
+    simulated
+        (n,) simulated angle in rad at the log's stamps, from the encoder's zero.
+    """
+
+    log: Log
+    simulated: NDArray[np.float64]
+
+    @cached_property
+    def fit(self) -> float:
+        """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
+        angle = self.log.angle
+        error = np.linalg.norm(angle - self.simulated)
+        return float(100 * (1 - error / np.linalg.norm(angle - angle.mean())))
+
+    @property
+    def rms(self) -> float:
+        """Rms error in rad."""
+        return float(np.sqrt(np.mean((self.simulated - self.log.angle) ** 2)))
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """Median, mean and worst FIT over a set of logs, in per cent."""
+
+    median: float
+    mean: float
+    worst: float
+
+    @classmethod
+    def of(cls, fits: NDArray[np.float64]) -> FitSummary:
+        """Summarise the (n,) FIT values of n logs."""
+        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What a log is simulated with.
+
+    Parameters
+    ----------
+    parameters
+        Of the bare hand.
+    zero
+        Reading of the encoder in rad where the model's angle is 0.
+    velocity
+        At the first sample, in rad/s.
+    """
+
+    parameters: LumpedParameters
+    zero: float
+    velocity: float = 0.0
+
+
+class Predictor:
+    """Simulates the logs of a data set with any parameters; keeps what does not depend on them.
+
+    The encoder's zero is what an estimate has found for the log; where it found none, the rest
+    angle of the log's added mass (see `DataSet.equilibria`).
+
+    Parameters
+    ----------
+    data
+        The logs.
+    """
+
+    def __init__(self, data: DataSet) -> None:
+        self.data = data
+        self._trajectories: dict[tuple[int, float], Trajectory] = {}
+
+    @cached_property
+    def equilibria(self) -> dict[AddedMass, float]:
+        """Encoder reading in rad of the hand at rest, per added mass."""
+        return self.data.equilibria
+
+    def setting(self, number: int, estimate: ParameterEstimate) -> Setting:
+        """Return what an estimate says of one log, by its number."""
+        log = self.data.logs[number]
+        parameters, own = estimate.applied(log)
+        zero = own["zero"] if "zero" in own else self.equilibria[log.added_mass]
+        return Setting(parameters=parameters, zero=zero, velocity=own.get("velocity", 0.0))
+
+    def run(self, number: int, estimate: ParameterEstimate) -> FreeRun:
+        """Simulate one log, by its number, with an estimate."""
+        return self.run_with(number, self.setting(number, estimate))
+
+    def run_with(self, number: int, setting: Setting) -> FreeRun:
+        """Simulate one log, by its number, from its first sample with the recorded input."""
+        trajectory = self._trajectory(number, setting.parameters)
+        simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
+        return FreeRun(log=self.data.logs[number], simulated=simulated)
+
+    def fits(
+        self, estimate: ParameterEstimate, numbers: Iterable[int] | None = None
+    ) -> NDArray[np.float64]:
+        """(n,) FIT in per cent of all logs, or some, with an estimate."""
+        chosen = range(len(self.data.logs)) if numbers is None else numbers
+        return np.array([self.run(number, estimate).fit for number in chosen])
+
+    def fits_with(self, parameters: LumpedParameters) -> NDArray[np.float64]:
+        """(n,) FIT in per cent of all logs with parameters of the bare hand."""
+        settings = [
+            Setting(parameters=parameters, zero=self.equilibria[log.added_mass])
+            for log in self.data.logs
+        ]
+        return np.array([self.run_with(k, each).fit for k, each in enumerate(settings)])
+
+    def _trajectory(self, number: int, parameters: LumpedParameters) -> Trajectory:
+        log = self.data.logs[number]
+        key = (number, grid_step(log, parameters))
+        if key not in self._trajectories:
+            self._trajectories[key] = Trajectory(log, parameters)
+        return self._trajectories[key]
+
+
+def free_run(log: Log, setting: Setting) -> FreeRun:
+    """Simulate one log that belongs to no data set (see `Predictor.run_with`).
+
+    Parameters
+    ----------
+    log
+        With increasing stamps.
+    setting
+        Parameters of the bare hand (the log's added mass is put on here (78)), and its start.
+    """
+    trajectory = Trajectory(log, setting.parameters)
+    simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
+    return FreeRun(log=log, simulated=simulated)

@@ -1,0 +1,418 @@
+"""What can act on the joint: one table of all parameters, their facts and their torques.
+
+The equation of motion says that all torques add up to nothing,
+
+    sum over the rows of parameter * basis = 0,
+
+the motor's with the basis -u. Whatever needs a fact about a parameter (its unit, its bound, its
+torque, its potential, which estimators offer it) takes it from here; the compiled kernel and the
+MJCF are written by hand and held to this table by a test. A further term is a field of
+`FrictionTerms` and a row below, a line in `butterfly.model.greybox`, and one in
+`butterfly.plant.mjcf`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from butterfly.model.describing import (
+    cogging_describing_function,
+    coulomb_describing_function,
+    drag_describing_function,
+    gravity_describing_function,
+    stribeck_describing_function,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from numpy.typing import NDArray
+
+    _Array = NDArray[np.float64]
+
+PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
+"""The parameters that estimators find unasked, in their order."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionTerms:
+    """The torques of the joint that are not proportional to its velocity; each is 0 if not given.
+
+    Sliding at velocity v and angle th, the joint is braked by
+
+        g(v) sgn v + drag |v| v,   g(v) = T_c + T_s exp(-(v/v_s)^2),
+
+    and pulled by ``bias + cogging sin(N th) + cogging_cosine cos(N th)``. At rest it sticks until
+    the other torques exceed T_c + T_s; or, with bristles, never quite: the LuGre model replaces
+    g(v) sgn v by ``k z + c z'`` with ``z' = v - k |v| z / g(v)`` (Canudas de Wit, Olsson, Astrom
+    and Lischinsky, IEEE TAC 40(3), 1995). `TERMS` says the unit and the meaning of each.
+    """
+
+    coulomb: float = 0.0
+    load: float = 0.0
+    stribeck: float = 0.0
+    stribeck_velocity: float = 0.1
+    bristle_stiffness: float = 0.0
+    bristle_damping: float = 0.0
+    drag: float = 0.0
+    bias: float = 0.0
+    cogging: float = 0.0
+    cogging_cosine: float = 0.0
+    cogging_periods: float = 1.0
+
+    def terms(self) -> dict[str, Any]:
+        """Return every term by its name."""
+        return {field.name: getattr(self, field.name) for field in fields(FrictionTerms)}
+
+    @property
+    def holding(self) -> float:
+        """T_c + T_s, the largest torque in N m that friction withstands at rest."""
+        return self.level(0.0)
+
+    @property
+    def sticks_harder(self) -> bool:
+        """True for Stribeck friction without bristles."""
+        return self.stribeck > 0 and self.bristle_stiffness == 0
+
+    def level(self, velocity: float) -> float:
+        """Return g(v) in N m at a velocity in rad/s."""
+        sliding = Motion.of(self, 0.0, velocity)._replace(direction=1.0)
+        return float(torque_of(self, sliding, DRY))
+
+
+class Motion(NamedTuple):
+    """What a torque may depend on: numbers, or arrays of one shape.
+
+    Parameters
+    ----------
+    angle, velocity
+        In rad from hanging down, and rad/s.
+    direction
+        Sign of the velocity.
+    input
+        As the drive delivers it.
+    weight
+        Added weight on the bearing in N, where it is not in T_c already.
+    periods, stribeck_velocity
+        The settings `FrictionTerms.cogging_periods` and `FrictionTerms.stribeck_velocity`.
+    """
+
+    angle: Any
+    velocity: Any
+    direction: Any
+    input: Any = 0.0
+    weight: Any = 0.0
+    periods: float = FrictionTerms.cogging_periods
+    stribeck_velocity: float = FrictionTerms.stribeck_velocity
+
+    @classmethod
+    def of(cls, terms: FrictionTerms, angle: Any, velocity: Any) -> Motion:  # noqa: ANN401
+        """Return a motion of a joint with the settings of ``terms``."""
+        return cls(
+            angle,
+            velocity,
+            np.sign(velocity),
+            periods=terms.cogging_periods,
+            stribeck_velocity=terms.stribeck_velocity,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """A row: one parameter and what it does.
+
+    Parameters
+    ----------
+    name, symbol, unit, meaning
+        As in code, as printed, and in words; in the unit, "unit" is the input's.
+    lower
+        Least value that an estimate can have.
+    basis
+        Braking torque per unit of the parameter, where it is a function of the `Motion`.
+    derivative
+        2 for the inertia and 1 for viscous friction, whose basis is that derivative of the angle.
+    potential
+        Energy per unit of the parameter at an angle, with the periods of cogging in a turn; its
+        slope is the basis.
+    describing
+        Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and
+        the `Motion` that holds weight and settings.
+    dry
+        Whether it holds the joint at rest: a friction level times the sign of the velocity.
+    of_gain
+        Whether what enters the equation is p4 times the parameter.
+    sign_observable
+        Whether motion tells the sign.
+    state
+        What it makes a state of the joint, if anything.
+    size
+        Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and
+        the rate in rad/s of the motion.
+    looks_like
+        What a residual torque of this shape is called; empty if one log cannot show it.
+    offered
+        Names of the estimators that can estimate it when asked to.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    lower: float = -math.inf
+    basis: Callable[[Motion], Any] | None = None
+    derivative: int = 0
+    potential: Callable[[Any, float], Any] | None = None
+    describing: Callable[[_Array, _Array, Motion], Any] | None = None
+    dry: bool = False
+    of_gain: bool = False
+    sign_observable: bool = True
+    state: str = ""
+    size: Callable[[float, float], float] | None = None
+    looks_like: str = ""
+    offered: frozenset[str] = frozenset()
+
+
+_HARMONIC, _WEAK, _OUTPUT, _ORBIT = (
+    *("harmonic-balance", "weak-form", "output-error"),
+    "re-calibration",
+)
+
+_ROWS = (
+    Term(
+        name="p1",
+        symbol="p₁",
+        unit="kg m²",
+        meaning="inertia about the pivot",
+        derivative=2,
+        describing=lambda w, _a, _m: -(w**2),
+        looks_like="an inertia",
+    ),
+    Term(
+        name="p2",
+        symbol="p₂",
+        unit="N m s/rad",
+        meaning="viscous friction and back EMF, proportional to velocity",
+        lower=0.0,
+        basis=lambda m: m.velocity,
+        derivative=1,
+        describing=lambda w, _a, _m: 1j * w,
+        looks_like="viscous friction",
+    ),
+    Term(
+        name="p3",
+        symbol="p₃",
+        unit="N m",
+        meaning="gravity moment",
+        basis=lambda m: np.sin(m.angle),
+        potential=lambda x, _n: 2 * np.sin(x / 2) ** 2,
+        describing=lambda _w, a, _m: gravity_describing_function(a),
+        looks_like="a gravity moment",
+    ),
+    Term(
+        name="p4",
+        symbol="p₄",
+        unit="N m/unit",
+        meaning="torque at standstill per unit of input",
+        basis=lambda m: -m.input,
+    ),
+    Term(
+        name="coulomb",
+        symbol="T_c",
+        unit="N m",
+        meaning="T_c; holds rigidly at rest",
+        lower=0.0,
+        basis=lambda m: m.direction,
+        describing=lambda _w, a, _m: coulomb_describing_function(a),
+        dry=True,
+        looks_like="Coulomb friction",
+        offered=frozenset({_ORBIT}),
+    ),
+    Term(
+        name="delay",
+        symbol="delay",
+        unit="s",
+        meaning="from recorded input to torque",
+        of_gain=True,
+        size=lambda _speed, rate: 0.1 / rate,
+    ),
+    Term(
+        name="drag",
+        symbol="drag",
+        unit="N m s²/rad²",
+        meaning="proportional to velocity squared",
+        lower=0.0,
+        basis=lambda m: abs(m.velocity) * m.velocity,
+        describing=lambda w, a, _m: drag_describing_function(w, a),
+        looks_like="quadratic drag",
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
+    ),
+    Term(
+        name="load",
+        symbol="load",
+        unit="m",
+        meaning="growth of T_c with the added weight; negative if the weight relieves the bearing",
+        basis=lambda m: m.weight * m.direction,
+        describing=lambda _w, a, m: m.weight * coulomb_describing_function(a),
+        dry=True,
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
+    ),
+    Term(
+        name="bias",
+        symbol="bias",
+        unit="N m",
+        meaning="constant torque",
+        basis=lambda m: -np.ones_like(m.angle),
+        potential=lambda x, _n: -x,
+        offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+    ),
+    Term(
+        name="p3_offset",
+        symbol="p₃ offset",
+        unit="N m",
+        meaning="gravity moment of a centre of mass beside the line from pivot to added mass",
+        basis=lambda m: np.cos(m.angle),
+        potential=lambda x, _n: np.sin(x),
+        looks_like="a centre of mass beside its line",
+        offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+    ),
+    Term(
+        name="stribeck",
+        symbol="stribeck",
+        unit="N m",
+        meaning="T_s, excess of friction at rest over T_c",
+        lower=0.0,
+        basis=lambda m: m.direction * np.exp(-((m.velocity / m.stribeck_velocity) ** 2)),
+        describing=lambda w, a, m: stribeck_describing_function(w, a, m.stribeck_velocity),
+        dry=True,
+        looks_like="Stribeck friction",
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
+    ),
+    Term(
+        name="stribeck_velocity",
+        symbol="Stribeck velocity",
+        unit="rad/s",
+        meaning="v_s, by which most of that excess is lost",
+        lower=1e-3,
+        size=lambda speed, _rate: 0.1 * speed,
+        offered=frozenset({_OUTPUT}),
+    ),
+    Term(
+        name="tilt",
+        symbol="tilt",
+        unit="rad",
+        meaning="angle of the axis out of the horizontal, seen in the weight of added masses",
+        lower=0.0,
+        sign_observable=False,
+        size=lambda _speed, _rate: 0.1,
+        offered=frozenset({_OUTPUT}),
+    ),
+    Term(
+        name="cogging",
+        symbol="cogging",
+        unit="N m",
+        meaning="sine part of a torque that repeats over a turn",
+        basis=lambda m: -np.sin(m.periods * m.angle),
+        potential=lambda x, n: -2 * np.sin(n * x / 2) ** 2 / n,
+        describing=lambda _w, a, m: -cogging_describing_function(a, m.periods),
+        offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+    ),
+    Term(
+        name="cogging_cosine",
+        symbol="cogging, cosine",
+        unit="N m",
+        meaning="cosine part of a torque that repeats over a turn",
+        basis=lambda m: -np.cos(m.periods * m.angle),
+        potential=lambda x, n: -np.sin(n * x) / n,
+        offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+    ),
+    Term(
+        name="cogging_periods",
+        symbol="cogging periods",
+        unit="–",
+        meaning="N, how often it repeats in a turn; one period is what a clutch out of line adds",
+        lower=1.0,
+    ),
+    Term(
+        name="bristle_stiffness",
+        symbol="bristle stiffness",
+        unit="N m/rad",
+        meaning="LuGre: friction bends before it slides; 0 for friction that sticks rigidly",
+        lower=0.0,
+        state="deflection of the bristles",
+    ),
+    Term(
+        name="bristle_damping",
+        symbol="bristle damping",
+        unit="N m s/rad",
+        meaning="LuGre: damping of the bristles",
+        lower=0.0,
+        state="deflection of the bristles",
+    ),
+    Term(
+        name="back_emf",
+        symbol="back EMF",
+        unit="N m s/rad",
+        meaning="share of p₂ that follows with the armature's lag",
+        lower=0.0,
+        state="torque of the motor",
+    ),
+    Term(
+        name="time_constant",
+        symbol="time constant",
+        unit="s",
+        meaning="of the armature, L/R",
+        lower=0.0,
+        state="torque of the motor",
+    ),
+    Term(
+        name="compression",
+        symbol="compression",
+        unit="1/unit",
+        meaning="c of a drive that yields v/(1 + c |v|)",
+        lower=0.0,
+        basis=lambda m: m.input * abs(m.input),
+        of_gain=True,
+        offered=frozenset({_ORBIT}),
+    ),
+)
+
+TERMS = {row.name: row for row in _ROWS}
+"""All rows by name, in the order in which they are printed."""
+
+DRY = tuple(row for row in _ROWS if row.dry)
+"""What holds the joint at rest."""
+
+CONSERVATIVE = tuple(row for row in _ROWS if row.potential is not None)
+"""What has a potential."""
+
+DISSIPATIVE = tuple(
+    row
+    for row in _ROWS
+    if row.basis and not row.potential and row.name not in {"p4", "compression"}
+)
+"""What brakes: functions of the velocity."""
+
+
+def torque_of(parameters: FrictionTerms, motion: Motion, rows: Iterable[Term]) -> Any:  # noqa: ANN401
+    """Return the braking torque in N m of some rows that have a basis, in the motion's shape."""
+    total = 0.0
+    for row in rows:
+        value = getattr(parameters, row.name)
+        if value:
+            assert row.basis is not None  # noqa: S101 - the caller's choice of rows
+            total = total + value * row.basis(motion)
+    return total
+
+
+def offered(estimator: str) -> tuple[str, ...]:
+    """Names of the terms that an estimator can estimate when asked to, in the table's order."""
+    return tuple(row.name for row in _ROWS if estimator in row.offered)
+
+
+def lower_bounds(names: Iterable[str]) -> NDArray[np.float64]:
+    """(n,) least values that n parameters can have; none for a name that is not in the table."""
+    return np.array([TERMS[name].lower if name in TERMS else -np.inf for name in names])

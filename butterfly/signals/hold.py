@@ -1,0 +1,108 @@
+"""What the input does between its stamps: its value, its moments, and its gain at a frequency.
+
+One rule holds everywhere: before the first stamp the command is 0, as a motor's is before its first
+command; from each stamp on it is held, or runs on a straight line to the next; after the last stamp
+it stays.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+
+from butterfly.logs.log import Intersample
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Samples = NDArray[np.float64]
+
+
+def value(time: Samples, inputs: Samples, instants: Samples, hold: Intersample) -> Samples:
+    """Return the (m,) input at (m,) instants in s.
+
+    Parameters
+    ----------
+    time, inputs
+        (n,) increasing stamps in s, and the input at each.
+    instants
+        In any order.
+    hold
+        Between the stamps.
+    """
+    if hold is Intersample.FIRST_ORDER_HOLD:
+        return np.interp(instants, time, inputs, left=0.0)
+    latest = np.searchsorted(time, instants, "right") - 1
+    return np.where(latest >= 0, inputs[latest], 0.0)
+
+
+def mean(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
+    """Return the (m - 1,) means of the input between (m,) increasing edges in s (see `value`)."""
+    return np.asarray(moments(time, inputs, edges, hold)[0])
+
+
+def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
+    """Return the first three Legendre coefficients of the input over each interval.
+
+    c0 + c1 x + c2 (3 x^2 - 1)/2, x from -1 to 1 over the interval, is the parabola that has the
+    input's mean and first and second moment; no step of the input is lost or gained, wherever the
+    edges fall.
+
+    Parameters
+    ----------
+    time, inputs, hold
+        As in `value`.
+    edges
+        (m,) increasing instants in s.
+
+    Returns
+    -------
+    (3, m - 1) coefficients in the input's unit.
+    """
+    return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
+
+
+def gain(omega: float, step: float, hold: Intersample) -> complex:
+    """Gain, with its phase, of a hold on a sine of ``omega`` rad/s sampled each ``step`` s.
+
+    A zero-order hold delays by half a step, a first-order hold between samples does not.
+    """
+    half = 0.5 * omega * step
+    shape = np.sinc(half / np.pi)
+    if hold is Intersample.FIRST_ORDER_HOLD:
+        return complex(shape**2)
+    return complex(shape * np.exp(-1j * half))
+
+
+@numba.njit(cache=True, nogil=True)
+def _moments(time, inputs, edges, linear):
+    """Integrate the input against 1, x and x^2 piece by piece, between stamps and edges."""
+    count, last = edges.size - 1, time.size - 1
+    result = np.zeros((3, count))
+    k = -1  # the latest stamp at or before the instant
+    for cell in range(count):
+        begin, end = edges[cell], edges[cell + 1]
+        middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
+        zeroth = first = second = 0.0
+        start = begin
+        while start < end:
+            while k < last and time[k + 1] <= start:
+                k += 1
+            stop = end if k == last else min(end, time[k + 1])
+            if k >= 0:
+                x, width = (0.5 * (start + stop) - middle) / half, (stop - start) / half
+                level, slope = inputs[k], 0.0
+                if linear and k < last:
+                    slope = (inputs[k + 1] - inputs[k]) / (time[k + 1] - time[k])
+                    level += slope * (0.5 * (start + stop) - time[k])
+                spread = width**3 / 12.0
+                zeroth += level * width
+                first += level * x * width + slope * half * spread
+                second += level * (x * x * width + spread) + 2.0 * slope * half * x * spread
+            start = stop
+        result[0, cell] = 0.5 * zeroth
+        result[1, cell] = 1.5 * first
+        result[2, cell] = 1.25 * (3.0 * second - zeroth)
+    return result
