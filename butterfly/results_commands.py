@@ -22,7 +22,8 @@ from butterfly.files import replacing
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from butterfly.experiment.record import ParameterRecord, RunRecord
+    from butterfly.experiment.estimate_record import ParameterRecord
+    from butterfly.experiment.record import RunRecord
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -12,14 +12,8 @@ import pyarrow as pa
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from butterfly.experiment.record import (
-        EstimateRecord,
-        OrbitRecord,
-        ParameterRecord,
-        PlannedRun,
-        RunRecord,
-    )
-    from butterfly.identify.predict import FitSummary
+    from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
+    from butterfly.experiment.record import PlannedRun, RunRecord
 
 RUNS, ESTIMATES = "runs", "estimates"
 TABLES = (RUNS, ESTIMATES)
@@ -48,6 +42,21 @@ class Column(Generic[_Row]):
     value: Callable[[_Row], Any]
 
 
+def _of_orbit(name: str, kind: pa.DataType = _NUMBER) -> Column[RunRecord | None]:
+    """Column of something that an orbit's record says, if there is one."""
+    return Column(kind, lambda record: getattr(record.orbit if record else None, name, None))
+
+
+def _of_parameter(name: str) -> Column[Found]:
+    """Column of something that a parameter's record says."""
+    return Column(_NUMBER, lambda row: getattr(row.parameter, name))
+
+
+def _of_fit(which: str, statistic: str) -> Column[Found]:
+    """Column of a statistic of FIT, if there is one."""
+    return Column(_NUMBER, lambda row: getattr(getattr(row.estimate, which), statistic, None))
+
+
 _PLACE: dict[str, Column[PlannedRun]] = {
     "number": Column(_COUNT, lambda run: run.number),
     "key": Column(_TEXT, lambda run: run.key),
@@ -58,13 +67,13 @@ _PLACE: dict[str, Column[PlannedRun]] = {
 _RUN: dict[str, Column[RunRecord | None]] = {
     "status": Column(_TEXT, lambda record: record.status if record else MISSING),
     "error": Column(_TEXT, lambda record: record.reason if record else "not run"),
-    "logs": Column(_COUNT, lambda record: record and record.logs),
-    "unconverged": Column(_COUNT, lambda record: record and record.unconverged),
-    "orbit_rounds": Column(_COUNT, lambda record: _of_orbit(record, _rounds)),
-    "orbit_target": Column(_NUMBER, lambda record: _of_orbit(record, _target)),
-    "orbit_amplitude": Column(_NUMBER, lambda record: _of_orbit(record, _amplitude)),
-    "orbit_error_generic": Column(_NUMBER, lambda record: _of_orbit(record, _generic)),
-    "orbit_error_recalibrated": Column(_NUMBER, lambda record: _of_orbit(record, _recalibrated)),
+    "logs": Column(_COUNT, lambda record: record.logs if record else None),
+    "unconverged": Column(_COUNT, lambda record: record.unconverged if record else None),
+    "orbit_rounds": _of_orbit("rounds", _COUNT),
+    "orbit_target": _of_orbit("target_rad"),
+    "orbit_amplitude": _of_orbit("amplitude_rad"),
+    "orbit_error_generic": _of_orbit("generic_rms_rad"),
+    "orbit_error_recalibrated": _of_orbit("recalibrated_rms_rad"),
 }
 
 _ESTIMATE: dict[str, Column[Found]] = {
@@ -73,19 +82,20 @@ _ESTIMATE: dict[str, Column[Found]] = {
     "findings": Column(_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
     "parameter": Column(_TEXT, lambda row: row.parameter.parameter),
     "on_bound": Column(_TRUTH, lambda row: row.parameter.on_bound),
-    **{
-        name: Column(_NUMBER, lambda row, name=name: getattr(row.parameter, name))  # type: ignore[misc]
-        for name in (
-            *("value", "standard_error", "lower", "upper", "least_left_out", "largest_left_out"),
-            *("true", "deviation"),
-        )
-    },
+    "value": _of_parameter("value"),
+    "standard_error": _of_parameter("standard_error"),
+    "lower": _of_parameter("lower"),
+    "upper": _of_parameter("upper"),
+    "least_left_out": _of_parameter("least_left_out"),
+    "largest_left_out": _of_parameter("largest_left_out"),
+    "true": _of_parameter("true"),
+    "deviation": _of_parameter("deviation"),
     "condition": Column(_NUMBER, lambda row: row.estimate.condition),
-    "fit_median": Column(_NUMBER, lambda row: _of_fit(row.estimate.fit, "median")),
-    "fit_mean": Column(_NUMBER, lambda row: _of_fit(row.estimate.fit, "mean")),
-    "fit_worst": Column(_NUMBER, lambda row: _of_fit(row.estimate.fit, "worst")),
-    "held_out_median": Column(_NUMBER, lambda row: _of_fit(row.estimate.held_out, "median")),
-    "held_out_worst": Column(_NUMBER, lambda row: _of_fit(row.estimate.held_out, "worst")),
+    "fit_median": _of_fit("fit", "median"),
+    "fit_mean": _of_fit("fit", "mean"),
+    "fit_worst": _of_fit("fit", "worst"),
+    "held_out_median": _of_fit("held_out", "median"),
+    "held_out_worst": _of_fit("held_out", "worst"),
 }
 
 
@@ -158,33 +168,3 @@ def _text(value: Any) -> str:  # noqa: ANN401
     if isinstance(value, dict) and not any(isinstance(v, dict | list) for v in value.values()):
         return ", ".join(f"{key} {part}" for key, part in value.items())
     return json.dumps(value, default=str) if isinstance(value, dict | list) else str(value)
-
-
-def _of_fit(fit: FitSummary | None, name: str) -> float | None:
-    return None if fit is None else getattr(fit, name)
-
-
-def _of_orbit(
-    record: RunRecord | None, value: Callable[[OrbitRecord], float | None]
-) -> float | None:
-    return None if record is None or record.orbit is None else value(record.orbit)
-
-
-def _rounds(orbit: OrbitRecord) -> int:
-    return len(orbit.amplitudes_rad)
-
-
-def _target(orbit: OrbitRecord) -> float:
-    return orbit.target_rad
-
-
-def _amplitude(orbit: OrbitRecord) -> float | None:
-    return orbit.amplitudes_rad[-1]
-
-
-def _generic(orbit: OrbitRecord) -> float | None:
-    return orbit.free_run_rms_rad.get("generic")
-
-
-def _recalibrated(orbit: OrbitRecord) -> float | None:
-    return orbit.free_run_rms_rad.get("re-calibrated")

@@ -106,8 +106,8 @@ class LocalEngine:
         try:
             while pending or running:
                 while pending and len(running) < _AHEAD * self._jobs:
-                    task = pending.popleft()
-                    running[pool.schedule(_work_here, (work, task))] = task
+                    running[_scheduled(pool, work, pending[0])] = pending[0]
+                    pending.popleft()
                 done, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in done:
                     outcome = _outcome(future, running[future], attempts)
@@ -134,6 +134,13 @@ def _keep_tables(tables: Tables) -> None:
 
 def _work_here(work: Work, task: Task) -> Outcome:
     return work(task, _tables)
+
+
+def _scheduled(pool: ProcessPool, work: Work, task: Task) -> Future[Outcome]:
+    try:
+        return pool.schedule(_work_here, (work, task))
+    except RuntimeError:  # as pebble says that the pool is broken
+        raise BrokenProcessPool from None
 
 
 def _outcome(future: Future[Outcome], task: Task, attempts: Counter[str]) -> Outcome | None:

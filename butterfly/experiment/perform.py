@@ -14,16 +14,10 @@ import scipy
 
 from butterfly import __version__
 from butterfly.errors import ButterflyError, IdentifiabilityError
+from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit import hold_orbit
-from butterfly.experiment.record import (
-    FAILED,
-    OK,
-    REFUSED,
-    EstimateRecord,
-    OrbitRecord,
-    Outcome,
-    RunRecord,
-)
+from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.experiment.record import FAILED, OK, REFUSED, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import packed, simulate

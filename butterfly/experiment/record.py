@@ -9,21 +9,16 @@ RunRecord               what a run gave
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from butterfly.identify.findings import Ending, Finding
-from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
+from butterfly.experiment.estimate_record import EstimateRecord  # noqa: TC001 - pydantic reads it
+from butterfly.experiment.orbit_record import OrbitRecord  # noqa: TC001 - pydantic reads it
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.orbit.study import OrbitStudy
 
 SCHEMA = 2
 """Of the records; one with another number counts as none."""
@@ -33,183 +28,6 @@ OK, REFUSED, FAILED = "ok", "refused", "failed"
 
 _Record = TypeVar("_Record")
 _CONFIG = ConfigDict(ser_json_inf_nan="strings")  # JSON has no NaN
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParameterRecord:
-    """One parameter of an estimate; None where there is nothing to say.
-
-    Parameters
-    ----------
-    parameter
-        Its name.
-    value, standard_error, lower, upper
-        Estimate, and limits of its 95 % interval.
-    least_left_out, largest_left_out
-        Range of the estimates that leave the logs of one added mass out.
-    true
-        Where it is known.
-    on_bound
-        Whether a bound holds it.
-    """
-
-    parameter: str
-    value: float
-    standard_error: float | None
-    lower: float | None
-    upper: float | None
-    least_left_out: float | None = None
-    largest_left_out: float | None = None
-    true: float | None = None
-    on_bound: bool = False
-
-    @classmethod
-    def all_of(
-        cls, found: ParameterEstimate, truth: LumpedParameters | None = None
-    ) -> tuple[ParameterRecord, ...]:
-        """Return a record for each parameter of an estimate, beside the truth if it is known."""
-        columns = (found.values, found.standard_errors, found.lower, found.upper)
-        rows = zip(found.names, *(column.tolist() for column in columns), strict=True)
-        records = []
-        for k, (name, value, error, lower, upper) in enumerate(rows):
-            others = [float(values[k]) for values in found.left_out.values()]
-            records.append(
-                cls(
-                    parameter=name,
-                    value=value,
-                    standard_error=_or_none(error),
-                    lower=_or_none(lower),
-                    upper=_or_none(upper),
-                    least_left_out=min(others, default=None),
-                    largest_left_out=max(others, default=None),
-                    true=None if truth is None else float(getattr(truth, name)),
-                    on_bound=name in found.on_bound,
-                )
-            )
-        return tuple(records)
-
-    @property
-    def deviation(self) -> float | None:
-        """Relative deviation from the truth, where that is known and not 0."""
-        return self.value / self.true - 1 if self.true else None
-
-    def numbers(self) -> dict[str, float | None]:
-        """Return what a report says of it, for programs."""
-        names = ("value", "standard_error", "lower", "upper", "true")
-        return {name: getattr(self, name) for name in names}
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimateRecord:
-    """What an estimator gave.
-
-    Parameters
-    ----------
-    estimator
-        Its label.
-    ending
-        How it came to its values, or that it refused.
-    error
-        Why there are none, or no held-out FIT.
-    parameters
-        The estimate; empty if there is none.
-    condition
-        Condition number of its regression.
-    findings
-        What to know about it.
-    fit, held_out
-        FIT in per cent, of the logs it was fitted to and of those left out.
-    """
-
-    estimator: str
-    ending: Ending
-    error: str = ""
-    parameters: tuple[ParameterRecord, ...] = ()
-    condition: float | None = None
-    findings: tuple[Finding, ...] = ()
-    fit: FitSummary | None = None
-    held_out: FitSummary | None = None
-
-    @classmethod
-    def of(
-        cls, estimator: str, found: ParameterEstimate, fit: FitSummary, truth: LumpedParameters
-    ) -> EstimateRecord:
-        """Return the record of an estimate."""
-        return cls(
-            estimator=estimator,
-            ending=found.ending,
-            parameters=ParameterRecord.all_of(found, truth),
-            condition=_or_none(found.condition),
-            findings=found.findings,
-            fit=fit,
-        )
-
-    @property
-    def converged(self) -> bool:
-        """Whether the values are where the estimator wanted to be."""
-        return self.ending is Ending.CONVERGED
-
-
-@dataclass(frozen=True, kw_only=True)
-class CrossRecord:
-    """Models of orbits, used at each other's: amplitudes in rad, rms errors in rad by row."""
-
-    amplitudes_rad: tuple[float, ...]
-    rms_rad: tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class OrbitRecord:
-    """An orbit that was held, and the re-calibration next to it.
-
-    Parameters
-    ----------
-    target_rad
-        Amplitude that was wanted.
-    amplitudes_rad
-        Those that the rounds came to; None where the hand turned over.
-    ending
-        Why the rounds ended, in words.
-    absolute
-        Whether the parameters are, or ratios to p1.
-    parameters
-        Of the last round.
-    free_run_rms_rad
-        Errors of the models' free runs, by model.
-    cross_orbit
-        Errors of models at each other's orbits.
-    """
-
-    target_rad: float
-    amplitudes_rad: tuple[float | None, ...]
-    ending: str
-    absolute: bool
-    parameters: tuple[ParameterRecord, ...]
-    free_run_rms_rad: dict[str, float]
-    cross_orbit: CrossRecord
-
-    @classmethod
-    def of(cls, study: OrbitStudy) -> OrbitRecord:
-        """Return the record of a study."""
-        rounds = study.calibration.rounds
-        last = rounds[-1].recalibration
-        return cls(
-            target_rad=rounds[-1].wanted,
-            amplitudes_rad=tuple(_or_none(each.amplitude) for each in rounds),
-            ending=study.calibration.ending,
-            absolute=last.is_absolute,
-            parameters=ParameterRecord.all_of(last.estimate),
-            free_run_rms_rad=study.errors,
-            cross_orbit=CrossRecord(
-                amplitudes_rad=study.amplitudes,
-                rms_rad=tuple(tuple(row) for row in study.cross.tolist()),
-            ),
-        )
-
-    def numbers(self) -> dict[str, Any]:
-        """Return what a report says of it, for programs."""
-        numbers: dict[str, Any] = _ORBIT.dump_python(self, mode="json")
-        return numbers | {"parameters": {row.parameter: row.numbers() for row in self.parameters}}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,7 +154,7 @@ class SweepRecord:
         return record if record is not None and record.schema == SCHEMA else None
 
 
-_RUN, _SWEEP, _ORBIT = TypeAdapter(RunRecord), TypeAdapter(SweepRecord), TypeAdapter(OrbitRecord)
+_RUN, _SWEEP = TypeAdapter(RunRecord), TypeAdapter(SweepRecord)
 
 
 def _to_json(adapter: TypeAdapter[_Record], record: _Record) -> str:
@@ -348,8 +166,3 @@ def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
         return adapter.validate_json(text)
     except ValidationError:
         return None
-
-
-def _or_none(value: float) -> float | None:
-    """JSON has no NaN."""
-    return value if math.isfinite(value) else None

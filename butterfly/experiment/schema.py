@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import reduce
 from itertools import product
 from operator import or_
@@ -16,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, nearest
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
@@ -135,10 +136,25 @@ _DEFAULT = "harmonic-balance"
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
-    """Complete an estimator that does not say which it is."""
-    if isinstance(estimator, dict) and "method" not in estimator:
-        return {"method": _DEFAULT} | estimator
-    return estimator
+    """Complete an estimator that does not say which it is, and refuse options that are not its own.
+
+    Raises
+    ------
+    InputError
+        Naming those that it has.
+    """
+    if not isinstance(estimator, dict):
+        return estimator
+    told = {"method": _DEFAULT} | estimator
+    kind = ESTIMATORS.get(str(told["method"]))
+    if kind is None:
+        expected = nearest(str(told["method"]), ESTIMATORS)
+        raise InputError("estimator", "method", told["method"], expected)
+    own = [each.name for each in fields(kind)]
+    for name in told:
+        if name not in own:
+            raise InputError(kind.method, str(name), "an unknown key", nearest(str(name), own))
+    return told
 
 
 if TYPE_CHECKING:

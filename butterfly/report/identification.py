@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from butterfly.experiment.record import ParameterRecord
+from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.files import replacing
 from butterfly.logs.log import InputKind
 from butterfly.model.linear import resonance_frequency

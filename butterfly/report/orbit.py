@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
 
-from butterfly.experiment.record import OrbitRecord
+from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.model.energy import Orbit, energy
 from butterfly.orbit.analysis import invariant
 from butterfly.orbit.study import PERIODS

@@ -7,15 +7,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.experiment.record import (
-    CrossRecord,
-    EstimateRecord,
-    OrbitRecord,
-    ParameterRecord,
-    PlannedRun,
-    RunRecord,
-    SweepRecord,
-)
+from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
+from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
+from butterfly.experiment.record import PlannedRun, RunRecord, SweepRecord
 from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.predict import FitSummary
 

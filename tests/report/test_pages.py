@@ -12,14 +12,8 @@ from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.record import (
-    EstimateRecord,
-    Outcome,
-    ParameterRecord,
-    PlannedRun,
-    RunRecord,
-    SweepRecord,
-)
+from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
+from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Linear, Thesis, WeakForm
