@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, settings
 
 import butterfly.plant
 from butterfly.cli import main
+from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
@@ -52,7 +53,7 @@ def real_manifest(logs_folder):
 @pytest.fixture(scope="session")
 def real(real_manifest):
     """The default identification of the real logs."""
-    return identify(real_manifest)
+    return identify(read_data_set(real_manifest))
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,11 +69,10 @@ class Phasors:
 
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
-        matrix = np.column_stack([self._column(name, delay) for name in self.names])
-        inertia = np.array([mass.inertia for mass in self.masses])
-        moment = np.array([mass.gravity_moment for mass in self.masses])
-        known = inertia * self._column("p1", delay) + moment * self._column("p3", delay)
-        return matrix, -known
+        late = self.input * np.exp(-1j * self.omega * delay)
+        driven = {"p4": -late, "delay": 1j * self.omega * late}
+        columns = [driven[name] if name in driven else self._columns[name] for name in self.names]
+        return np.column_stack(columns), self._target
 
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
@@ -85,16 +85,23 @@ class Phasors:
             slopes[rows] = _slope(loaded, self.omega[rows], self.swing[rows])
         return slopes
 
-    def _column(self, name: str, delay: float) -> NDArray[np.complex128]:
-        """Return what a parameter multiplies, the motor's torque brought to the left."""
-        if name in {"p4", "delay"}:
-            late = self.input * np.exp(-1j * self.omega * delay)
-            return np.asarray(-late if name == "p4" else 1j * self.omega * late)
-        describing = TERMS[name].describing
-        assert describing is not None  # noqa: S101 - or harmonic balance would not offer it
+    @cached_property
+    def _columns(self) -> dict[str, NDArray[np.complex128]]:
+        """What parameters multiply, the motor's torque aside: (n,) each."""
         weight = np.array([mass.weight for mass in self.masses])
         motion = Motion(0.0, 0.0, 0.0)._replace(weight=weight)
-        return np.asarray(describing(self.omega, self.swing, motion) * self.angle)
+        return {
+            row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
+            for row in TERMS.values()
+            if row.describing is not None and row.name in {*self.names, "p1", "p3"}
+        }
+
+    @cached_property
+    def _target(self) -> NDArray[np.complex128]:
+        """(n,) torques that the known masses leave to the parameters."""
+        inertia = np.array([mass.inertia for mass in self.masses])
+        moment = np.array([mass.gravity_moment for mass in self.masses])
+        return np.asarray(-(inertia * self._columns["p1"] + moment * self._columns["p3"]))
 
 
 def _slope(

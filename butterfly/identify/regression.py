@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,17 +77,17 @@ class Regression:
         """(m, n) derivatives of the residuals by the values, about (n,) values."""
         return self.rows * self._slopes(values)
 
-    @property
+    @cached_property
     def lower(self) -> NDArray[np.float64]:
         """(n,) least values."""
         table = dict(zip(self.names, lower_bounds(self.names).tolist(), strict=True))
         return np.array([self.least.get(name, table[name]) for name in self.names])
 
-    @property
+    @cached_property
     def _products(self) -> NDArray[np.bool_]:
         return np.array([TERMS[name].of_gain for name in self.names])
 
-    @property
+    @cached_property
     def _shift(self) -> NDArray[np.float64]:
         return np.array([self.about.get(name, 0.0) for name in self.names])
 

@@ -71,6 +71,8 @@ class Linearisation:
 
     def lag(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return 1/(1 + j w L/R) at frequencies in rad/s."""
+        if self.time_constant == 0:
+            return np.ones(omega.shape, dtype=np.complex128)
         return np.asarray(1 / (1 + 1j * omega * self.time_constant))
 
     def drive(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -1,8 +1,9 @@
 """What the input does between its stamps: its value, its moments, and its gain at a frequency.
 
-One rule holds everywhere: before the first stamp the command is 0, as a motor's is before its first
-command; from each stamp on it is held, or runs on a straight line to the next; after the last stamp
-it stays.
+The rule is the same wherever an input is used. A command that is held (zero-order hold) is 0 before
+its first stamp, as a motor's is that has not been told anything; each is held until the next. A
+continuous signal that was sampled (first-order hold) was before its first stamp what it is there,
+and runs on a straight line from each stamp to the next. After the last stamp both stay.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ def value(time: Samples, inputs: Samples, instants: Samples, hold: Intersample) 
         Between the stamps.
     """
     if hold is Intersample.FIRST_ORDER_HOLD:
-        return np.interp(instants, time, inputs, left=0.0)
+        return np.interp(instants, time, inputs)
     latest = np.searchsorted(time, instants, "right") - 1
     return np.where(latest >= 0, inputs[latest], 0.0)
 
@@ -91,10 +92,10 @@ def _moments(time, inputs, edges, linear):
             while k < last and time[k + 1] <= start:
                 k += 1
             stop = end if k == last else min(end, time[k + 1])
-            if k >= 0:
+            if k >= 0 or linear:
                 x, width = (0.5 * (start + stop) - middle) / half, (stop - start) / half
-                level, slope = inputs[k], 0.0
-                if linear and k < last:
+                level, slope = inputs[max(k, 0)], 0.0
+                if linear and 0 <= k < last:
                     slope = (inputs[k + 1] - inputs[k]) / (time[k + 1] - time[k])
                     level += slope * (0.5 * (start + stop) - time[k])
                 spread = width**3 / 12.0

@@ -5,10 +5,10 @@ import time
 import mujoco
 import numpy as np
 import pytest
-from butterfly.identify.methods import Method, Options, estimate
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.data import DataSet
+from butterfly.identify.estimators import OutputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
@@ -94,10 +94,10 @@ def _peer(logs):
 def test_output_error_is_ten_times_faster_at_equal_or_better_accuracy(logs):
     lumped = ROBOT.lumped
     truth = np.array([lumped.p1, lumped.p2, lumped.p3, lumped.p4])
-    options = Options(terms=(), check=False)
-    estimate(DataSet.of(logs), Method.OUTPUT_ERROR, options)  # compiles
+    estimator = OutputError(terms=(), check=False)
+    estimator(DataSet.of(logs))  # compiles
     begin = time.perf_counter()
-    ours = estimate(DataSet.of(logs), Method.OUTPUT_ERROR, options).values[:4]
+    ours = estimator(DataSet.of(logs)).values[:4]
     middle = time.perf_counter()
     theirs = _peer(logs)
     end = time.perf_counter()
@@ -113,5 +113,5 @@ def test_output_error_is_ten_times_faster_at_equal_or_better_accuracy(logs):
 
 def test_one_log_without_a_known_mass_is_refused_here_and_answered_there(logs):
     with pytest.raises(IdentifiabilityError, match="common factor"):
-        estimate(DataSet.of(logs[:1]), Method.OUTPUT_ERROR)
+        OutputError()(DataSet.of(logs[:1]))
     assert np.isfinite(_peer(logs[:1])).all()

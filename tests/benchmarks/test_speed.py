@@ -8,13 +8,13 @@ import time
 import mujoco
 import numpy as np
 import pytest
-from butterfly.identify.free_run import free_run
-from butterfly.identify.free_run_problem import FreeRunProblem
 from mujoco.rollout import Rollout
 from scipy.io import loadmat
 
+from butterfly.identify.data import read_data_set
 from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.identification import identify
+from butterfly.identify.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.friction import Friction
@@ -38,24 +38,23 @@ def _seconds(function, repeats=3):
 def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_manifest):
     paths = [f"{real_manifest.root}/{entry.file}" for entry in real_manifest.logs]
     reading = _seconds(lambda: [loadmat(path) for path in paths])
-    whole = _seconds(lambda: identify(real_manifest))
+    whole = _seconds(lambda: identify(read_data_set(real_manifest)))
     print(f"\nidentify 41 real logs: {whole:.2f} s, {whole / reading:.1f} times the bare reading")
     assert whole < 6 * reading
 
 
 def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
     fit = _seconds(lambda: HarmonicBalance().of_points(real.data.sines))
-    parameters, rest = real.estimate.parameters, real.data.equilibria
-    runs = _seconds(lambda: [free_run(g, parameters, rest[g.added_mass]) for g in real.data.logs])
+    runs = _seconds(lambda: Predictor(real.data).fits(real.estimate))
     print(f"\nharmonic balance {1e3 * fit:.1f} ms, free run of 41 logs {1e3 * runs:.0f} ms")
     assert fit < runs
 
 
 def test_the_joint_output_error_fit_costs_less_than_250_simulations_of_every_log(real):
     data, start = real.data, real.estimate.parameters
-    options = OutputError(check=False, workers=1)
-    fit = _seconds(lambda: options.of_logs(data.logs, start, data.equilibria), 2)
-    problem = FreeRunProblem(data.logs, start, data.equilibria, options)
+    estimator = OutputError(check=False, workers=1)
+    fit = _seconds(lambda: estimator.of_logs(data.logs, start, data.equilibria), 2)
+    problem = estimator.problem(data.logs, start, data.equilibria)
     once = _seconds(lambda: problem.residuals(problem.initial))
     print(f"\noutput error, 12 parameters, one core: {fit:.2f} s, {fit / once:.0f} simulations")
     assert fit < 250 * once

@@ -4,18 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from butterfly.identify.methods import Method, Options, estimate
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.design import rank_experiments
-from butterfly.identify.estimators import HarmonicBalance, OutputError
+from butterfly.identify.estimators import HarmonicBalance, OutputError, Thesis
+from butterfly.identify.findings import FindingKind
 from butterfly.identify.input_kind import judge_input
 from butterfly.identify.resampling import bootstrap, profile
 from butterfly.identify.residual import residual_torque
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.report.words import sentences
 from tests.conftest import MASSES
 
 ROBOT = LumpedParameters(p1=0.003, p2=0.0, p3=0.05, p4=0.5)
@@ -72,7 +73,8 @@ def test_the_real_robot_s_residual_torque_looks_like_coulomb_friction(real):
 def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):
     said = judge_input(real.estimate, InputKind.VOLTAGE)
     assert len(said) == 1
-    assert "torque-driven" in said[0]
+    assert said[0].kind is FindingKind.TORQUE_DRIVEN
+    assert "resistance below" in sentences(real.estimate.with_findings(*said))[-1]
     assert judge_input(real.estimate, InputKind.TORQUE) == []
     motor = replace(
         real.estimate,
@@ -123,7 +125,7 @@ def test_the_best_candidate_brings_what_was_promised():
     robot = replace(ROBOT, coulomb=1e-3, p2=5e-4, delay=0.003)
     near = [(m, w) for m in MASSES for w in (4.0, 4.6, 6.5)]
     logs = [_log(robot, m, w, 5e-3, k) for k, (m, w) in enumerate(near)]
-    found = estimate(DataSet.of(logs), Method.HARMONIC_BALANCE)
+    found = HarmonicBalance()(DataSet.of(logs))
     ranked = rank_experiments(found, [NO_ADDED_MASS, AddedMass(mass=0.2, arm=0.104)], 0.02)
     good = [candidate for candidate in ranked if not candidate.warning]
     assert [c.score for c in good] == sorted(c.score for c in good)
@@ -134,6 +136,6 @@ def test_the_best_candidate_brings_what_was_promised():
 
 
 def test_an_estimate_without_covariance_cannot_be_improved_on(real):
-    thesis = estimate(real.data, Method.THESIS, Options())
+    thesis = Thesis()(real.data)
     with pytest.raises(IdentifiabilityError, match="no covariance"):
         rank_experiments(thesis, real.data.masses, 0.1)

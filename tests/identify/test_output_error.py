@@ -2,11 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from butterfly.identify.free_run import FitSummary, free_run_of
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError
+from butterfly.identify.findings import Ending
+from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -66,7 +67,7 @@ def test_every_term_is_recovered_within_its_interval(logs):
     assert np.all((estimate.lower - rounding <= truth) & (truth <= estimate.upper + rounding))
     np.testing.assert_allclose(estimate.values, truth, rtol=0.01)
     assert estimate.local[None]["zero"] == pytest.approx(ZERO, abs=1e-4)
-    assert any("converged" in sentence for sentence in estimate.verdict)
+    assert estimate.ending is Ending.CONVERGED
 
 
 def test_one_core_or_several_give_the_same_to_the_bit(logs):
@@ -95,11 +96,11 @@ def test_a_third_of_the_sampling_rate_gives_the_same(logs):
 
 
 def test_what_differs_from_log_to_log_can_be_fitted(logs):
-    turned = [replace(log, angle=log.angle + 0.01 * k, source=f"{k}") for k, log in enumerate(logs)]
+    turned = [replace(log, angle=log.angle + 0.01 * k, name=f"{k}") for k, log in enumerate(logs)]
     estimate = _fit(turned, per_log=("zero",), terms=("drag", "load", "stribeck", "bias"))
     zeros = [estimate.local[f"{k}"]["zero"] for k in range(len(turned))]
     assert np.median(np.diff(zeros)) == pytest.approx(0.01, abs=1e-4)
-    assert np.median([free_run_of(estimate, log, {}).fit for log in turned]) > 99
+    assert np.median(Predictor(DataSet.of(turned)).fits(estimate)) > 99
 
 
 def test_a_robust_loss_is_not_misled_by_a_log_that_jumps(logs):
@@ -131,8 +132,7 @@ def fitted(real):
 
 
 def test_the_real_logs_are_followed_closely(real, fitted):
-    fits = np.array([free_run_of(fitted, log, {}).fit for log in real.data.logs])
-    summary = FitSummary.of(fits)
+    summary = FitSummary.of(Predictor(real.data).fits(fitted))
     assert summary.median >= 96.5
     assert summary.mean >= 96
     assert summary.worst >= 90
@@ -141,7 +141,7 @@ def test_the_real_logs_are_followed_closely(real, fitted):
 def test_viscous_and_coulomb_friction_alone_follow_them_less(real):
     data, options = real.data, OutputError(terms=(), per_mass=("zero",))
     estimate = options.of_logs(data.logs, real.estimate.parameters, data.equilibria)
-    fits = [free_run_of(estimate, log, {}).fit for log in data.logs]
+    fits = Predictor(data).fits(estimate)
     assert 95 <= np.median(fits) < 96.5
 
 

@@ -1,19 +1,12 @@
 import numpy as np
 import pytest
-from butterfly.identify.free_run import FitSummary
-from butterfly.identify.methods import Method, Options, estimate
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.estimators import HarmonicBalance
-from butterfly.identify.validation import Split, fits_of, hold_out, select_terms
+from butterfly.identify.estimators import HarmonicBalance, OutputError
+from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.identify.validation import Split, hold_out, select_terms
 
-
-def _balance(data, terms=()):
-    return HarmonicBalance(terms=terms).of_points(data.sines)
-
-
-def _output_error(data, terms):
-    return estimate(data, Method.OUTPUT_ERROR, Options(terms=terms, check=False))
+BALANCE = HarmonicBalance(check=False)
 
 
 def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real):
@@ -21,7 +14,7 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real):
 
     def spy(part):
         seen.append({log.source for log in part.logs})
-        return _balance(part)
+        return BALANCE(part)
 
     for split, parts in ((Split.MASS, 3), (Split.FREQUENCY, 5)):
         seen.clear()
@@ -33,30 +26,31 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real):
 
 
 def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
-    assert hold_out(real.data, _balance, Split.MASS).summary.median >= 94
+    assert hold_out(real.data, BALANCE, Split.MASS).summary.median >= 94
 
 
 def test_output_error_predicts_masses_and_frequencies_it_has_not_seen(real):
     """With the terms that `butterfly select` chooses."""
-    terms = ("p3_offset", "drag", "bias")
-    masses = hold_out(real.data, lambda part: _output_error(part, terms), Split.MASS)
+    estimator = OutputError(terms=("p3_offset", "drag", "bias"), check=False)
+    masses = hold_out(real.data, estimator, Split.MASS)
     assert masses.summary.median >= 94
     assert masses.summary.mean >= 92
     assert (masses.fits > 90).sum() >= 34
-    omegas = hold_out(real.data, lambda part: _output_error(part, terms), Split.FREQUENCY)
+    omegas = hold_out(real.data, estimator, Split.FREQUENCY)
     assert omegas.summary.median >= 96.5
 
 
 def test_a_term_is_chosen_only_if_it_helps_to_predict(real):
-    passed = select_terms(real.data, _balance, ("drag", "load", "stribeck"))
+    passed = select_terms(real.data, BALANCE, ("drag", "load", "stribeck"))
     means = [structure.held_out[Split.MASS].mean for structure in passed]
     assert means == sorted(means)
     assert passed[0].terms == ()
-    full = FitSummary.of(fits_of(real.data, _balance(real.data, passed[-1].terms)))
+    whole = BALANCE.with_terms(passed[-1].terms)(real.data)
+    full = FitSummary.of(Predictor(real.data).fits(whole))
     assert passed[-1].in_sample == full
 
 
 def test_one_mass_cannot_be_held_out(real):
     alone = real.data.take(range(14))
     with pytest.raises(IdentifiabilityError, match="none can be held out"):
-        hold_out(alone, _balance, Split.MASS)
+        hold_out(alone, BALANCE, Split.MASS)

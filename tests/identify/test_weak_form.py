@@ -2,11 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from butterfly.identify.methods import Method, estimate
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import WeakForm
+from butterfly.identify.estimators import OutputError, WeakForm
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
@@ -77,7 +76,7 @@ def test_a_third_of_the_sampling_rate_gives_the_same(logs):
 
 def test_output_error_starts_from_it_when_there_are_no_sines(logs):
     data = DataSet.of(logs)
-    found = estimate(data, Method.OUTPUT_ERROR).parameters
+    found = OutputError()(data).parameters
     for name in ("p1", "p2", "p3", "p4", "delay"):
         assert getattr(found, name) == pytest.approx(getattr(ROBOT, name), rel=5e-3)
 

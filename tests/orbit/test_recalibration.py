@@ -19,6 +19,7 @@ from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.study import study_orbit
 from butterfly.orbit.thesis_index import Index, minimise_index
 from butterfly.plant.motor import CommandPath
+from butterfly.report.words import sentences
 from tests.orbit.setting import (
     AGAINST_COULOMB,
     EFFECTS,
@@ -73,10 +74,10 @@ def test_terms_that_are_not_there_are_rejected_and_intervals_hold_the_truth(draw
         assert found.names == NAMES
         assert set(found.rejected) == {"drag", "p3_offset", "bias", "compression"}
         true = np.array([getattr(TRUE, n) / TRUE.p1 for n in NAMES])
-        held.append((found.lower <= true) & (true <= found.upper))
+        held.append((found.estimate.lower <= true) & (true <= found.estimate.upper))
     assert np.mean(held) > 0.85
     assert not found.is_absolute
-    assert "Ratios" in found.verdict[0]
+    assert any("Ratios" in sentence for sentence in sentences(found.estimate))
 
 
 def test_with_a_known_mass_all_of_p1_to_p4_are_absolute():
@@ -99,7 +100,7 @@ def test_constraints_hold_where_the_data_would_have_it_otherwise():
     smooth = plant({"viscous": 0.0})
     found = recalibrate(runs(smooth, np.random.default_rng(5), duration=8.0), 0.0)
     assert dict(zip(found.names, found.values, strict=True))["p2"] >= 0
-    assert (found.lower[0], found.names[0]) >= (0.0, "p2")
+    assert (found.estimate.lower[0], found.names[0]) >= (0.0, "p2")
 
 
 def test_too_little_motion_is_refused():

@@ -163,7 +163,7 @@ class OutputError(Estimator):
             If the logs cannot determine the parameters.
         """
         refuse_one_mass(log.added_mass for log in logs)
-        problem = FreeRunResiduals(logs, start, zeros, self._choice)
+        problem = self.problem(logs, start, zeros)
         end = self._minimise(problem, problem.initial)
         values = end.scaled * problem.scale
         known = dict(zip(problem.keys, values.tolist(), strict=True))
@@ -172,7 +172,7 @@ class OutputError(Estimator):
         def without(mass: AddedMass) -> NDArray[np.float64]:
             """Fit from where the whole fit ended."""
             kept = [log for log in logs if log.added_mass != mass]
-            part = FreeRunResiduals(kept, start, zeros, self._choice)
+            part = self.problem(kept, start, zeros)
             initial = np.array([known[key] for key in part.keys]) / part.scale
             return np.asarray((self._minimise(part, initial).scaled * part.scale)[:shared])
 
@@ -197,7 +197,7 @@ class OutputError(Estimator):
         logs, start, zeros
             As `of_logs` takes them.
         """
-        problem = FreeRunResiduals(logs, start, zeros, self._choice)
+        problem = self.problem(logs, start, zeros)
         end = self._minimise(problem, problem.initial)
         return float(np.sum(problem.residuals(end.scaled) ** 2))
 
@@ -205,9 +205,11 @@ class OutputError(Estimator):
         """Return the estimator with a parameter held at the start's value."""
         return replace(self, fixed=(*self.fixed, name))
 
-    @property
-    def _choice(self) -> Choice:
-        return Choice(
+    def problem(
+        self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
+    ) -> FreeRunResiduals:
+        """Return the residuals that are minimised (see `of_logs`)."""
+        choice = Choice(
             terms=self.terms,
             fixed=self.fixed,
             per_mass=self.per_mass,
@@ -215,6 +217,7 @@ class OutputError(Estimator):
             window=self.window,
             workers=self.workers or os.cpu_count() or 1,
         )
+        return FreeRunResiduals(logs, start, zeros, choice)
 
     def _minimise(self, problem: FreeRunResiduals, initial: NDArray[np.float64]) -> _End:
         lower = problem.lower

@@ -2,12 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from butterfly.identify.free_run import FitSummary, FreeRun, free_run
-from butterfly.identify.methods import Method, Options
 
 from butterfly.identify.comparison import compare
 from butterfly.identify.data import DataSet
-from butterfly.identify.identification import identify
+from butterfly.identify.estimators import Thesis
+from butterfly.identify.predict import FitSummary, FreeRun, Predictor, Setting, free_run
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -41,7 +40,7 @@ def _simulated(template, intersample, parameters=ROBOT, swing=0.1, rest=0.7):
 @pytest.mark.parametrize("intersample", list(Intersample))
 def test_a_simulated_log_is_followed_with_its_own_parameters(sine_log, intersample):
     log = _simulated(sine_log, intersample)
-    assert free_run(log, ROBOT, zero=0.7).fit > 99.9
+    assert free_run(log, Setting(parameters=ROBOT, zero=0.7)).fit > 99.9
 
 
 def test_the_fit_is_the_formula_s():
@@ -58,7 +57,7 @@ def test_the_fit_is_the_formula_s():
 
 def test_wrong_parameters_follow_worse_and_a_missing_gain_is_found(sine_log):
     log = _simulated(sine_log, Intersample.ZERO_ORDER_HOLD, swing=0.0)
-    data = DataSet.of([log])
+    data = Predictor(DataSet.of([log]))
     own = compare("own", ROBOT, data)
     blind = compare("no gain", replace(ROBOT, p4=float("nan")), data)
     wrong = compare("heavy", replace(ROBOT, p1=1.1 * ROBOT.p1), data)
@@ -82,7 +81,7 @@ def test_the_real_robot_s_linearised_resonances_are_the_known_ones(real):
 
 def test_table_5_follows_the_same_logs_far_worse(real):
     table_5 = LumpedParameters(p1=0.0028, p2=0.0188, p3=0.0583, p4=float("nan"))
-    other = compare("Table 5", table_5, real.data)
+    other = compare("Table 5", table_5, Predictor(real.data))
     known = FitSummary(median=37.4, mean=35.4, worst=2.8)
     assert other.summary.median == pytest.approx(known.median, abs=1.0)
     assert other.summary.mean == pytest.approx(known.mean, abs=1.0)
@@ -92,8 +91,8 @@ def test_table_5_follows_the_same_logs_far_worse(real):
 @pytest.mark.parametrize(
     ("decimation", "published"), [(25, "4.1915 5.7650 6.2847"), (5, "4.1889 5.7606 6.2810")]
 )
-def test_thesis_mode_prints_the_published_resonances(real_manifest, decimation, published):
-    result = identify(real_manifest, Method.THESIS, Options(decimation=decimation))
-    assert " ".join(f"{omega:.4f}" for omega in result.estimate.resonances.values()) == published
-    assert "p2" in result.estimate.on_bound
-    assert np.isnan(result.estimate.standard_errors).all()
+def test_thesis_mode_prints_the_published_resonances(real, decimation, published):
+    estimate = Thesis(decimation=decimation)(real.data)
+    assert " ".join(f"{omega:.4f}" for omega in estimate.resonances.values()) == published
+    assert "p2" in estimate.on_bound
+    assert np.isnan(estimate.standard_errors).all()
