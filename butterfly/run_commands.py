@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from enum import StrEnum
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,13 +38,19 @@ from butterfly.report.sweep import sweep_page
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from pydantic import BaseModel
 
     from butterfly.experiment.engines import Engine
     from butterfly.experiment.plan import SweepPlan
+    from butterfly.experiment.record import RunRecord
 
 EXIT_SOME_FAILED = 1
 """Exit code of a sweep of which some runs gave no result."""
+
+
+_ORBIT_REPORT = "orbit.html"
 
 
 class EngineName(StrEnum):
@@ -153,7 +160,7 @@ def _run_here(
     if record is not None and record.status != FAILED:
         show_record(record, experiment.input_kind)
         typer.echo("1 run: found done; --force does it again.")
-        _show_reports(folder)
+        _show_reports(folder, record)
         if record.status != OK:
             raise ButterflyError(record.reason)
         return
@@ -163,26 +170,33 @@ def _run_here(
         write_logs(experiment, result.logs, folder)
     store.write(outcome_of(task, experiment, result))
     truth = experiment.plant.robot.lumped
-    for number, identification in enumerate(result.identifications.values(), start=1):
+    for name, identification in zip(_report_names(), result.identifications.values(), strict=False):
         show_identification(identification, truth)
-        name = "report.html" if number == 1 else f"report-{number}.html"
         write_report(identification, folder / name, truth)
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass
         page = orbit_page(result.orbit, truth.with_added_mass(carried))
         show_page(page)
-        write_page(page, folder / "orbit.html")
+        write_page(page, folder / _ORBIT_REPORT)
     show_estimates(result.record)
     store.write_sweep(sweep_record(plan))
     store.write_tables()
-    _show_reports(folder)
+    _show_reports(folder, result.record)
     if result.error is not None:
         raise result.error
 
 
-def _show_reports(folder: Path) -> None:
-    for path in sorted([*folder.glob("report*.html"), *folder.glob("orbit.html")]):
-        typer.echo(f"Report: {path}")
+def _report_names() -> Iterator[str]:
+    """Yield the names of the reports of an experiment's estimators, in order."""
+    yield "report.html"
+    yield from (f"report-{number}.html" for number in count(2))
+
+
+def _show_reports(folder: Path, record: RunRecord) -> None:
+    written = sum(bool(estimate.parameters) for estimate in record.estimates)
+    names = list(islice(_report_names(), written))
+    for name in names if record.orbit is None else [*names, _ORBIT_REPORT]:
+        typer.echo(f"Report: {folder / name}")
 
 
 def schema_command(

@@ -71,8 +71,19 @@ class ResultStore:
         return self.read(key) if done == [key] else None
 
     def begin(self) -> None:
-        """Note that something else is done here from now on (see `latest`)."""
-        (self.folder / SWEEP).unlink(missing_ok=True)
+        """Note that something else is done here from now on (see `latest`).
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be one of results.
+        """
+        path = self.folder / SWEEP
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            expected = "a file that can be written"
+            raise InputError(path, "path", error.strerror or error, expected) from None
 
     def write(self, outcome: Outcome) -> None:
         """Write the files of a run, then its record, each whole or not at all."""

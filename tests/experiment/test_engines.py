@@ -127,6 +127,8 @@ def cluster(tmp_path):
 
 def test_a_dask_cluster_that_loses_a_worker_loses_no_result(folder, undisturbed, cluster):
     address, workers = cluster
+    shared = dict(DaskEngine(address).run(work, [Job("a", folder)], {"a": (1.0, 2.0)}))
+    assert shared == {"a": (1.0, 2.0)}
     out = folder / "dask"
     engine = _KillsAfter(DaskEngine(address), workers[0], done=1)
     summary = run_sweep(small_plan(folder), out, engine)
