@@ -58,7 +58,8 @@ def simulate(
     seeds = of_runs(experiment.seed, len(runs))
     logs = sweep(robot, runs, controller, seeds, threads=threads, track=track)
     for number, log in enumerate(logs):
-        yield replace(log, name=_name(number, log))
+        name = _name(number, log)
+        yield replace(log, name=name, source=name)
 
 
 def controller_of(experiment: Experiment) -> Controller:

@@ -18,7 +18,10 @@ from tests.experiment.setting import SWEEP, small_plan
 
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"} | {"name": "single"}
 THREE = [*SWEEP["added_masses"], {"mass": 0.1, "arm": 0.1}]
-ESTIMATORS = [{"method": "weak-form", "terms": []}, {"method": "weak-form", "terms": ["drag"]}]
+ESTIMATORS = [
+    {"method": "weak-form", "terms": []},
+    {"method": "weak-form", "terms": ["drag", "load"]},
+]
 
 
 def _small(tmp_path, **changes):
@@ -48,13 +51,18 @@ def test_every_key_counts_without_a_sweep(butterfly, tmp_path):
     code, printed, err = butterfly("run", path, "--out", out)
     assert (code, err) == (0, "")
     assert printed.count("deviation") == 2
-    assert "weak-form(drag): logs that were left out are followed with a median FIT" in printed
+    assert (
+        "weak-form(drag, load): logs that were left out are followed with a median FIT" in printed
+    )
     assert "harmonic" not in printed
     for name in ("report.html", "report-2.html", "sweep.json", "runs.parquet", "manifest.yaml"):
         assert (out / name).exists()
     (run,) = ResultStore(out).sweep().runs
     record = ResultStore(out).read(run.key)
-    assert [each.estimator for each in record.estimates] == ["weak-form", "weak-form(drag)"]
+    assert [each.estimator for each in record.estimates] == [
+        "weak-form(no terms)",
+        "weak-form(drag, load)",
+    ]
     assert all(each.held_out.median > 90 for each in record.estimates)
     assert (ResultStore(out).files_path(run.key) / "manifest.yaml").exists()
     (first, _) = record.estimates
@@ -125,7 +133,7 @@ def test_a_run_in_which_one_of_two_estimators_refused_has_a_result():
     estimators = [{"method": "harmonic-balance"}, ESTIMATORS[0]]
     result = perform(Experiment.model_validate(SINGLE | {"estimators": estimators}))
     assert result.record.status == OK
-    assert list(result.identifications) == ["weak-form"]
+    assert list(result.identifications) == ["weak-form(no terms)"]
     assert "harmonic-balance: " in result.record.reason
 
 

@@ -151,7 +151,7 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
         ({"terms": ["drg"]}, r"s\.yaml:4: terms: got \['drg'\]; expected 'drag'"),
         (
             {"estimators": [{"method": "linear", "terms": ["drag"]}]},
-            r"s\.yaml:4: estimators\.0\.terms: got an unknown key; expected one of 'method'",
+            r"s\.yaml:5: estimators\.0\.terms: got an unknown key; expected one of 'method'",
         ),
         (
             {"estimators": [{"method": "output-error", "per_masss": ["zero"]}]},
