@@ -51,9 +51,7 @@ def test_every_key_counts_without_a_sweep(butterfly, tmp_path):
     code, printed, err = butterfly("run", path, "--out", out)
     assert (code, err) == (0, "")
     assert printed.count("deviation") == 2
-    assert (
-        "weak-form(drag, load): logs that were left out are followed with a median FIT" in printed
-    )
+    assert "weak-form(load): logs that were left out are followed with a median FIT" in printed
     assert "harmonic" not in printed
     for name in ("report.html", "report-2.html", "sweep.json", "runs.parquet", "manifest.yaml"):
         assert (out / name).exists()
@@ -61,7 +59,7 @@ def test_every_key_counts_without_a_sweep(butterfly, tmp_path):
     record = ResultStore(out).read(run.key)
     assert [each.estimator for each in record.estimates] == [
         "weak-form(no terms)",
-        "weak-form(drag, load)",
+        "weak-form(load)",
     ]
     assert all(each.held_out.median > 90 for each in record.estimates)
     assert (ResultStore(out).files_path(run.key) / "manifest.yaml").exists()

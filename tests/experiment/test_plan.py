@@ -20,6 +20,7 @@ from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.sweeps import SweepSpec
 from tests.experiment.setting import SWEEP
 
+ONE = "identify/estimators/output_error.py"
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"}
 
 
@@ -48,7 +49,7 @@ def test_other_code_gives_another_address(tmp_path, monkeypatch):
 def test_the_fingerprint_is_of_what_a_run_computes_with_and_of_the_robots(tmp_path):
     sources = computing_sources()
     for name in (
-        "identify/estimators/output_error.py",
+        ONE,
         "model/greybox.py",
         "plant/mjcf.py",
         "hand.xml",
@@ -57,8 +58,8 @@ def test_the_fingerprint_is_of_what_a_run_computes_with_and_of_the_robots(tmp_pa
     assert not any(name.startswith(("report", "compare")) for name in sources)
     assert hash_of(sources) == fingerprint()
     edited = tmp_path / "edited.py"
-    edited.write_bytes(sources["identify/estimators/output_error.py"].read_bytes() + b"#")
-    assert hash_of(sources | {"identify/estimators/output_error.py": edited}) != fingerprint()
+    edited.write_bytes(sources[ONE].read_bytes() + b"#")
+    assert hash_of(sources | {ONE: edited}) != fingerprint()
 
 
 def test_a_shorthand_and_a_list_of_one_estimator_have_the_same_address(tmp_path):
