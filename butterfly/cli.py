@@ -23,13 +23,13 @@ from butterfly.identify.data import read_data_set
 from butterfly.identify.estimators import Estimator  # noqa: TC001 - typer reads annotations
 from butterfly.identify.identification import identify
 from butterfly.identify.resonance_regression import INSEPARABLE, PendulumEstimate, physical_hand
+from butterfly.logs.formats import ENDINGS, read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
     Manifest,
     manifest_from_names,
-    read_log,
     read_manifest,
     write_manifest,
 )
@@ -143,7 +143,7 @@ def identify_command(
 
 @app.command("inspect")
 def inspect_command(
-    log: Annotated[Path, typer.Argument(help="A log: .mat with a matrix D, or .csv.")],
+    log: Annotated[Path, typer.Argument(help=f"A log: {ENDINGS}.")],
     columns: Annotated[
         str | None,
         typer.Option(

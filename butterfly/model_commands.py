@@ -109,7 +109,8 @@ def export_command(
 ) -> None:
     """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
 
-    The input delay of an identified robot is not part of MJCF and is left out.
+    The input delay of an identified robot is left out: to add it, give the motor MuJoCo's `delay`,
+    `nsample` and `interp`.
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """

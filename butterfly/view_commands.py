@@ -6,19 +6,19 @@ from contextlib import suppress
 from pathlib import Path  # noqa: TC003 - typer reads annotations
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from butterfly.arguments import ExperimentArgument  # noqa: TC001 - typer reads annotations
 from butterfly.console import show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.reading import read_experiment
-from butterfly.plant.sensors import Clock
-from butterfly.plant.sweep import Controller, sweep
+from butterfly.plant.sweep import sweep
 from butterfly.plant.viewing import film, watch
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from butterfly.experiment.schema import Experiment
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.excitations import Excitation
@@ -39,11 +39,14 @@ def view_command(
         int, typer.Option(min=0, max=65535, help="Of the browser's viewer; 0 picks a free one.")
     ] = 0,
 ) -> None:
-    """Watch a run in MuJoCo's viewer, in real time; `--web` needs no display."""
+    """Watch a run in MuJoCo's viewer, in real time; `--web` needs no display.
+
+    Its commands, clock and simulator are those of the log that `butterfly simulate` writes.
+    """
     plan = read_experiment(locate(experiment))
-    added, excitation = _chosen(plan, number, experiment)
+    (added, excitation), seed = _chosen(plan, number, experiment)
     with suppress(KeyboardInterrupt):
-        watch(plan.plant.robot, added, excitation, web=web, port=port)
+        watch(plan.plant.setup, added, excitation, plan.duration, seed, web=web, port=port)
 
 
 def video_command(
@@ -59,23 +62,32 @@ def video_command(
         int, typer.Option(min=16, max=4096, help="Width and height in pixels, even for .mp4.")
     ] = 480,
 ) -> None:
-    """Draw a run as a film; needs no display where EGL is installed."""
+    """Draw a run as a film; needs no display where EGL is installed.
+
+    It shows the angles of the log that `butterfly simulate` writes.
+    """
     plan = read_experiment(locate(experiment))
-    robot = plan.plant.robot
-    added, excitation = _chosen(plan, number, experiment)
-    length = min(seconds, plan.duration)
-    (log,) = sweep(
-        robot,
-        [(added, excitation)],
-        Controller(duration=length, clock=Clock()),
-        [np.random.SeedSequence(plan.seed)],
+    run, seed = _chosen(plan, number, experiment)
+    (log,) = sweep(plan.plant.setup, [run], plan.duration, [seed])
+    shown = log.take(log.time <= log.time[0] + seconds)
+    film(
+        plan.plant.robot,
+        log.added_mass,
+        shown.time,
+        shown.angle,
+        out,
+        fps=fps,
+        size=size,
+        track=show_progress,
     )
-    film(robot, added, log.time, log.angle, out, fps=fps, size=size, track=show_progress)
     typer.echo(f"Film: {out}")
 
 
-def _chosen(plan: Experiment, number: int, source: Path) -> tuple[AddedMass, Excitation]:
+def _chosen(
+    plan: Experiment, number: int, source: Path
+) -> tuple[tuple[AddedMass, Excitation], np.random.SeedSequence]:
+    """Return a run of an experiment, and the source of everything random in it."""
     runs = plan.runs()
     if number >= len(runs):
         raise InputError(source, "--run", number, f"a number from 0 to {len(runs) - 1}")
-    return runs[number]
+    return runs[number], plan.seeds()[number]

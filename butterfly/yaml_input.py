@@ -1,12 +1,17 @@
-"""Read YAML into a pydantic model, turning every slip into one InputError with its line."""
+"""Read YAML 1.2 into a pydantic model, turning every slip into one InputError with its line."""
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.constructor import DuplicateKeyError, SafeConstructor
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.representer import SafeRepresenter
 
 from butterfly.errors import InputError, nearest
 
@@ -17,6 +22,10 @@ if TYPE_CHECKING:
 _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 
 _LONGEST = 120  # characters of a value that a message repeats
+_ONE_LINE = 1_000_000  # characters: nothing is wrapped
+_DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
+
+_NOWHERE = object()
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -43,7 +52,7 @@ class Document:
 
     path: Path
     content: dict[str, Any]
-    root: yaml.Node
+    root: Node
 
     def line(self, location: Sequence[str]) -> int | None:
         """Return the line, from 1 on, of a value by its keys and list indices; None if not here.
@@ -59,7 +68,7 @@ class Document:
 
 
 def load_yaml(path: Path) -> Document:
-    """Parse a YAML file safely.
+    """Parse a YAML file into plain values: no tag builds an object, and a date is a text.
 
     Raises
     ------
@@ -67,23 +76,48 @@ def load_yaml(path: Path) -> Document:
         If the file is missing, is not YAML, is no mapping, or says a key twice.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        content, root = yaml.safe_load(text), yaml.compose(text, yaml.SafeLoader)
+        content, root = _parsed(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", "an existing YAML file") from None
     except IsADirectoryError:
         raise InputError(path, "path", "a folder", "a YAML file") from None
     except UnicodeDecodeError:
         raise InputError(path, "content", "bytes that are not text", "YAML in UTF-8") from None
-    except yaml.YAMLError as error:
+    except OSError as error:
+        raise InputError(path, "path", error.strerror, "a readable YAML file") from None
+    except DuplicateKeyError as error:
+        where = f"{path}:{error.problem_mark.line + 1}"
+        key = error.problem.split('"')[1]
+        raise InputError(where, key, "the same key twice", "one value") from None
+    except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark else "content"
         problem = getattr(error, "problem", None) or "unreadable text"
         raise InputError(path, where, problem, "valid YAML") from None
-    if not isinstance(content, dict) or root is None:
+    except (ValueError, LookupError):  # the parser meets `-_` or `!!bool 3` with what they lead to
+        raise InputError(path, "content", "a value unlike its tag", "valid YAML") from None
+    if not isinstance(content, dict):
         raise InputError(path, "content", type(content).__name__, "a mapping of keys to values")
-    _refuse_repeated_keys(path, root)
     return Document(path=path, content=content, root=root)
+
+
+def yaml_text(content: dict[str, Any], *, flow: bool = False) -> str:
+    """Return plain values as YAML, in the order of their keys.
+
+    Parameters
+    ----------
+    content
+        The values.
+    flow
+        Whether to write mappings in braces.
+    """
+    writer = _plain_yaml()
+    writer.default_flow_style = flow
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # typed as None
+    writer.width = _ONE_LINE
+    text = io.StringIO()
+    writer.dump(content, text)
+    return text.getvalue()
 
 
 def read_yaml(path: Path, schema: type[_Model]) -> _Model:
@@ -121,16 +155,19 @@ def validate(
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        raise _translate(documents, schema, error) from None
+        raise _translate(documents, content, schema, error) from None
 
 
 def _translate(
-    documents: Sequence[Document], schema: type[BaseModel], error: ValidationError
+    documents: Sequence[Document],
+    content: dict[str, Any],
+    schema: type[BaseModel],
+    error: ValidationError,
 ) -> InputError:
     unknown = [e for e in error.errors() if e["type"] in _UNKNOWN_KEY]
     first = (unknown or error.errors())[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
-    field = ".".join(location) or "content"
+    field = _field(content, location, lacking=first["type"] == "missing")
     source = _source(documents, location)
     if unknown:
         names = _fields_at(schema, location[:-1])
@@ -147,6 +184,40 @@ def _translate(
     return InputError(source, field, shown, message)
 
 
+def _field(content: Any, location: Sequence[str], *, lacking: bool) -> str:  # noqa: ANN401 - whatever a file may say
+    """Return the location of an error as the document has it: without the kinds that unions add.
+
+    Those are the parts that lead nowhere in the document.
+
+    Parameters
+    ----------
+    content
+        The document.
+    location
+        As pydantic says it.
+    lacking
+        Whether the last part is a key that the document lacks.
+    """
+    shown = []
+    for part in location:
+        below = _value(content, part)
+        if below is not _NOWHERE:
+            content = below
+            shown.append(part)
+    if lacking:
+        shown.append(location[-1])
+    return ".".join(shown) or "content"
+
+
+def _value(content: Any, part: str) -> Any:  # noqa: ANN401 - whatever a file may say
+    """Return what stands in plain ``content`` at one part of a location, or `_NOWHERE`."""
+    if isinstance(content, dict):
+        return next((value for key, value in content.items() if str(key) == part), _NOWHERE)
+    if isinstance(content, list) and part.isdigit() and int(part) < len(content):
+        return content[int(part)]
+    return _NOWHERE
+
+
 def _source(documents: Sequence[Document], location: Sequence[str]) -> str:
     """Name the file, and the line in it, that says what stands at ``location``."""
     for document in documents:
@@ -156,50 +227,90 @@ def _source(documents: Sequence[Document], location: Sequence[str]) -> str:
     return str(documents[0].path)
 
 
-def _child(node: yaml.Node, part: str) -> tuple[yaml.Node | None, yaml.Node | None]:
+def _child(node: Node, part: str) -> tuple[Node | None, Node | None]:
     """Return the key node, if there is one, and the value node of a part of a location."""
-    if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
+    if isinstance(node, MappingNode):
+        for key, value in reversed(node.value):  # what is merged in stands before what replaces it
             if key.value == part:
                 return key, value
-    if isinstance(node, yaml.SequenceNode) and part.isdigit() and int(part) < len(node.value):
+    if isinstance(node, SequenceNode) and part.isdigit() and int(part) < len(node.value):
         return None, node.value[int(part)]
     return None, None
 
 
-def _refuse_repeated_keys(path: Path, root: yaml.Node) -> None:
-    """Raise InputError if a mapping says a key twice, of which the parser would drop one."""
-    pending = [root]
-    while pending:
-        node = pending.pop()
-        if isinstance(node, yaml.MappingNode):
-            seen = set()
-            for key, value in node.value:
-                if key.value in seen and key.tag != "tag:yaml.org,2002:merge":
-                    where = f"{path}:{key.start_mark.line + 1}"
-                    raise InputError(where, str(key.value), "the same key twice", "one value")
-                seen.add(key.value)
-                pending.append(value)
-        elif isinstance(node, yaml.SequenceNode):
-            pending.extend(node.value)
-
-
-def _fields_at(schema: type[object], location: list[str]) -> list[str]:
+def _fields_at(schema: type[object], location: Sequence[str]) -> list[str]:
     """Names of the valid keys of the (nested) mapping at ``location``."""
+    schemas = [schema]
     for part in location:
-        model_fields = schema.model_fields if issubclass(schema, BaseModel) else {}
-        if part in model_fields:
-            schema = _nested_schema(model_fields[part].annotation) or schema
-    if is_dataclass(schema):
-        return [field.name for field in fields(schema)]
-    return list(schema.model_fields) if issubclass(schema, BaseModel) else []
+        nested = [
+            below
+            for each in schemas
+            if issubclass(each, BaseModel) and part in each.model_fields
+            for below in _nested_schemas(each.model_fields[part].annotation)
+        ]
+        schemas = nested or [each for each in schemas if _is_kind(each, part)] or schemas
+    return list(dict.fromkeys(name for each in schemas for name in _defaults(each)))
 
 
-def _nested_schema(annotation: Any) -> type[object] | None:  # noqa: ANN401 - any annotation may stand here
-    """Find the model or dataclass inside an annotation such as ``list[AddedMass]``."""
+def _is_kind(schema: type[object], part: str) -> bool:
+    """Whether a part of a location names this member of a union, by class or by discriminator."""
+    return part == schema.__name__ or part in _defaults(schema).values()
+
+
+def _defaults(schema: type[object]) -> dict[str, Any]:
+    """Return the fields of a model or dataclass, and their defaults."""
+    if issubclass(schema, BaseModel):
+        return {name: field.default for name, field in schema.model_fields.items()}
+    return {field.name: field.default for field in fields(schema)} if is_dataclass(schema) else {}
+
+
+def _nested_schemas(annotation: Any) -> list[type[object]]:  # noqa: ANN401 - any annotation may stand here
+    """Find the models and dataclasses inside an annotation such as ``list[AddedMass]``."""
     if isinstance(annotation, type) and (
         issubclass(annotation, BaseModel) or is_dataclass(annotation)
     ):
-        return annotation
-    nested = (_nested_schema(argument) for argument in get_args(annotation))
-    return next((schema for schema in nested if schema is not None), None)
+        return [annotation]
+    return [found for argument in get_args(annotation) for found in _nested_schemas(argument)]
+
+
+class _PlainValues(SafeConstructor):
+    """Builds mappings, lists, texts, numbers, truth values and null, as YAML 1.2's core schema."""
+
+
+_TAG = "tag:yaml.org,2002:"
+_PlainValues.yaml_constructors = {
+    **{
+        _TAG + name: SafeConstructor.yaml_constructors[_TAG + name]
+        for name in ("null", "bool", "int", "float", "str", "seq", "map")
+    },
+    **{_TAG + name: SafeConstructor.construct_yaml_str for name in ("timestamp", "merge", "value")},
+    None: SafeConstructor.construct_undefined,
+}
+
+
+class _Numbers(SafeRepresenter):
+    """Writes numbers so that readers of YAML 1.1 see numbers too: 1.0e-05, not 1e-05."""
+
+    def represent_float(self, data: float) -> ScalarNode:
+        node = super().represent_float(data)
+        if "." not in node.value:
+            node.value = node.value.replace("e", ".0e")
+        return node
+
+
+_Numbers.add_representer(float, _Numbers.represent_float)
+
+
+def _plain_yaml() -> YAML:
+    yaml = YAML(typ="safe", pure=True)  # pure: the C parser knows YAML 1.1 only
+    yaml.Constructor, yaml.Representer = _PlainValues, _Numbers
+    yaml.max_depth = _DEEPEST
+    return yaml
+
+
+def _parsed(text: str) -> tuple[Any, Node]:
+    """Return the values and the nodes of a text."""
+    yaml = _plain_yaml()
+    yaml.composer.warn_double_anchors = False  # an anchor may be set anew
+    root = yaml.compose(text)
+    return None if root is None else yaml.constructor.construct_document(root), root

@@ -1,7 +1,11 @@
+import os
+import sys
+from multiprocessing import get_context
+
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.files import replacing
+from butterfly.files import DRAFT, replacing
 
 
 def test_a_file_appears_whole_and_its_folder_with_it(tmp_path):
@@ -35,3 +39,46 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
         replacing(tmp_path / "file/a") as draft,
     ):
         draft.write_text("x")
+
+
+def _write_often(path, letter, times):
+    for _ in range(times):
+        with replacing(path) as draft:
+            draft.write_text(letter * 20_000)
+
+
+def test_two_processes_write_one_path_and_a_reader_meets_whole_files_only(tmp_path):
+    path = tmp_path / "a.txt"
+    spawn = get_context("spawn")
+    writers = [spawn.Process(target=_write_often, args=(path, letter, 400)) for letter in "xy"]
+    for writer in writers:
+        writer.start()
+    met = set()
+    while any(writer.is_alive() for writer in writers):
+        if path.exists():
+            met.add(path.read_text())
+    for writer in writers:
+        writer.join()
+    assert [writer.exitcode for writer in writers] == [0, 0]
+    assert met <= {"x" * 20_000, "y" * 20_000}
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX permissions")
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_a_file_has_the_permissions_of_any_new_file(tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        (tmp_path / "plain").write_text("")
+        with replacing(tmp_path / "ours") as draft:
+            draft.write_text("")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_draft_is_recognised_and_keeps_the_ending(tmp_path):
+    with replacing(tmp_path / "a.mat") as draft:
+        draft.touch()
+        assert draft.name.startswith(DRAFT)
+        assert draft.suffix == ".mat"

@@ -12,39 +12,34 @@ from butterfly.experiment.streams import of_orbit
 from butterfly.identify.data import DataSet
 from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
-from butterfly.plant.bench import Bench
-from butterfly.plant.motor import SimulatedMotor
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from butterfly.experiment.control import ControlSpec
-    from butterfly.experiment.schema import Experiment, PlantSpec
+    from butterfly.experiment.schema import Experiment
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
     from butterfly.orbit.loop import Rig
     from butterfly.plant.bench import ControlLaw
+    from butterfly.plant.setup import Setup
 
 
-def simulated_rig(plant: PlantSpec, rng: np.random.Generator) -> Rig:
+def simulated_rig(setup: Setup, rng: np.random.Generator) -> Rig:
     """Return a rig that runs control laws on the simulated robot.
 
     Parameters
     ----------
-    plant
-        Robot, clock, encoder, command path, faults and simulator.
+    setup
+        The simulated bench.
     rng
         Source of everything random.
     """
 
     def run(law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
-        joint = plant.simulator.joint(plant.robot, added, start)
-        motor = SimulatedMotor(joint, path=plant.path, encoder=plant.encoder, rng=rng)
-        with Bench(motor, clock=plant.clock, rng=rng) as bench:
-            log = bench.run(law, duration, added_mass=added, source=str(plant.simulator))
-        return plant.faults.apply(log, rng)
+        return setup.run(law, added, start, duration, rng)
 
     return run
 
@@ -113,7 +108,7 @@ def hold_orbit(
         zero = _zero(control, data)
     rng = np.random.default_rng(of_orbit(experiment.seed))
     return study_orbit(
-        simulated_rig(experiment.plant, rng),
+        simulated_rig(experiment.plant.setup, rng),
         believed,
         zero,
         control.plan(zero),

@@ -100,8 +100,9 @@ def has_real_logs(root: Path | None) -> bool:
 
 def synthetic_log(experiment: Experiment, added: AddedMass, sine: Sine, *, noise: bool) -> Log:
     """Simulate one response of the thesis's synthetic robot to a continuous sine."""
-    step, count = experiment.plant.clock.step, round(experiment.duration / 0.01)
-    time = step * np.arange(count + 1, dtype=np.float64)
+    clock = experiment.plant.clock
+    step = clock.step
+    time = step * np.arange(clock.count(experiment.duration) + 1, dtype=np.float64)
     instants = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]])
     loaded = experiment.plant.robot.lumped.with_added_mass(added)
     angle, _ = simulate(loaded, time, sine.sample(instants), _START)

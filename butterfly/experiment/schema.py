@@ -20,6 +20,7 @@ from pydantic import (
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.oneof import OneOf
+from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.identify.estimators import ESTIMATORS, Estimator
 from butterfly.identify.validation import Split
@@ -42,12 +43,16 @@ from butterfly.plant.excitations import (
     SteppedSine,
     Table,
 )
-from butterfly.plant.joints import Simulator, kind_of
-from butterfly.plant.mjcf import Clutch, Robot
+from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.plant.setup import Setup
 from butterfly.plant.twin import twin
 from butterfly.yaml_input import StrictModel
+
+if TYPE_CHECKING:
+    import numpy as np
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
@@ -95,6 +100,18 @@ class PlantSpec(StrictModel):
         assert self.drive is not None  # noqa: S101
         return Robot(
             hand=self.hand, drive=self.drive.chosen, friction=self.friction, clutch=self.clutch
+        )
+
+    @property
+    def setup(self) -> Setup:
+        """The bench that is described."""
+        return Setup(
+            robot=self.robot,
+            simulator=self.simulator,
+            clock=self.clock,
+            encoder=self.encoder,
+            path=self.path,
+            faults=self.faults,
         )
 
     @model_validator(mode="after")
@@ -276,6 +293,10 @@ class Experiment(StrictModel):
         inputs = [*self.excitations, *(signal.chosen for signal in self.signals)]
         return list(product(self.added_masses, inputs))
 
+    def seeds(self) -> list[np.random.SeedSequence]:
+        """Return the source of everything random in each run, which its place and the seed fix."""
+        return of_runs(self.seed, len(self.runs()))
+
     def wide_swings(self) -> list[tuple[AddedMass, Sine, float]]:
         """List the runs whose sine is predicted to swing the hand beyond `SMALL_SWING`, in rad."""
         lumped = self.plant.robot.lumped
@@ -292,4 +313,4 @@ class Experiment(StrictModel):
     @property
     def input_kind(self) -> InputKind:
         """What the commands mean."""
-        return kind_of(self.plant.robot.drive)
+        return self.plant.setup.input_kind

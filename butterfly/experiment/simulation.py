@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from butterfly.experiment.streams import of_runs
 from butterfly.logs.log import Intersample
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
@@ -16,7 +15,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
-from butterfly.plant.sweep import Controller, sweep
+from butterfly.plant.sweep import sweep
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -53,26 +52,9 @@ def simulate(
     InputError
         If a simulation diverges.
     """
-    runs = experiment.runs()
-    robot, controller = experiment.plant.robot, controller_of(experiment)
-    seeds = of_runs(experiment.seed, len(runs))
-    logs = sweep(robot, runs, controller, seeds, threads=threads, track=track)
-    for number, log in enumerate(logs):
-        name = _name(number, log)
-        yield replace(log, name=name, source=name)
-
-
-def controller_of(experiment: Experiment) -> Controller:
-    """Return what applies the excitations of an experiment and records."""
-    plant = experiment.plant
-    return Controller(
-        duration=experiment.duration,
-        clock=plant.clock,
-        encoder=plant.encoder,
-        path=plant.path,
-        faults=plant.faults,
-        simulator=plant.simulator,
-    )
+    setup, runs, seeds = experiment.plant.setup, experiment.runs(), experiment.seeds()
+    for log in sweep(setup, runs, experiment.duration, seeds, threads=threads, track=track):
+        yield replace(log, source=log.name)
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
@@ -101,11 +83,6 @@ def packed(experiment: Experiment, logs: Sequence[Log]) -> dict[str, bytes]:
     entries = [_entry(log, "parquet") for log in logs]
     files = {entry.file: parquet_bytes(log) for entry, log in zip(entries, logs, strict=True)}
     return files | {MANIFEST_NAME: manifest_text(_manifest(experiment, entries)).encode()}
-
-
-def _name(number: int, log: Log) -> str:
-    what = f"{log.excitation.omega:g}rads" if log.excitation else "signal"
-    return f"run{number:03d}_{1e3 * log.added_mass.mass:g}g_{what}"
 
 
 def _entry(log: Log, suffix: str) -> LogEntry:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import yaml
-
+from butterfly.errors import InputError
 from butterfly.experiment.reading import read_experiment
 from butterfly.files import replacing
 from butterfly.identify.data import read_data_set
@@ -14,12 +13,13 @@ from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.twin import MASS, twin
 from butterfly.resources import locate
+from butterfly.yaml_input import load_yaml
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from butterfly.model.parameters import AddedMass
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
 
 
 def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robot:
@@ -64,7 +64,6 @@ def export(robot: Robot, added: AddedMass, path: Path) -> None:
 def _is_manifest(path: Path) -> bool:
     """Whether a YAML file lists logs; a file that is no YAML is left to its reader to refuse."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return "logs" in load_yaml(path).content
+    except InputError:
         return False
-    return isinstance(content, dict) and "logs" in content

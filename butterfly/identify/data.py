@@ -9,6 +9,7 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
+from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
@@ -68,6 +69,7 @@ class DataSet:
         kinds = sorted({log.input_kind for log in recorded})
         if len(kinds) > 1:
             raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
+        recorded = with_unique_names(recorded)
         examined = [examine(log, repairs) for log in recorded]
         logs = [log for log, _ in examined]
         return cls(

@@ -9,6 +9,7 @@ import pyarrow
 from pyarrow import csv
 
 from butterfly.errors import InputError, nearest
+from butterfly.files import replacing
 from butterfly.logs.log import SAMPLED, Log
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties:
         The file.
     columns
         Which column of the file holds ``time`` (s), ``input``, ``angle`` (rad) and, if wanted,
-        ``velocity`` (rad/s); `DEFAULT_COLUMNS` if not given.
+        ``velocity`` (rad/s); if not given, `DEFAULT_COLUMNS`, and ``velocity`` if there is one.
     properties
         Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
 
@@ -45,9 +46,23 @@ def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties:
             raise InputError(path, f"columns.{field}", "an unknown field", nearest(field, SAMPLED))
     for field in DEFAULT_COLUMNS.keys() - mapping.keys():
         raise InputError(path, f"columns.{field}", "nothing", "the name of a column")
-    values = read_columns(path, mapping.values())
-    arrays: dict[str, Any] = dict(zip(mapping, values, strict=True))
+    table = _table(path)
+    if not columns and "velocity" in table.column_names:
+        mapping["velocity"] = "velocity"
+    arrays: dict[str, Any] = {field: _numeric(path, table, name) for field, name in mapping.items()}
     return Log(**arrays, source=str(path), **properties)
+
+
+def write_csv(log: Log, path: Path) -> None:
+    """Write a log with the header that `DEFAULT_COLUMNS` expects, every number in full.
+
+    A missing velocity column is left out.
+    """
+    columns = log.columns()
+    texts = (map(repr, column.astype(np.float64).tolist()) for column in columns.values())
+    rows = zip(*texts, strict=True)
+    with replacing(path) as draft:
+        draft.write_text("\n".join([",".join(columns), *map(",".join, rows), ""]))
 
 
 def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
@@ -58,14 +73,18 @@ def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
     InputError
         If the file is missing or no CSV, or a column is absent or not numeric.
     """
+    table = _table(path)
+    return [_numeric(path, table, name) for name in names]
+
+
+def _table(path: Path) -> pyarrow.Table:
     try:
-        table = csv.read_csv(path)
+        return csv.read_csv(path)
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", "an existing CSV file") from None
     except (pyarrow.ArrowInvalid, OSError) as error:
         reason = " ".join(str(error).split())
         raise InputError(path, "content", f"unreadable ({reason})", "CSV with a header") from None
-    return [_numeric(path, table, name) for name in names]
 
 
 def _numeric(path: Path, table: pyarrow.Table, name: str) -> np.ndarray[Any, Any]:

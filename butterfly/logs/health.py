@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.logs.clipping import clipped, saturated
+from butterfly.logs.stamps import increasing, repeated
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -19,9 +21,6 @@ if TYPE_CHECKING:
 
 GAP_FACTOR = 3.0
 """A sampling interval longer than this many median intervals is a gap."""
-
-_MIN_FLAT_RUN = 5  # samples at one extreme value that make a suspicious flat top
-_CLIP_JUMP = 30.0  # a smooth peak leaves its flat top by 8 encoder steps over the top's own length
 
 
 class Repair(StrEnum):
@@ -110,16 +109,14 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     finite = np.logical_and.reduce([np.isfinite(column) for column in log.columns().values()])
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
     sound = log.take(finite)
-    latest = np.maximum.accumulate(sound.time)
-    repeated = np.zeros(sound.time.size, dtype=np.bool_)
-    repeated[1:] = sound.time[1:] == latest[:-1]
-    backward = np.zeros(sound.time.size, dtype=np.bool_)
-    backward[1:] = sound.time[1:] < latest[:-1]
     if np.ptp(sound.time) == 0.0:
         raise InputError(log.source, "time", "a clock that never advances", "increasing stamps")
+    kept = increasing(sound.time)
+    repeats = repeated(sound.time, kept)
+    backward = ~(kept | repeats)
     _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, "stamps in ascending order")
-    _refuse_unless_allowed(log, repeated, Repair.DUPLICATE, repairs, "stamps that differ")
-    clean = sound.take(~(repeated | backward))
+    _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
+    clean = sound.take(kept)
     _refuse_constant(clean)
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
@@ -127,7 +124,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     health = Health(
         samples=log.time.size,
         duration=float(clean.time[-1] - clean.time[0]),
-        duplicate_stamps=int(repeated.sum()),
+        duplicate_stamps=int(repeats.sum()),
         backward_stamps=int(backward.sum()),
         non_finite=int((~finite).sum()),
         dropped=log.time.size - clean.time.size,
@@ -135,8 +132,8 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         longest_gap=float(intervals.max()),
         step=step,
         jitter=float(np.sqrt(np.mean((intervals[~is_gap] - step) ** 2))),
-        saturated=_saturated(clean.input),
-        clipped=_clipped(clean.angle),
+        saturated=saturated(clean.input),
+        clipped=clipped(clean.angle),
         idle=clean.time.size if np.ptp(clean.input) == 0 else 0,
     )
     return clean, health
@@ -171,39 +168,3 @@ def _refuse_constant(log: Log) -> None:
         column = log.columns()[name]
         if np.ptp(column) == 0.0:
             raise InputError(log.source, name, f"a constant {column[0] + 0.0:g}", meaning)
-
-
-def _flat_runs(values: NDArray[np.float64], level: float) -> list[tuple[int, int]]:
-    """Start and end of each run of at least `_MIN_FLAT_RUN` samples equal to ``level``."""
-    edges = np.diff(np.concatenate(([0], (values == level).astype(np.int8), [0])))
-    runs = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
-    return [(int(a), int(b)) for a, b in runs if b - a >= _MIN_FLAT_RUN]
-
-
-def _saturated(values: NDArray[np.float64]) -> int:
-    """Count samples in flat runs at either extreme of a signal that is not a switched one."""
-    extremes = (values.min(), values.max())
-    if np.isin(values, extremes).mean() > 0.5:  # noqa: PLR2004 - a switched input lives on its extremes
-        return 0
-    return sum(b - a for level in extremes for a, b in _flat_runs(values, level))
-
-
-def _clipped(angle: NDArray[np.float64]) -> int:
-    """Count samples in flat runs at either extreme that the angle enters and leaves at speed.
-
-    A smooth peak that shows as a flat top of L samples on an encoder of step d is a parabola: L
-    samples outside that top it has fallen by about 8 d. A clipped one falls in a straight line.
-    """
-    changes = np.abs(np.diff(angle))
-    encoder_step = changes[changes > 0].min()
-    count = 0
-    for level in (angle.min(), angle.max()):
-        for start, end in _flat_runs(angle, level):
-            length = end - start
-            before, after = start - length, end - 1 + length
-            if before < 0 or after >= angle.size:
-                continue
-            drop = np.abs(angle[[before, after]] - level).min()
-            if drop > _CLIP_JUMP * encoder_step:
-                count += length
-    return count

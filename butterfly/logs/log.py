@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import PurePath
@@ -13,6 +14,8 @@ from butterfly.errors import InputError, require_number
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 MIN_SAMPLES = 16
@@ -75,7 +78,7 @@ class Log:
     source
         File or plant that the log came from, for messages.
     name
-        Unique in its data set; its own file's or run's.
+        What tells the log from the others of its data set (see `with_unique_names`).
     """
 
     time: NDArray[np.float64]
@@ -119,3 +122,25 @@ class Log:
         if self.excitation is None:
             return f"{1e3 * self.added_mass.mass:g} g, {PurePath(self.source).name}"
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
+
+
+def with_unique_names(logs: Sequence[Log]) -> list[Log]:
+    """Return the logs, unnamed ones named by their label, and names that recur numbered.
+
+    The first of a name keeps it; the others become ``NAME (2)``, ``NAME (3)`` and so on, in their
+    order.
+    """
+    firsts = [log.name or log.label for log in logs]
+    names: list[str] = []
+    numbers = Counter[str]()
+    taken = set(firsts)
+    for first in firsts:
+        name = first
+        numbers[first] += 1
+        while numbers[first] > 1 and name in taken:
+            name = f"{first} ({numbers[first]})"
+            numbers[first] += name in taken
+        taken.add(name)
+        names.append(name)
+    pairs = zip(logs, names, strict=True)
+    return [log if log.name == name else replace(log, name=name) for log, name in pairs]

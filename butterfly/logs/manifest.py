@@ -5,23 +5,17 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
-import yaml
 from pydantic import Field, field_validator, model_validator
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.csv import read_csv
+from butterfly.logs.formats import ENDINGS, FORMATS, read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.logs.mat import read_mat
-from butterfly.logs.parquet import read_parquet
 from butterfly.model.parameters import AddedMass
-from butterfly.yaml_input import StrictModel, read_yaml
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from butterfly.yaml_input import StrictModel, read_yaml, yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
@@ -141,12 +135,12 @@ def manifest_from_names(
     Raises
     ------
     InputError
-        If ``folder`` does not exist, or holds no .mat or .csv file of that form.
+        If ``folder`` does not exist, holds no file of a known format, or one of another name.
     """
     if not folder.is_dir():
         raise InputError(folder, "path", "no such folder", "a folder of logs")
     entries = []
-    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in {".mat", ".csv"}):
+    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in FORMATS):
         match = _THESIS_NAME.fullmatch(path.stem)
         if match is None:
             raise InputError(
@@ -162,7 +156,7 @@ def manifest_from_names(
             )
         )
     if not entries:
-        raise InputError(folder, "path", "no .mat or .csv file", "a folder of logs")
+        raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
     entries.sort(key=lambda entry: (entry.added_mass, entry.omega or 0.0))
     return Manifest(
         name=folder.resolve().name,
@@ -177,12 +171,11 @@ def manifest_from_names(
 def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as YAML, one line per log."""
     head = manifest.model_dump(mode="json", exclude={"logs"}, exclude_none=True)
-    lines = [yaml.safe_dump(head, sort_keys=False), "logs:\n"]
-    for entry in manifest.logs:
-        row = entry.model_dump(exclude_none=True)
-        flow = yaml.safe_dump(row, default_flow_style=True, sort_keys=False, width=1000)
-        lines.append(f"  - {flow}")
-    return "".join(lines)
+    rows = [
+        f"  - {yaml_text(entry.model_dump(exclude_none=True), flow=True)}"
+        for entry in manifest.logs
+    ]
+    return "".join([yaml_text(head), "logs:\n", *rows])
 
 
 def write_manifest(manifest: Manifest, path: Path) -> None:
@@ -197,7 +190,7 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
     Raises
     ------
     InputError
-        If its file cannot be read (see `read_mat` and `read_csv`) or is of neither form.
+        If its file cannot be read (see `read_log`).
     """
     path = Path(manifest.root) / entry.file
     arm = manifest.arm if entry.arm is None else entry.arm
@@ -206,26 +199,9 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
         "intersample": manifest.intersample,
         "added_mass": AddedMass(mass=entry.added_mass, arm=arm),
         "excitation": entry.excitation,
+        "name": entry.file,
     }
     return read_log(path, columns=manifest.columns, **properties)
-
-
-def read_log(path: Path, columns: Mapping[str, str] | None = None, **properties: Any) -> Log:  # noqa: ANN401 - see read_mat
-    """Read one file, by its ending.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or its ending is none of .mat, .csv and .parquet.
-    """
-    match path.suffix.lower():
-        case ".csv":
-            return read_csv(path, columns, **properties)
-        case ".mat":
-            return read_mat(path, **properties)
-        case ".parquet":
-            return read_parquet(path, **properties)
-    raise InputError(path, "file name", path.suffix or "no ending", ".mat, .csv or .parquet")
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:

@@ -10,6 +10,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError
+from butterfly.files import replacing
 from butterfly.logs.log import SAMPLED, Log
 
 if TYPE_CHECKING:
@@ -50,6 +51,12 @@ def read_parquet(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fi
             raise InputError(path, name, f"a column of {column.type}", "numbers")
         columns[name] = column.to_numpy().astype(np.float64)
     return Log(**columns, source=str(path), **properties)
+
+
+def write_parquet(log: Log, path: Path) -> None:
+    """Write a log; a missing velocity column is left out."""
+    with replacing(path) as draft:
+        draft.write_bytes(parquet_bytes(log))
 
 
 def parquet_bytes(log: Log) -> bytes:

@@ -46,8 +46,19 @@ class Constants(NamedTuple):
 
     @classmethod
     def of(cls, p: LumpedParameters) -> Constants:
-        """Take them from the parameters of the hand with its added mass."""
-        own = {"viscous": p.p2 - p.back_emf, "lag": p.time_constant}
+        """Take them from the parameters of the hand with its added mass.
+
+        An estimator may try friction that is negative under a load; it counts as none, since it
+        would feed the motion. Bristles that no Coulomb friction bends are left out.
+        """
+        coulomb = max(p.coulomb, 0.0)
+        own = {
+            "viscous": p.p2 - p.back_emf,
+            "lag": p.time_constant,
+            "coulomb": coulomb,
+            "stribeck": max(p.stribeck, -coulomb),
+            "bristle_stiffness": p.bristle_stiffness if coulomb > 0 else 0.0,
+        }
         return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
 
 

@@ -11,7 +11,7 @@ from butterfly.logs.log import Intersample, Log
 from butterfly.plant.sensors import Clock, filtered_difference
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     ControlLaw = Callable[[Reading], float]
     Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
 
 
 _DIVERGED = 1e5  # rad: sixteen thousand turns
@@ -75,7 +76,7 @@ class Bench:
         InputError
             If ``duration`` is not positive, or law or joint yield a value that is not finite.
         """
-        return self._record(law, self._clock.cycles(duration, self._rng), about)
+        return self._recorded(self._samples(law, self._clock.cycles(duration, self._rng)), about)
 
     def play(self, signal: Signal, duration: float, **about: Any) -> Log:  # noqa: ANN401
         """Command a signal of time, sampled at the cycles' planned stamps (see `run`).
@@ -87,22 +88,30 @@ class Bench:
         duration, about
             As in `run`.
         """
+        return self._recorded(self.samples(signal, duration), about)
+
+    def samples(self, signal: Signal, duration: float) -> Iterator[Sample]:
+        """Yield the samples of `play` one by one, each when its cycle begins."""
         cycles = self._clock.cycles(duration, self._rng)
         commands = iter(signal(np.concatenate([[0.0], np.cumsum(cycles)])).tolist())
-        return self._record(lambda _: next(commands), cycles, about)
+        return self._samples(lambda _: next(commands), cycles)
 
-    def _record(self, law: ControlLaw, cycles: NDArray[np.float64], about: dict[str, Any]) -> Log:
+    def _samples(self, law: ControlLaw, cycles: NDArray[np.float64]) -> Iterator[Sample]:
         motor = self._motor
-        stamps, commands, angles = [], [], []
         for cycle in [*cycles.tolist(), 0.0]:
             reading = motor.read()
-            stamps.append(reading.time)
-            angles.append(reading.angle)
-            commands.append(motor.command(law(reading)))
+            yield reading.time, motor.command(law(reading)), reading.angle
             if cycle > 0:
                 motor.wait(cycle)
+
+    def _recorded(self, samples: Iterator[Sample], about: dict[str, Any]) -> Log:
+        stamps, commands, angles = [], [], []  # of numbers, which the garbage collector ignores
+        for stamp, command, angle in samples:
+            stamps.append(stamp)
+            commands.append(command)
+            angles.append(angle)
         columns = np.array(stamps), np.array(commands), np.array(angles)
-        return recorded(*columns, input_kind=motor.input_kind, **about)
+        return recorded(*columns, input_kind=self._motor.input_kind, **about)
 
 
 def recorded(

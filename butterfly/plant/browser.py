@@ -21,7 +21,7 @@ LOOPBACK = "127.0.0.1"
 def serve(
     model: mujoco.MjModel,
     data: mujoco.MjData,
-    advance: Callable[[mujoco.MjModel, mujoco.MjData], None],
+    advance: Callable[[], None],
     port: int = 0,
 ) -> None:
     """Show a simulation to a browser until it is stopped.
@@ -31,16 +31,16 @@ def serve(
     model, data
         The simulation.
     advance
-        Steps it on by a frame.
+        Steps them on by a frame.
     port
         To serve at; 0 picks a free one.
     """
     config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
     with _loopback_only(), launch_web.launch(config) as handle:
-        model, data = handle.sync(model, data)
+        handle.sync(model, data)
         while handle.is_running():
-            advance(model, data)
-            model, data = handle.sync()
+            advance()
+            handle.sync()
 
 
 @contextmanager

@@ -13,10 +13,12 @@ from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
 from butterfly.model.greybox import Constants, least_steps, step
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
+from butterfly.plant.armature import Armature
 from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.robot import Assistance
 
 if TYPE_CHECKING:
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
 
 LONGEST_STEP = 1e-3
 """Longest step in s: RK4's error is then 1.5e-11 rad over 70 s of small swings."""
@@ -36,13 +38,18 @@ class _DrivenJoint(ABC):
         The robot and what it carries.
     angle
         In rad, at which it starts, at rest.
+
+    Raises
+    ------
+    InputError
+        If friction is negative (see `Robot.loaded`).
     """
 
     def __init__(
         self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> None:
         self._drive = robot.drive
-        self._loaded = robot.lumped.with_added_mass(added)
+        self._loaded = robot.loaded(added)
         self._constants = Constants.of(self._loaded)
         self._initial = angle
 
@@ -65,74 +72,108 @@ class _DrivenJoint(ABC):
 
 
 class MujocoJoint(_DrivenJoint):
-    """The robot in MuJoCo."""
+    """The robot in MuJoCo.
+
+    Parameters
+    ----------
+    robot, added
+        The robot and what it carries.
+    angle
+        In rad, at which it starts, at rest.
+    scene
+        Whether the model has light and camera, for a viewer.
+    """
 
     def __init__(
-        self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+        self,
+        robot: Robot,
+        added: AddedMass = NO_ADDED_MASS,
+        *,
+        angle: float = 0.0,
+        scene: bool = False,
     ) -> None:
         super().__init__(robot, added, angle=angle)
-        self._model = compile_model(robot)
+        self._model = compile_model(robot, scene=scene)
         mount(self._model, robot, added)
         self._data = mujoco.MjData(self._model)
         self._options = self._model.opt
-        self._has_current = robot.drive.time_constant > 0
-        self._is_stiff = self._has_current or self._loaded.bristle_stiffness > 0
-        self._sticks_harder = self._loaded.sticks_harder
+        data = self._data  # looking a column up costs as much as reading it
+        self._position, self._velocity, self._command = data.qpos, data.qvel, data.ctrl
+        self._armature = None
+        if isinstance(robot.drive, VoltageDrive) and Assistance.CURRENT in robot.assistance:
+            self._armature = Armature(self._model, self._data, robot.drive)
+        stiff = {Assistance.CURRENT, Assistance.BRISTLES}
+        self._is_stiff = not robot.assistance.isdisjoint(stiff)
+        self._sticks_harder = Assistance.STICKING in robot.assistance
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model, for a viewer."""
+        return self._model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The state, for a viewer."""
+        return self._data
 
     @property
     def angle(self) -> float:
         """True angle in rad."""
-        return float(self._data.qpos[0])
+        return float(self._position.item(0))
 
     @property
     def velocity(self) -> float:
         """True velocity in rad/s."""
-        return float(self._data.qvel[0])
+        return float(self._velocity.item(0))
 
     def reset(self) -> None:
         """Go back to rest."""
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[0] = self._initial
+        if self._armature is not None:
+            self._armature.current = 0.0
 
     def advance(self, command: float, duration: float) -> None:
         """Step MuJoCo through ``duration`` s in equal steps that lag and bristles allow."""
         count = steps_of(duration)
         if self._is_stiff:
             count = max(count, least_steps(self._constants, self.velocity, duration))
-        self._data.ctrl[0] = command
         self._options.timestep = duration / count
-        if not self._has_current:
-            self._step(count)
-            return
-        # The callback is process-wide, and must not be there while another model is compiled.
-        mujoco.set_mjcb_act_dyn(_current_rate)
-        try:
-            self._step(count)
-        finally:
-            mujoco.set_mjcb_act_dyn(None)
-
-    def _step(self, count: int) -> None:
-        """Take equal steps; friction that weakens is set anew for the middle of each."""
         if not self._sticks_harder:
-            mujoco.mj_step(self._model, self._data, nstep=count)
+            self._step(command, count)
             return
-        for _ in range(count):
+        for _ in range(count):  # friction that weakens is set anew for the middle of each step
             halfway = 0.5 * self._options.timestep * self._data.qacc[0]
             self._model.dof_frictionloss[0] = self._loaded.level(self._data.qvel[0] + halfway)
-            mujoco.mj_step(self._model, self._data)
+            self._step(command, 1)
+
+    def _step(self, command: float, count: int) -> None:
+        if self._armature is not None:
+            self._armature.advance(command, count)
+            return
+        self._command[0] = command
+        mujoco.mj_step(self._model, self._data, count)
 
     def current(self, command: float) -> float:
         """Armature current in A (4); a state of the simulation if there is an inductance."""
-        return float(self._data.act[0]) if self._has_current else super().current(command)
+        return super().current(command) if self._armature is None else self._armature.current
 
 
 class GreyBoxJoint(_DrivenJoint):
     """The same robot by the grey-box equation, with set-valued friction.
 
+    Parameters
+    ----------
+    robot, added
+        The robot and what it carries.
+    angle
+        In rad, at which it starts, at rest.
+
     Raises
     ------
     InputError
-        If the robot has a clutch with play, which the equation has not.
+        If friction is negative (see `Robot.loaded`), or the robot has a clutch with play, which
+        the equation has not.
     """
 
     def __init__(
@@ -178,19 +219,20 @@ class Simulator(StrEnum):
     MUJOCO = "mujoco"
     GREY_BOX = "grey-box"
 
-    def joint(self, robot: Robot, added: AddedMass, angle: float) -> MujocoJoint | GreyBoxJoint:
-        """Return the joint of a robot that carries a mass and starts at an angle in rad."""
-        kind = MujocoJoint if self is Simulator.MUJOCO else GreyBoxJoint
-        return kind(robot, added, angle=angle)
+    def joint(
+        self, robot: Robot, added: AddedMass, angle: float, *, scene: bool = False
+    ) -> MujocoJoint | GreyBoxJoint:
+        """Return the joint of a robot that carries a mass and starts at an angle in rad.
 
-
-def _current_rate(model: mujoco.MjModel, data: mujoco.MjData, index: int) -> float:
-    """Return di/dt = (v - R i - k_emf thd)/L (4)."""
-    resistance, back_emf_constant, inductance = model.actuator_dynprm[index, :3].tolist()
-    voltage, velocity, current = data.ctrl[index], data.actuator_velocity[index], data.act[index]
-    return float((voltage - resistance * current - back_emf_constant * velocity) / inductance)
+        MuJoCo's has light and camera, for a viewer, if a ``scene`` is wanted.
+        """
+        if self is Simulator.MUJOCO:
+            return MujocoJoint(robot, added, angle=angle, scene=scene)
+        return GreyBoxJoint(robot, added, angle=angle)
 
 
 def steps_of(duration: float) -> int:
     """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
-    return max(math.ceil(duration / LONGEST_STEP * (1 - 1e-9)), 1)
+    if duration <= LONGEST_STEP:  # the usual cycle, in a loop that must be fast
+        return 1
+    return math.ceil(duration / LONGEST_STEP * (1 - 1e-9))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import mujoco
 
-from butterfly.errors import InputError, require_number
+from butterfly.errors import InputError
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
@@ -17,14 +16,13 @@ from butterfly.model.parameters import (
     Drive,
     Hand,
     VoltageDrive,
-    lump,
 )
+from butterfly.plant.robot import Assistance, Clutch, Robot
 from butterfly.resources import shipped
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from butterfly.model.friction import Friction
     from butterfly.model.parameters import LumpedParameters
 
 MODEL = "models/butterfly_hand/hand.xml"
@@ -37,51 +35,6 @@ SCENE = "models/butterfly_hand/scene.xml"
 NO_CONSTANT = 1e-12
 """Motor constant in N m/A of the parts that MuJoCo calls a motor and that are none: it takes no 0,
 and this adds a damping of 1e-24 N m s/rad."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Clutch:
-    """A clutch with play between motor shaft and hand; friction and encoder stay on the shaft.
-
-    Parameters
-    ----------
-    backlash
-        Whole play in rad.
-    rotor_inertia
-        The motor side's share of the hand's inertia, in kg m^2.
-    """
-
-    backlash: float
-    rotor_inertia: float
-
-    def __post_init__(self) -> None:
-        require_number(
-            "Clutch", positive=True, backlash=self.backlash, rotor_inertia=self.rotor_inertia
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Robot:
-    """A hand, what drives it, what brakes it, and what is between; no clutch is a rigid one."""
-
-    hand: Hand
-    drive: Drive
-    friction: Friction
-    clutch: Clutch | None = None
-
-    def __post_init__(self) -> None:
-        if self.clutch and not self.clutch.rotor_inertia < self.hand.inertia:
-            raise InputError(
-                "Clutch",
-                "rotor_inertia",
-                self.clutch.rotor_inertia,
-                f"less than the {self.hand.inertia:g} kg m^2 of hand and rotor together",
-            )
-
-    @property
-    def lumped(self) -> LumpedParameters:
-        """The lumped parameters of the bare hand (6), its clutch without play."""
-        return lump(self.hand, self.drive, self.friction)
 
 
 def mjcf(
@@ -104,17 +57,17 @@ def mjcf(
     scene
         Whether to add light, background and camera.
     assisted
-        Whether `butterfly.plant.joints.MujocoJoint` is to run it, which does what MuJoCo alone
-        cannot: an armature's current of more than first order (MuJoCo's own is 6e-4 rad off at
-        1 ms), and friction that sticks harder than it slides.
+        Whether `butterfly.plant.joints.MujocoJoint` is to run it (see `Assistance`). The motor's
+        command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off at
+        1 ms.
 
     Raises
     ------
     InputError
         If MuJoCo alone cannot run the robot.
     """
-    friction = _loaded(robot, added)
-    if friction.sticks_harder and not assisted:
+    friction = robot.loaded(added)
+    if Assistance.STICKING in robot.assistance and not assisted:
         raise InputError(
             "Friction",
             "bristle_stiffness",
@@ -133,10 +86,7 @@ def mjcf(
     if robot.clutch:
         _insert_clutch(root, robot.clutch)
     motor = _named(root, "dcmotor", "motor")
-    if assisted and robot.drive.time_constant > 0:
-        _set_user_current(motor, robot.drive)
-    else:
-        _set_motor(motor, robot.drive)
+    _set_motor(motor, robot.drive, commands_current=assisted)
     actuators = next(root.iter("actuator"))
     actuators.extend(_pulls(friction))
     if scene:
@@ -144,9 +94,17 @@ def mjcf(
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def compile_model(robot: Robot) -> mujoco.MjModel:
-    """Compile the MuJoCo model of a robot without added mass (see `mount`)."""
-    return mujoco.MjModel.from_xml_string(mjcf(robot, assisted=True))
+def compile_model(
+    robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False
+) -> mujoco.MjModel:
+    """Compile the MuJoCo model of a robot, as `butterfly.plant.joints.MujocoJoint` runs it.
+
+    Parameters
+    ----------
+    robot, added, scene
+        See `mjcf`; `mount` changes what it carries.
+    """
+    return mujoco.MjModel.from_xml_string(mjcf(robot, added, scene=scene, assisted=True))
 
 
 def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
@@ -154,20 +112,12 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
     body = model.body("added_mass").id
     model.body_mass[body] = added.mass
     model.body_pos[body] = [0, 0, -added.arm]
-    loaded = _loaded(robot, added)
+    loaded = robot.loaded(added)
     if loaded.bristle_stiffness:
         model.actuator("bristles").biasprm[3:5] = loaded.coulomb, loaded.holding
     else:
         model.joint("hinge").frictionloss[0] = loaded.coulomb
     mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def _loaded(robot: Robot, added: AddedMass) -> LumpedParameters:
-    loaded = robot.lumped.with_added_mass(added)
-    if loaded.coulomb < 0:
-        expected = f"one that leaves Coulomb friction at {added} positive"
-        raise InputError("Friction", "load", robot.friction.load, expected)
-    return loaded
 
 
 def _parse(path: Path) -> ElementTree.Element:
@@ -239,38 +189,35 @@ def _actuator(kind: str, name: str, attributes: dict[str, str]) -> ElementTree.E
     return ElementTree.Element(kind, {"name": name, "joint": "hinge"} | attributes)
 
 
-def _set_motor(motor: ElementTree.Element, drive: Drive) -> None:
+def _set_motor(motor: ElementTree.Element, drive: Drive, *, commands_current: bool) -> None:
     """Fill in the motor; a torque drive, or a motor without back EMF, is a gain (with a lag).
+
+    So is a motor with inductance whose command is to be its current.
 
     MuJoCo's dcmotor takes one constant K = sqrt(k_i k_emf) for torque and back EMF. Unequal ones
     are rescaled exactly: with K = k_emf and R' = R k_emf/k_i the torque K/R' (v - K thd) equals
     k_i/R (v - k_emf thd).
     """
+    lags = drive.time_constant > 0
+    if isinstance(drive, VoltageDrive) and lags and commands_current:
+        _set_gain(motor, drive.torque_constant)
+        return
     if isinstance(drive, VoltageDrive) and drive.back_emf_constant > 0:
         scale = drive.back_emf_constant / drive.torque_constant
         motor.set("motorconst", " ".join([repr(drive.back_emf_constant)] * 2))
         motor.set("resistance", repr(drive.resistance * scale))
-        if drive.time_constant > 0:
+        if lags:
             motor.set("inductance", f"{drive.inductance * scale!r} {drive.time_constant!r}")
         return
-    motor.tag = "general"
-    motor.attrib = {"name": "motor", "joint": "hinge", "gainprm": repr(drive.gain)}
-    if drive.time_constant > 0:
+    _set_gain(motor, drive.gain)
+    if lags:
         motor.attrib |= {"dyntype": "filterexact", "dynprm": repr(drive.time_constant)}
 
 
-def _set_user_current(motor: ElementTree.Element, drive: Drive) -> None:
-    """Make the current a state of the motor, with R, k_emf and L for the callback."""
-    assert isinstance(drive, VoltageDrive)  # noqa: S101 - only such a drive has a time constant
+def _set_gain(motor: ElementTree.Element, gain: float) -> None:
+    """Make the motor a gain in N m per unit of its command."""
     motor.tag = "general"
-    motor.attrib = {
-        "name": "motor",
-        "joint": "hinge",
-        "gainprm": repr(drive.torque_constant),
-        "dyntype": "user",
-        "dynprm": f"{drive.resistance!r} {drive.back_emf_constant!r} {drive.inductance!r}",
-        "actdim": "1",
-    }
+    motor.attrib = {"name": "motor", "joint": "hinge", "gainprm": repr(gain)}
 
 
 def _merge(root: ElementTree.Element, scene: ElementTree.Element) -> None:

@@ -9,7 +9,7 @@ from PIL import Image
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.files import replacing
-from butterfly.plant.mjcf import mjcf
+from butterfly.plant.mjcf import compile_model
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.model.parameters import AddedMass
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
 
 CAMERA = "bench"
 """Camera of the shipped scene."""
@@ -45,8 +45,7 @@ class Painter:
     """
 
     def __init__(self, robot: Robot, added: AddedMass, size: int = 640) -> None:
-        text = mjcf(robot, added, scene=True, assisted=True)
-        model = mujoco.MjModel.from_xml_string(text)
+        model = compile_model(robot, added, scene=True)
         if added.mass == 0:
             model.geom("added_mass").rgba[3] = 0.0
         model.vis.global_.offwidth = model.vis.global_.offheight = size

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from butterfly.model.parameters import unlump
-from butterfly.plant.mjcf import Robot
+from butterfly.plant.robot import Robot
 
 if TYPE_CHECKING:
     from butterfly.model.parameters import LumpedParameters

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import time
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from PIL import Image
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
 from butterfly.plant import has_display
-from butterfly.plant.excitations import initial_angle
-from butterfly.plant.mjcf import mjcf
+from butterfly.plant.live import LiveRun, RealTime
 from butterfly.plant.picture import Painter, RenderingError
 from butterfly.progress import Track, untracked
 
@@ -27,23 +24,30 @@ if TYPE_CHECKING:
 
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.excitations import Excitation
-    from butterfly.plant.mjcf import Robot
+    from butterfly.plant.robot import Robot
+    from butterfly.plant.setup import Setup
 
 _FRAME = 0.01  # s of rest between two frames
-_PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up
 _PILLOW = (".gif", ".webp")
 _FFMPEG = (".mp4",)
 
 
 def watch(
-    robot: Robot, added: AddedMass, excitation: Excitation, *, web: bool = False, port: int = 0
+    setup: Setup,
+    added: AddedMass,
+    excitation: Excitation,
+    duration: float,
+    seed: np.random.SeedSequence,
+    *,
+    web: bool = False,
+    port: int = 0,
 ) -> None:
-    """Run the robot in a viewer, in real time, until the viewer is closed or Ctrl-C is pressed.
+    """Run a robot in a viewer, in real time, until the viewer is closed or Ctrl-C is pressed.
 
     Parameters
     ----------
-    robot, added, excitation
-        What is run.
+    setup, added, excitation, duration, seed
+        What is run (see `LiveRun`).
     web
         Serve the viewer to a browser on this machine instead of opening a window.
     port
@@ -51,37 +55,23 @@ def watch(
 
     Raises
     ------
+    InputError
+        If the simulator cannot do what the robot has.
     RenderingError
         If a window is wanted and there is no display.
     """
-    model = mujoco.MjModel.from_xml_string(mjcf(robot, added, scene=True))
-    data = mujoco.MjData(model)
-    data.qpos[0] = initial_angle(excitation)
-    pace = _RealTime(excitation)
+    run = LiveRun(setup, added, excitation, duration, seed)
+    pace = RealTime(run)
     if not web:
-        _run_in_window(model, data, pace)
+        _run_in_window(run, pace)
         return
     from butterfly.plant import browser  # noqa: PLC0415 - slow to import, and seldom wanted
 
-    browser.serve(model, data, pace.catch_up, port)
-
-
-class _RealTime:
-    """Steps a driven model as fast as the clock on the wall runs."""
-
-    def __init__(self, excitation: Excitation) -> None:
-        self._excitation = excitation
-        self._origin = -math.inf
-
-    def catch_up(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Step up to now, after a frame's rest; a pause or a reset sets a new now."""
+    def advance() -> None:
         time.sleep(_FRAME)
-        behind = time.monotonic() - self._origin - data.time
-        if not abs(behind) < _PAUSE:
-            self._origin = time.monotonic() - data.time
-        while data.time < time.monotonic() - self._origin:
-            data.ctrl[0] = self._excitation.sample(np.array([data.time]))[0]
-            mujoco.mj_step(model, data)
+        pace.catch_up()
+
+    browser.serve(run.model, run.data, advance, port)
 
 
 def film(
@@ -150,13 +140,14 @@ def _save_with_ffmpeg(path: Path, frames: list[NDArray[np.uint8]], fps: int) -> 
     iio.imwrite(path, np.stack(frames), fps=fps, macro_block_size=None)
 
 
-def _run_in_window(model: mujoco.MjModel, data: mujoco.MjData, pace: _RealTime) -> None:
+def _run_in_window(run: LiveRun, pace: RealTime) -> None:
     if not has_display():
         raise RenderingError("no display for a viewer: use --web, or butterfly video")
     from mujoco import viewer  # noqa: PLC0415 - needs the window system when it is imported
 
-    with viewer.launch_passive(model, data) as handle:
+    with viewer.launch_passive(run.model, run.data) as handle:
         while handle.is_running():
+            time.sleep(_FRAME)
             with handle.lock():
-                pace.catch_up(model, data)
+                pace.catch_up()
             handle.sync()

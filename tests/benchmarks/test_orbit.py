@@ -60,7 +60,7 @@ def _effect(name):
     spec, amplitudes, told = EFFECTS[name]
     rng = np.random.default_rng(0)
     study = study_orbit(
-        simulated_rig(spec, rng),
+        simulated_rig(spec.setup, rng),
         generic(spec, amplitudes),
         0.0,
         sixty_degrees(),
@@ -87,7 +87,7 @@ def test_free_run_errors_for_every_effect():
 def _swings(seed):
     """Swings in degrees of the loop in MuJoCo, from a small-swing model and from a wrong one."""
     rng = np.random.default_rng(seed)
-    rig = simulated_rig(ROUGH, rng)
+    rig = simulated_rig(ROUGH.setup, rng)
     loops = [
         calibrate(rig, believed, 0.0, sixty_degrees(duration=20.0), rng=rng)
         for believed in (generic(ROUGH, AGAINST_COULOMB), wrong(TRUE, rng))

@@ -12,9 +12,11 @@ from butterfly.identify.estimators import OutputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
-from butterfly.plant.mjcf import Robot, mjcf
+from butterfly.plant.mjcf import mjcf
+from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
-from butterfly.plant.sweep import Controller, sweep
+from butterfly.plant.setup import Setup
+from butterfly.plant.sweep import sweep
 
 sysid = pytest.importorskip("mujoco.sysid", reason="the extra 'sysid' is not installed")
 
@@ -29,12 +31,10 @@ STEP = 0.005  # s
 
 @pytest.fixture(scope="module")
 def logs():
-    controller = Controller(
-        duration=70.0, clock=Clock(step=STEP), encoder=Encoder(steps=32768, noise=2e-4)
-    )
+    setup = Setup(robot=ROBOT, clock=Clock(step=STEP), encoder=Encoder(steps=32768, noise=2e-4))
     runs = [(mass, Sine(omega=w, amplitude=0.15)) for mass in MASSES for w in (3.5, 5.5)]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
-    return list(sweep(ROBOT, runs, controller, seeds))
+    return list(sweep(setup, runs, 70.0, seeds))
 
 
 def _peer(logs):

@@ -20,9 +20,11 @@ from butterfly.model.energy import Orbit
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.plant.mjcf import Robot, compile_model
+from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Reading
-from butterfly.plant.sweep import Controller, sweep, through_wrapper
+from butterfly.plant.robot import Robot
+from butterfly.plant.setup import Setup
+from butterfly.plant.sweep import sweep
 
 
 def _seconds(function, repeats=3):
@@ -82,7 +84,7 @@ def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
     sine, rng = Sine(omega=4, amplitude=0.2), np.random.default_rng(0)
 
     def driven():
-        through_wrapper(ROBOT, AddedMass(), sine, Controller(duration=steps * 1e-3), rng)
+        Setup(robot=ROBOT).play(AddedMass(), sine, steps * 1e-3, rng)
 
     ratio = _seconds(bare) / _seconds(driven)
     print(f"\nmotor wrapper: {ratio:.2f} of the speed of a bare mj_step loop with the same columns")
@@ -104,7 +106,7 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
 
     def swept():
         seeds = np.random.SeedSequence(0).spawn(39)
-        list(sweep(ROBOT, runs, Controller(duration=duration), seeds, threads=threads))
+        list(sweep(Setup(robot=ROBOT), runs, duration, seeds, threads=threads))
 
     ratio = _seconds(bare) / _seconds(swept)
     print(f"\nsweep of 39 runs: {ratio:.2f} of the speed of a bare rollout on {threads} threads")

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from butterfly.experiment.figure_data import write_figure_data
 from butterfly.experiment.reading import read_experiment
@@ -9,6 +10,9 @@ from butterfly.experiment.reproduction import (
     scripted_point,
     synthetic_log,
 )
+from butterfly.logs.log import Sine
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.sensors import Clock
 from butterfly.resources import shipped
 
 
@@ -33,6 +37,15 @@ def test_without_simulink_s_noise_table_1_has_the_digits_of_the_errata():
         logs = [synthetic_log(experiment, added, s, noise=False) for s in experiment.excitations]
         found.append(f"{_scripted_resonance([scripted_point(log) for log in logs]):.4f}")
     assert found == ["3.7739", "3.7704"]
+
+
+def test_a_synthetic_log_lasts_as_long_as_the_experiment_says_whatever_its_clock():
+    experiment = read_experiment(shipped(SYNTHETIC))
+    fast = experiment.plant.model_copy(update={"clock": Clock(step=0.004)})
+    changed = experiment.model_copy(update={"plant": fast, "duration": 2.0})
+    log = synthetic_log(changed, AddedMass(), Sine(omega=3.0, amplitude=1e-4), noise=False)
+    assert log.time[-1] == pytest.approx(2.0)
+    np.testing.assert_allclose(np.diff(log.time), 0.004, rtol=1e-9)
 
 
 def test_the_synthetic_tables_need_no_real_logs(monkeypatch):

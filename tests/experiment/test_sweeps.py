@@ -14,7 +14,6 @@ from butterfly.errors import InputError
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import controller_of
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
 from butterfly.identify.estimators import (
     HarmonicBalance,
@@ -232,7 +231,7 @@ def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
         assert experiment.plant.robot.lumped.p3 == pytest.approx(0.05)
         seeds = np.random.SeedSequence(0).spawn(1)
         (logs[simulator],) = sweep_logs(
-            experiment.plant.robot, experiment.runs(), controller_of(experiment), seeds
+            experiment.plant.setup, experiment.runs(), experiment.duration, seeds
         )
     both = [log.angle for log in logs.values()]
     assert np.abs(both[0] - both[1]).max() < 2e-3

@@ -46,6 +46,26 @@ def test_a_backward_stamp_is_refused_unless_allowed_and_then_counted(sine_log):
     assert np.all(np.diff(clean.time) > 0)
 
 
+def test_a_stamp_far_ahead_costs_no_other_sample(sine_log):
+    time = sine_log.time.copy()
+    time[100] += 1e4
+    with pytest.raises(InputError, match=r"time: got 10000.1 at sample 100 \(1 such samples"):
+        examine(_disturbed(sine_log, time=time))
+    clean, health = examine(_disturbed(sine_log, time=time), ALL)
+    assert (health.backward_stamps, health.duplicate_stamps, health.dropped) == (1, 0, 1)
+    np.testing.assert_array_equal(clean.time, np.delete(sine_log.time, 100))
+
+
+def test_a_clock_that_starts_again_is_refused_and_the_longer_part_kept_if_allowed(sine_log):
+    time = sine_log.time.copy()
+    time[25_000:] -= time[25_000]
+    with pytest.raises(InputError, match=r"at sample 25000 \(15000 such samples"):
+        examine(_disturbed(sine_log, time=time))
+    clean, health = examine(_disturbed(sine_log, time=time), ALL)
+    assert (health.backward_stamps, health.dropped) == (15_000, 15_000)
+    np.testing.assert_array_equal(clean.angle, sine_log.angle[:25_000])
+
+
 @pytest.mark.parametrize("name", ["time", "input", "angle", "velocity"])
 def test_a_value_that_is_no_number_is_refused_by_column_and_sample(sine_log, name):
     column = getattr(sine_log, name).copy()

@@ -93,7 +93,7 @@ def test_a_slip_in_a_manifest_is_named_with_file_field_and_value(tmp_path, old, 
 def test_a_folder_without_logs_or_with_other_names_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         manifest_from_names(tmp_path / "nowhere", **HOW)
-    with pytest.raises(InputError, match=r"no \.mat or \.csv"):
+    with pytest.raises(InputError, match=r"no \.mat, \.csv or \.parquet file"):
         manifest_from_names(tmp_path, **HOW)
     (tmp_path / "run7.mat").touch()
     with pytest.raises(InputError, match="got run7"):

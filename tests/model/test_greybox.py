@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters
 
 PENDULUM = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025)
 
@@ -129,3 +130,25 @@ def test_an_input_that_starts_from_zero_moves_a_joint_without_friction_at_once()
     time = np.array([0.0, 1.0])
     angle, _ = simulate(parameters, time, np.array([[0.0, 0.5, 1.0]]), 0.0)
     assert angle[-1] == pytest.approx(1 / 0.6)
+
+
+@given(
+    load=st.floats(-0.1, 0.1),
+    coulomb=st.floats(-0.01, 0.01),
+    stribeck=st.floats(-0.01, 0.01),
+    stiffness=st.sampled_from([0.0, 5.0]),
+    angle=st.floats(-3, 3),
+)
+def test_the_energy_of_a_free_decay_never_grows_whatever_friction_is_tried(
+    load, coulomb, stribeck, stiffness, angle
+):
+    tried = LumpedParameters(
+        p1=0.00325, p2=0, p3=0.04905, p4=1, coulomb=coulomb, load=load, stribeck=stribeck
+    ).with_added_mass(AddedMass(mass=0.05, arm=0.1))
+    if stiffness and tried.coulomb <= 0:  # else bristles give back what they were lent
+        tried = replace(tried, bristle_stiffness=stiffness)
+    time = np.arange(0, 5, 1e-3)
+    x, v = simulate(tried, time, np.zeros((time.size - 1, 3)), angle)
+    energy = tried.p1 * v**2 / 2 + tried.p3 * (1 - np.cos(x))
+    assert np.diff(energy).max() < 1e-10
+    assert np.isfinite(energy).all()

@@ -14,7 +14,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.loop import Plan
 from butterfly.plant.joints import Simulator
-from butterfly.plant.sweep import Controller, sweep
+from butterfly.plant.sweep import sweep
 from butterfly.signals.frequency_response import response_point
 
 SIXTY = math.radians(60)
@@ -46,7 +46,7 @@ def wrong(parameters, rng):
 
 def grey_rig(spec, rng):
     """Rig of the same plant, simulated by the grey-box equation."""
-    return simulated_rig(spec.model_copy(update={"simulator": Simulator.GREY_BOX}), rng)
+    return simulated_rig(replace(spec.setup, simulator=Simulator.GREY_BOX), rng)
 
 
 def runs(spec, rng, *, starts=STARTS, masses=(NO_ADDED_MASS,), duration=20.0):
@@ -67,11 +67,8 @@ def generic(spec, amplitudes):
     omegas = (2.5, 3.2, 3.6, 3.9, 4.2, 4.8, 6.0)
     sines = [Sine(omega=w, amplitude=1e-5 * a) for w, a in zip(omegas, amplitudes, strict=True)]
     jobs = [(mass, sine) for mass in (NO_ADDED_MASS, KNOWN) for sine in sines]
-    controller = Controller(
-        duration=60.0, clock=spec.clock, encoder=spec.encoder, path=spec.path, faults=spec.faults
-    )
     seeds = np.random.SeedSequence(0).spawn(len(jobs))
-    logs = sweep(spec.robot, jobs, controller, seeds)
+    logs = sweep(spec.setup, jobs, 60.0, seeds)
     return Linear().of_points([response_point(log) for log in logs]).parameters
 
 

@@ -18,8 +18,8 @@ from butterfly.orbit.controller import EnergyShaping, gain_for, multiplier_of, s
 from butterfly.orbit.velocity import FilteredDifference, Observer
 from butterfly.plant.bench import Bench
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.mjcf import Robot
 from butterfly.plant.motor import CommandPath, SimulatedMotor
+from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)

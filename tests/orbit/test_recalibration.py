@@ -137,7 +137,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better(effect):
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
     small = generic(ROUGH, AGAINST_COULOMB)
-    found = calibrate(simulated_rig(ROUGH, rng), small, 0.0, sixty_degrees(), rng=rng)
+    found = calibrate(simulated_rig(ROUGH.setup, rng), small, 0.0, sixty_degrees(), rng=rng)
     reached = [math.degrees(each.amplitude) for each in found.rounds]
     assert reached[0] == pytest.approx(97.0, abs=1.0)
     assert reached[-1] == pytest.approx(60.0, abs=0.2)

@@ -14,8 +14,8 @@ from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.bench import Bench
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.mjcf import Robot
 from butterfly.plant.motor import CommandPath, ReplayMotor, SimulatedMotor
+from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, filtered_difference
 
 FINE = Encoder(steps=2**40)

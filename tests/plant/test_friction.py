@@ -13,8 +13,9 @@ from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.bench import Bench
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.mjcf import Clutch, Robot, mjcf
+from butterfly.plant.mjcf import mjcf
 from butterfly.plant.motor import SimulatedMotor
+from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder
 
 ADDED = AddedMass(mass=0.05, arm=0.104)
@@ -159,11 +160,16 @@ def test_the_added_weight_raises_coulomb_friction():
     np.testing.assert_array_equal(heavy, light)
 
 
-def test_a_weight_cannot_relieve_the_bearing_of_more_friction_than_there_is():
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_weight_cannot_relieve_the_bearing_of_more_friction_than_there_is(joint):
     robot = _robot(Friction(coulomb=1e-3, load=-5e-3))
     with pytest.raises(InputError, match="load"):
-        MujocoJoint(robot, ADDED)
-    MujocoJoint(robot, AddedMass(mass=0.01, arm=0.1))
+        joint(robot, ADDED)
+    joint(robot, AddedMass(mass=0.01, arm=0.1))
+    bends = _robot(replace(LUGRE, coulomb=4.905e-4, load=-1e-3))
+    assert bends.lumped.with_added_mass(ADDED).coulomb == 0
+    with pytest.raises(InputError, match="load"):
+        joint(bends, ADDED)
 
 
 @pytest.mark.parametrize("friction", [SMOOTH, LUGRE, replace(SMOOTH, coulomb=1e-3)])

@@ -1,6 +1,8 @@
 """The armature's current as a state, against an independent integrator of (2)-(4)."""
 
 import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import mujoco
@@ -13,8 +15,9 @@ from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.plant.bench import Bench
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.mjcf import Robot, mjcf
+from butterfly.plant.mjcf import mjcf
 from butterfly.plant.motor import SimulatedMotor
+from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.sine_fit import fit_sine
 
@@ -121,6 +124,42 @@ def test_two_robots_with_inductance_do_not_disturb_each_other():
         for angle in angles:
             alone.advance(0.4, 0.005)
             assert alone.angle == angle
+
+
+def test_threads_do_not_disturb_each_other():
+    """They switch, and compile models, in the midst of each other's cycles."""
+    robots = [_robot(te) for te in (1e-3, 5e-3, 2e-3, 3e-3)]
+
+    def angles(robot):
+        found = []
+        for _ in range(5):
+            joint = MujocoJoint(robot, ADDED)
+            for k in range(100):
+                joint.advance(0.4 * math.sin(0.05 * k), 0.002)
+                found.append((joint.angle, joint.current(0.0)))
+        return found
+
+    alone = [angles(robot) for robot in robots]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            together = list(pool.map(angles, robots))
+    finally:
+        sys.setswitchinterval(interval)
+    assert together == alone
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 1.0])
+def test_current_clutch_bristles_and_sticking_go_together(stiffness):
+    friction = Friction(viscous=2e-4, coulomb=5e-4, stribeck=3e-4, bristle_stiffness=stiffness)
+    robot = replace(_robot(2e-3), friction=friction)
+    tight = replace(robot, clutch=Clutch(backlash=1e-5, rotor_inertia=1e-3))
+    exact = _run(GreyBoxJoint(robot, ADDED), duration=2.0).angle
+    assert np.ptp(exact) > 0.1
+    for each in (robot, tight):
+        angle = _run(MujocoJoint(each, ADDED), duration=2.0).angle
+        np.testing.assert_allclose(angle, exact, atol=2e-3)
 
 
 def test_an_exported_robot_with_inductance_loads_in_plain_mujoco_with_a_current():

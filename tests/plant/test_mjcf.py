@@ -6,11 +6,16 @@ import pytest
 from PIL import Image
 
 from butterfly.errors import InputError
+from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
-from butterfly.plant.mjcf import Robot, compile_model, mjcf, mount
+from butterfly.plant.mjcf import compile_model, mjcf, mount
+from butterfly.plant.motor import CommandPath
 from butterfly.plant.picture import Painter, RenderingError, render
+from butterfly.plant.robot import Robot
+from butterfly.plant.sensors import Encoder
+from butterfly.plant.setup import Setup
 from butterfly.resources import shipped
 
 ROBOT = Robot(
@@ -39,6 +44,38 @@ def test_an_exported_model_loads_in_plain_mujoco_and_moves_alike(tmp_path):
     exported = mujoco.MjModel.from_xml_path(str(path))
     np.testing.assert_allclose(_trajectory(exported), _trajectory(model), rtol=0, atol=1e-12)
     assert np.ptp(_trajectory(model)[:, 0]) > 0.1
+
+
+def _delayed(attributes):
+    """Angle of an exported robot in plain MuJoCo, with a delay, under a sine."""
+    smooth = replace(ROBOT, friction=Friction(viscous=1e-3))
+    text = mjcf(smooth, ADDED).replace('name="motor"', f'name="motor" {attributes}', 1)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    angles = [0.0]
+    for k in range(10_000):
+        data.ctrl[0] = 0.6 * np.sin(6e-3 * k)
+        mujoco.mj_step(model, data)
+        angles.append(data.qpos[0])
+    return np.array(angles)
+
+
+@pytest.mark.parametrize(
+    ("delay", "attributes"),
+    [
+        (0.0029, 'delay="0.0034" nsample="5" interp="linear"'),
+        (0.0101, 'delay="0.0106" nsample="13" interp="linear"'),
+        (0.001, 'delay="0.001" nsample="3" interp="zoh"'),
+    ],
+)
+def test_mujoco_s_own_delay_can_be_that_of_the_command_path(delay, attributes):
+    """As the model's README says."""
+    smooth = replace(ROBOT, friction=Friction(viscous=1e-3))
+    setup = Setup(robot=smooth, encoder=Encoder(steps=2**45), path=CommandPath(delay=delay))
+    sine = Sine(omega=6.0, amplitude=0.6)
+    log = setup.play(ADDED, sine, 10.0, np.random.default_rng(0))
+    np.testing.assert_allclose(_delayed(attributes), log.angle, atol=1e-6)
+    assert np.abs(_delayed("") - log.angle).max() > 1e-3
 
 
 def test_the_plate_is_the_published_outline():

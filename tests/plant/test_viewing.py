@@ -15,8 +15,9 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
-from butterfly.plant.mjcf import Robot
 from butterfly.plant.picture import Painter, RenderingError
+from butterfly.plant.robot import Robot
+from butterfly.plant.setup import Setup
 from butterfly.plant.viewing import film, watch
 
 ROBOT = Robot(
@@ -79,7 +80,13 @@ def test_without_a_display_the_viewer_says_what_else_there_is(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(RenderingError, match="--web"):
-        watch(ROBOT, ADDED, Sine(omega=3.0, amplitude=0.1))
+        watch(
+            Setup(robot=ROBOT),
+            ADDED,
+            Sine(omega=3.0, amplitude=0.1),
+            1.0,
+            np.random.SeedSequence(0),
+        )
 
 
 def _status(url, patience=30.0):

@@ -23,7 +23,8 @@ from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
-from butterfly.plant.sweep import Controller, sweep
+from butterfly.plant.setup import Setup
+from butterfly.plant.sweep import sweep
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
@@ -49,8 +50,8 @@ def data():
     sines = [Sine(omega=3.0, amplitude=4e-4), Sine(omega=5.0, amplitude=8e-4)]
     runs = [(mass, sine) for mass in masses for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
-    controller = Controller(duration=40.0, encoder=ROUGH.encoder)
-    return DataSet.of(list(sweep(ROUGH.robot, runs, controller, seeds)), name="six sines")
+    setup = Setup(robot=ROUGH.robot, encoder=ROUGH.encoder)
+    return DataSet.of(list(sweep(setup, runs, 40.0, seeds)), name="six sines")
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,92 @@
+"""The robot that a bench drives: hand, motor, friction, and what is between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from butterfly.errors import InputError, require_number
+from butterfly.model.parameters import AddedMass, Drive, Hand, lump
+
+if TYPE_CHECKING:
+    from butterfly.model.friction import Friction
+    from butterfly.model.parameters import LumpedParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clutch:
+    """A clutch with play between motor shaft and hand; friction and encoder stay on the shaft.
+
+    Parameters
+    ----------
+    backlash
+        Whole play in rad.
+    rotor_inertia
+        The motor side's share of the hand's inertia, in kg m^2.
+    """
+
+    backlash: float
+    rotor_inertia: float
+
+    def __post_init__(self) -> None:
+        require_number(
+            "Clutch", positive=True, backlash=self.backlash, rotor_inertia=self.rotor_inertia
+        )
+
+
+class Assistance(StrEnum):
+    """What MuJoCo alone cannot do for a robot, and `butterfly.plant.joints.MujocoJoint` does."""
+
+    CURRENT = "a current of more than first order"
+    STICKING = "friction that sticks harder than it slides"
+    BRISTLES = "steps short enough for bristles"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """A hand, what drives it, what brakes it, and what is between; no clutch is a rigid one."""
+
+    hand: Hand
+    drive: Drive
+    friction: Friction
+    clutch: Clutch | None = None
+
+    def __post_init__(self) -> None:
+        if self.clutch and not self.clutch.rotor_inertia < self.hand.inertia:
+            raise InputError(
+                "Clutch",
+                "rotor_inertia",
+                self.clutch.rotor_inertia,
+                f"less than the {self.hand.inertia:g} kg m^2 of hand and rotor together",
+            )
+
+    @property
+    def lumped(self) -> LumpedParameters:
+        """The lumped parameters of the bare hand (6), its clutch without play."""
+        return lump(self.hand, self.drive, self.friction)
+
+    def loaded(self, added: AddedMass) -> LumpedParameters:
+        """Return the lumped parameters of the hand that carries ``added`` (78).
+
+        Raises
+        ------
+        InputError
+            If the added weight relieves the bearing of more friction than there is.
+        """
+        loaded = self.lumped.with_added_mass(added)
+        bends = loaded.bristle_stiffness > 0
+        if loaded.coulomb < 0 or (bends and loaded.coulomb == 0):
+            expected = f"one that leaves Coulomb friction at {added} positive"
+            raise InputError("Friction", "load", self.friction.load, expected)
+        return loaded
+
+    @property
+    def assistance(self) -> frozenset[Assistance]:
+        """What MuJoCo needs help with; without any, its compiled loop can run the robot."""
+        needed = {
+            Assistance.CURRENT: self.drive.time_constant > 0,
+            Assistance.STICKING: self.friction.sticks_harder,
+            Assistance.BRISTLES: self.friction.bristle_stiffness > 0,
+        }
+        return frozenset(each for each, is_needed in needed.items() if is_needed)

@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from butterfly.errors import InputError
+from butterfly.logs.formats import ENDINGS, FORMATS, read_log, write_log
+from butterfly.logs.log import InputKind, Log
+
+KIND = {"input_kind": InputKind.TORQUE}
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+@given(
+    columns=arrays(np.float64, st.tuples(st.sampled_from([3, 4]), st.integers(16, 40))),
+    whole=st.booleans(),
+)
+def test_any_numbers_are_read_back_bit_for_bit(tmp_path_factory, ending, columns, whole):
+    columns = np.where(np.isnan(columns), 0.0, columns)  # the bits of a NaN are nobody's promise
+    columns = np.round(columns) if whole else columns
+    log = Log(**dict(zip(("time", "input", "angle", "velocity"), columns, strict=False)), **KIND)
+    path = tmp_path_factory.mktemp("formats") / f"log{ending}"
+    write_log(log, path)
+    read = read_log(path, **KIND)
+    assert read.columns().keys() == log.columns().keys()
+    for name, column in log.columns().items():
+        assert getattr(read, name).tobytes() == column.tobytes()
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_missing_number_among_others_stays_missing(tmp_path, sine_log, ending):
+    sine_log.angle[[3, 7]] = np.nan
+    write_log(sine_log, tmp_path / f"log{ending}")
+    np.testing.assert_array_equal(read_log(tmp_path / f"log{ending}", **KIND).angle, sine_log.angle)
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_log_that_was_read_is_named_by_its_file_whatever_the_case_of_its_ending(
+    tmp_path, sine_log, ending
+):
+    path = tmp_path / f"log{ending.upper()}"
+    write_log(sine_log, path)
+    log = read_log(path, **KIND)
+    assert (log.name, log.source) == (path.name, str(path))
+    assert read_log(path, name="mine", **KIND).name == "mine"
+
+
+def test_columns_are_mapped_where_they_may_have_any_names(tmp_path, sine_log):
+    write_log(sine_log, tmp_path / "log.csv")
+    text = (tmp_path / "log.csv").read_text().replace("angle", "q", 1)
+    (tmp_path / "log.csv").write_text(text)
+    columns = {"time": "time", "input": "input", "angle": "q"}
+    np.testing.assert_array_equal(
+        read_log(tmp_path / "log.csv", columns, **KIND).angle, sine_log.angle
+    )
+
+
+@pytest.mark.parametrize(("name", "value"), [("log.xls", ".xls"), ("log", "no ending")])
+def test_another_ending_is_refused_with_those_that_are_known(tmp_path, sine_log, name, value):
+    assert ENDINGS == ".mat, .csv or .parquet"
+    for attempt in (
+        lambda: read_log(tmp_path / name, **KIND),
+        lambda: write_log(sine_log, tmp_path / name),
+    ):
+        with pytest.raises(InputError, match=f"got {value}; expected {ENDINGS}"):
+            attempt()

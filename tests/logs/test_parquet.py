@@ -1,0 +1,59 @@
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+from butterfly.errors import InputError
+from butterfly.logs.log import InputKind
+from butterfly.logs.parquet import parquet_bytes, read_parquet, write_parquet
+
+KIND = {"input_kind": InputKind.TORQUE}
+RAMP = np.arange(20.0)
+
+
+def _write(path, **columns):
+    parquet.write_table(pa.table(columns), path)
+    return path
+
+
+def test_the_bytes_of_a_log_are_what_its_file_holds(tmp_path, sine_log):
+    write_parquet(sine_log, tmp_path / "log.parquet")
+    assert (tmp_path / "log.parquet").read_bytes() == parquet_bytes(sine_log)
+
+
+def test_other_columns_are_ignored_integers_are_numbers_and_velocity_may_be_missing(tmp_path):
+    path = _write(
+        tmp_path / "a.parquet", angle=RAMP.astype(int), extra=RAMP, time=RAMP, input=2 * RAMP
+    )
+    log = read_parquet(path, **KIND)
+    assert log.velocity is None
+    assert log.angle.dtype == np.float64
+    np.testing.assert_array_equal(log.input, 2 * log.angle)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        (
+            {"time": RAMP, "input": RAMP},
+            "angle: got columns time, input; expected",
+        ),
+        ({"time": RAMP, "input": RAMP, "angle": ["a"] * 20}, "angle: got a column of string"),
+        ({"time": RAMP[:3], "input": RAMP[:3], "angle": RAMP[:3]}, "time: got 3 samples"),
+    ],
+)
+def test_a_wrong_content_is_named(tmp_path, columns, message):
+    with pytest.raises(InputError, match=message):
+        read_parquet(_write(tmp_path / "a.parquet", **columns), **KIND)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1 and so on PAR1", b"time,input,angle\n"])
+def test_what_is_no_parquet_is_one_typed_error(tmp_path, content):
+    (tmp_path / "a.parquet").write_bytes(content)
+    with pytest.raises(InputError, match="a whole Parquet file"):
+        read_parquet(tmp_path / "a.parquet", **KIND)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"nowhere\.parquet: path: got no such file"):
+        read_parquet(tmp_path / "nowhere.parquet", **KIND)

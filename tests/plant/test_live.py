@@ -1,0 +1,139 @@
+"""What `butterfly view` steps, without a window."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from butterfly.logs.log import Sine
+from butterfly.plant.excitations import FreeDecay
+from butterfly.plant.joints import Simulator
+from butterfly.plant.live import LiveRun, RealTime
+from butterfly.plant.motor import CommandPath
+from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.setup import Setup
+from butterfly.plant.sweep import sweep
+from tests.plant.test_setup import ADDED, ROBOT, SINE, STIFF
+
+ROUGH = Setup(
+    robot=replace(ROBOT, drive=STIFF),
+    clock=Clock(step=0.002, jitter=3e-4),
+    path=CommandPath(limit=0.2, delay=0.0037),
+    encoder=Encoder(noise=1e-4),
+)
+SEED = np.random.SeedSequence(5)
+
+
+class _Wall:
+    """A clock on the wall that goes on by ``tick`` s whenever somebody looks."""
+
+    def __init__(self, tick=0.0):
+        self.now, self.tick = 100.0, tick
+
+    def __call__(self):
+        self.now += self.tick
+        return self.now
+
+
+def _watched(setup, excitation=SINE, duration=0.5):
+    """Samples that are stepped, and angles that are shown, in real time by a wall clock."""
+    run = LiveRun(setup, ADDED, excitation, duration, SEED)
+    seen, shown = [run.sample], [run.data.qpos[0]]
+    forward = run.advance
+
+    def advance():
+        forward()
+        seen.append(run.sample)
+        shown.append(run.data.qpos[0])
+
+    run.advance = advance
+    wall = _Wall()
+    pace = RealTime(run, wall)
+    while run.elapsed < 0.9 * duration:
+        pace.catch_up()
+        assert run.elapsed <= wall.now - 100.0 + 0.004
+        wall.now += 0.01
+    return np.array(seen), np.array(shown)
+
+
+@pytest.mark.parametrize("simulator", Simulator)
+@pytest.mark.parametrize("excitation", [SINE, FreeDecay(angle=0.5)])
+def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation):
+    setup = replace(ROUGH, simulator=simulator)
+    (log,) = sweep(setup, [(ADDED, excitation)], 0.5, [SEED])
+    seen, shown = _watched(setup, excitation)
+    count = len(seen)
+    assert count > 0.85 * log.time.size
+    np.testing.assert_array_equal(seen[:, 0], log.time[:count])
+    np.testing.assert_array_equal(seen[:, 1], log.input[:count])
+    np.testing.assert_array_equal(seen[:, 2], log.angle[:count])
+    np.testing.assert_allclose(shown, seen[:, 2], atol=1e-3)  # encoder and its noise apart
+    assert np.ptp(shown) > 0.02
+
+
+def test_a_watched_run_is_that_of_the_compiled_loop_too():
+    setup = Setup(robot=ROBOT, encoder=Encoder(steps=2**40), path=CommandPath(limit=0.02))
+    (log,) = sweep(setup, [(ADDED, SINE)], 0.5, [SEED])
+    assert setup.runs_open_loop
+    seen, shown = _watched(setup)
+    np.testing.assert_allclose(seen[:, 2], log.angle[: len(seen)], atol=1e-10)
+    np.testing.assert_allclose(shown, log.angle[: len(seen)], atol=1e-10)
+
+
+@pytest.mark.parametrize("simulator", Simulator)
+def test_a_viewer_gets_a_model_with_light_and_camera_that_shows_the_hand_turned(simulator):
+    setup = replace(ROUGH, simulator=simulator)
+    run = LiveRun(setup, ADDED, FreeDecay(angle=0.5), 1.0, SEED)
+    assert run.model.nlight == 1
+    assert run.model.camera("bench").id == 0
+    for _ in range(100):
+        run.advance()
+    mujoco.mj_kinematics(run.model, run.data)
+    along = run.data.body("added_mass").xpos
+    assert np.arctan2(along[0], -along[2]) == pytest.approx(run.sample[2], abs=1e-3)
+
+
+@pytest.mark.parametrize("simulator", Simulator)
+def test_at_its_end_and_when_a_viewer_resets_it_the_run_starts_again(simulator):
+    setup = replace(ROUGH, simulator=simulator)
+    run = LiveRun(setup, ADDED, SINE, 0.1, SEED)
+    first = [run.sample]
+    for _ in range(50):
+        run.advance()
+        first.append(run.sample)
+    run.advance()
+    assert run.sample == first[0]
+    assert run.elapsed == pytest.approx(first[-1][0])
+    for sample in first[1:20]:
+        run.advance()
+        assert run.sample == sample
+    mujoco.mj_resetData(run.model, run.data)
+    for sample in first:
+        run.advance()
+        assert run.sample == sample
+
+
+def test_a_frame_ends_even_if_a_sample_costs_more_than_it_lasts():
+    run = LiveRun(Setup(robot=ROBOT), ADDED, Sine(omega=3.0, amplitude=0.1), 60.0, SEED)
+    wall = _Wall()
+    pace = RealTime(run, wall)
+    pace.catch_up()
+    taken = []
+    cheap = run.advance
+
+    def dear():
+        taken.append(1)
+        wall.now += 0.005  # for a sample of 1 ms
+        cheap()
+
+    run.advance = dear
+    for _ in range(200):
+        wall.now += 0.01
+        begun = wall.now
+        pace.catch_up()
+        assert wall.now - begun <= 0.02 + 0.005
+    assert len(taken) > 500
+    wall.now += 3600.0  # the machine slept
+    pace.catch_up()
+    assert run.elapsed < 2.0

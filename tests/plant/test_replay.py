@@ -1,0 +1,131 @@
+"""A joint driven with a recorded log, against a closed form and an independent integrator."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from butterfly.errors import InputError
+from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
+from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.replay import replay_input
+from butterfly.plant.robot import Robot
+
+ADDED = AddedMass(mass=0.05, arm=0.104)
+ROBOT = Robot(
+    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
+    drive=TorqueDrive(gain=0.025),
+    friction=Friction(viscous=1e-3),
+)
+WEIGHTLESS = Robot(
+    hand=Hand(mass=0.1, com_distance=0.0, inertia=0.003),
+    drive=TorqueDrive(gain=1.0),
+    friction=Friction(viscous=0.003),
+)
+ZERO, FIRST = Intersample.ZERO_ORDER_HOLD, Intersample.FIRST_ORDER_HOLD
+JOINTS = [GreyBoxJoint, MujocoJoint]
+
+
+def _log(intersample, step, inputs, jitter=0.0):
+    """A log that begins at rest and with an input of 0, at stamps of its own."""
+    steps = step * (1 + jitter * np.random.default_rng(0).uniform(-1, 1, inputs.size - 1))
+    return Log(
+        time=3.0 + np.concatenate([[0.0], np.cumsum(steps)]),
+        input=inputs,
+        angle=np.zeros(inputs.size),
+        input_kind=InputKind.TORQUE,
+        intersample=intersample,
+    )
+
+
+def _held(log, at):
+    """The recorded input at an instant, 0 before the first stamp and the last value after all."""
+    if log.intersample is FIRST:
+        return np.interp(at, log.time, log.input, left=0.0)
+    last = np.searchsorted(log.time, at, side="right") - 1
+    return log.input[last] if last >= 0 else 0.0
+
+
+def _integrated(log, delay):
+    """Angle at the stamps, integrated from each change of the delayed input to the next."""
+    p = ROBOT.lumped.with_added_mass(ADDED)
+    edges = np.union1d(log.time, log.time + delay)
+    edges = edges[edges <= log.time[-1]]
+    state, at = np.zeros(2), {log.time[0]: 0.0}
+    for begin, end in pairwise(edges):
+        middle = (begin + end) / 2 - delay
+        value, slope = _held(log, middle), 0.0
+        if log.intersample is FIRST:
+            slope = (_held(log, middle + 1e-6) - _held(log, middle - 1e-6)) / 2e-6
+
+        def rhs(t, y, value=value, slope=slope, middle=middle):
+            torque = p.p4 * (value + slope * (t - delay - middle))
+            return [y[1], (torque - p.p2 * y[1] - p.p3 * np.sin(y[0])) / p.p1]
+
+        piece = solve_ivp(rhs, (begin, end), state, "DOP853", rtol=1e-12, atol=1e-14)
+        state = piece.y[:, -1]
+        at[end] = state[0]
+    return np.array([at[stamp] for stamp in log.time])
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("delay", [0.0, 0.0023, 0.01])
+@pytest.mark.parametrize("intersample", [ZERO, FIRST])
+def test_a_replayed_input_moves_the_joint_as_an_independent_integrator_does(
+    joint, delay, intersample
+):
+    """A held mean in place of the input's course within an interval costs its square."""
+    inputs = 0.3 * np.sin(4.0 * 0.002 * np.arange(1500))
+    log = _log(intersample, 0.002, inputs, jitter=0.3)
+    exact = _integrated(log, delay)
+    assert np.ptp(exact) > 0.1
+    angle = replay_input(joint(ROBOT, ADDED), log, delay)
+    np.testing.assert_allclose(angle, exact, atol=1e-5)
+    if delay == 0.0 and intersample is ZERO:
+        np.testing.assert_allclose(angle, exact, atol=1e-9)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize(("intersample", "late"), [(ZERO, 0.0), (FIRST, 0.0), (ZERO, 0.05)])
+def test_a_replayed_ramp_turns_a_weightless_hand_as_the_closed_form_says(joint, intersample, late):
+    """J thdd + k thd = s t gives th = s (t^2/2 - T t + T^2 (1 - exp(-t/T)))/k with T = J/k."""
+    step = 0.001
+    log = _log(intersample, step, 0.01 * step * np.arange(1000))
+    angle = replay_input(joint(WEIGHTLESS), log, late)
+    t = log.time - log.time[0] - late
+    if intersample is ZERO:
+        t -= step / 2  # on the average a held ramp lags by half a step
+    t = np.maximum(t, 0.0)
+    course = t**2 / 2 - t + 1 - np.exp(-t)
+    np.testing.assert_allclose(angle, 0.01 * course / 0.003, atol=2e-6)
+    assert np.ptp(angle) > 0.3
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_compressing_drive_delivers_less(joint):
+    log = _log(ZERO, 0.002, np.full(500, 0.3))
+    weak = replay_input(joint(ROBOT, ADDED), log, compression=0.5)
+    less = _log(ZERO, 0.002, np.full(500, 0.3 / 1.15))
+    np.testing.assert_allclose(weak, replay_input(joint(ROBOT, ADDED), less), atol=1e-12)
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_replay_starts_at_rest_where_the_joint_was_put_and_can_be_repeated(joint):
+    log = _log(ZERO, 0.002, np.zeros(500))
+    put = joint(ROBOT, ADDED, angle=0.2)
+    first = replay_input(put, log)
+    assert first[0] == 0.2
+    assert abs(first[1] - 0.2) < 1e-3
+    np.testing.assert_array_equal(replay_input(put, log), first)
+
+
+def test_a_joint_that_diverges_is_said_to():
+    log = _log(ZERO, 0.002, np.full(500, 1e308))
+    with (
+        np.errstate(all="ignore"),
+        pytest.raises(InputError, match=r"log: angle: got a joint that diverged"),
+    ):
+        replay_input(GreyBoxJoint(ROBOT, ADDED), log)

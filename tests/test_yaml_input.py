@@ -1,0 +1,212 @@
+import json
+import pickle
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import Field
+
+from butterfly.errors import InputError
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source
+from butterfly.resources import shipped, shipped_experiments
+from butterfly.yaml_input import StrictModel, load_yaml, read_yaml, yaml_text
+
+
+def _content(folder, text):
+    path = folder / "a.yaml"
+    path.write_text(text, encoding="utf-8")
+    return load_yaml(path).content
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-4", 1e-4),
+        ("2.0e-4", 2e-4),
+        ("+1E3", 1e3),
+        ("-.5", -0.5),
+        ("0o14", 12),
+        ("014", 14),
+        ("0x1F", 31),
+        ("1:30", "1:30"),
+        ("yes", "yes"),
+        ("off", "off"),
+        ("true", True),
+        ("~", None),
+        ("2026-11-21", "2026-11-21"),
+        ("2026-13-45", "2026-13-45"),
+        ("=", "="),
+        ("'1e-4'", "1e-4"),
+        ("[1e-4, {b: 2e5}]", [1e-4, {"b": 2e5}]),
+    ],
+)
+def test_a_value_is_what_yaml_1_2_says(tmp_path, text, value):
+    content = _content(tmp_path, f"a: {text}\n")
+    assert content == {"a": value}
+    assert type(content["a"]) is type(value)
+
+
+@pytest.mark.parametrize("values", ["[1e-4, 2.0e-4]", "[1e-4, 2e-4]"])
+def test_an_axis_of_a_sweep_in_powers_of_ten_is_an_axis_of_numbers(tmp_path, values):
+    path = tmp_path / "s.yaml"
+    path.write_text(
+        f"name: s\nextends: quickstart\nsweep: {{grid: {{plant.friction.coulomb: {values}}}}}\n"
+    )
+    tasks = plan_sweep(Source(path)).tasks
+    assert [task.overrides["plant.friction.coulomb"] for task in tasks] == [1e-4, 2e-4]
+
+
+@pytest.mark.parametrize("name", shipped_experiments())
+def test_a_shipped_file_holds_plain_values_the_same_as_for_another_reader(name):
+    content = load_yaml(shipped(name)).content
+
+    def check(value):
+        assert type(value) in {dict, list, str, float, int, bool, type(None)}
+        if isinstance(value, dict):
+            value = list(value.values())
+        if isinstance(value, list):
+            for below in value:
+                check(below)
+
+    check(content)
+    assert content == yaml.safe_load(shipped(name).read_text())
+    assert json.loads(json.dumps(content)) == pickle.loads(pickle.dumps(content)) == content  # noqa: S301 - our own
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: 1\nb: 2\na: 3", "a.yaml:3: a: got the same key twice; expected one value"),
+        ("a:\n  - {b: 1, b: 2}", "a.yaml:2: b: got the same key twice"),
+        ("<<: {a: 1}\n<<: {b: 1}", "a.yaml:2: <<: got the same key twice"),
+        ("a: 1\nb: [1", "a.yaml: line 2: got"),
+        ("a: 1\nb: *c", "a.yaml: line 2: got found undefined alias"),
+        ("a: 1\n---\nb: 1", "a.yaml: line 2: got but found another document"),
+        ("a: !!python/object/apply:os.system [ls]", "a.yaml: line 1: got could not determine"),
+        ("a: !!python/name:os.system", "a.yaml: line 1: got could not determine"),
+        ("a: !!set {b}", "a.yaml: line 1: got could not determine"),
+        ("a: !!binary eA==", "a.yaml: line 1: got could not determine"),
+        ("a: !!bool 3", "a.yaml: content: got a value unlike its tag"),
+        ("a: !!int ''", "a.yaml: content: got a value unlike its tag"),
+        ("a: -_", "a.yaml: content: got a value unlike its tag"),
+        ("a: \x01", "a.yaml: content: got unreadable text"),
+        ("a: " + 400 * "[" + 400 * "]", "a.yaml: line 1: got maximum depth"),
+        ("? {b: 1}\n: 1", "a.yaml: line 1: got found unhashable key"),
+        ("", "a.yaml: content: got NoneType; expected a mapping"),
+        ("- 1", "a.yaml: content: got list; expected a mapping"),
+    ],
+)
+def test_what_cannot_be_read_is_one_error_with_its_line(tmp_path, text, message):
+    with pytest.raises(InputError) as caught:
+        _content(tmp_path, text)
+    assert str(caught.value).startswith(f"{tmp_path}/{message}")
+
+
+def test_a_place_that_holds_no_text_is_named(tmp_path):
+    (tmp_path / "latin.yaml").write_bytes("é: 1".encode("latin-1"))
+    for path, message in [
+        (tmp_path / "nowhere.yaml", "no such file"),
+        (tmp_path, "a folder"),
+        (tmp_path / "latin.yaml", "bytes that are not text"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            load_yaml(path)
+
+
+@given(st.text())
+def test_any_text_is_a_mapping_or_one_error(tmp_path_factory, text):
+    path = tmp_path_factory.mktemp("yaml") / "a.yaml"
+    path.write_text(text, encoding="utf-8", errors="surrogatepass")
+    with suppress(InputError):
+        assert isinstance(load_yaml(path).content, dict)
+
+
+def test_a_merged_mapping_gives_its_values_and_lines(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("a: &base\n  b: 1\n  c: 2\nd:\n  <<: *base\n  c: 3\n")
+    document = load_yaml(path)
+    assert document.content["d"] == {"b": 1, "c": 3}
+    assert document.line(["d", "b"]) == 2
+    assert document.line(["d", "c"]) == 6
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text("ab1e-.: '"),
+    lambda below: st.lists(below, max_size=3) | st.dictionaries(st.text("ab1."), below, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(content=st.dictionaries(st.text("abn1-. "), VALUES, max_size=4), flow=st.booleans())
+def test_written_values_read_back_the_same_in_their_order(tmp_path_factory, content, flow):
+    path = tmp_path_factory.mktemp("yaml") / "a.yaml"
+    path.write_text(yaml_text(content, flow=flow), encoding="utf-8")
+    read = load_yaml(path).content
+    assert read == content
+    assert list(read) == list(content)
+
+
+@given(st.floats(allow_nan=False))
+def test_a_written_number_is_a_number_to_readers_of_yaml_1_1_too(value):
+    assert yaml.safe_load(yaml_text({"a": value})) == {"a": value}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Square:
+    kind: Literal["square"] = "square"
+    side: float
+
+    def __post_init__(self):
+        if self.side == 13:
+            raise InputError("square", "side", self.side, "a lucky number")
+
+
+class Circle(StrictModel):
+    kind: Literal["circle"] = "circle"
+    radius: float
+    name: str = ""
+
+
+class Drawing(StrictModel):
+    shapes: list[Annotated[Square | Circle, Field(discriminator="kind")]]
+    scale: float | list[float] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("shapes: [{kind: circle, radius: big}]", "a.yaml:1: shapes.0.radius: got 'big'"),
+        ("shapes:\n- {kind: circle, radius: -}", "a.yaml:2: shapes.0.radius: got '-'"),
+        ("shapes: [{kind: circle}]", "a.yaml:1: shapes.0.radius: got nothing"),
+        (
+            "shapes: [{kind: square, side: 13}]",
+            "a.yaml:1: shapes.0.side: got 13.0; expected a lucky",
+        ),
+        ("shapes: [{kind: triangle}]", "a.yaml:1: shapes.0: got {'kind': 'triangle'}"),
+        (
+            "shapes: [{kind: circle, radius: 1, nam: x}]",
+            "a.yaml:1: shapes.0.nam: got an unknown key; expected 'name'",
+        ),
+        (
+            "shapes: [{kind: square, sid: 1}]",
+            "a.yaml:1: shapes.0.sid: got an unknown key; expected 'side' (did you mean that?);"
+            " valid names: 'kind', 'side'",
+        ),
+        (
+            "shapes: [{kind: circle, radius: 1, name: {a: 1}}]",
+            "a.yaml:1: shapes.0.name: got {'a': 1}; expected a valid string",
+        ),
+        ("shapes: []\nscale: [1, two]", "a.yaml:2: scale: got [1, 'two']"),
+    ],
+)
+def test_a_field_reads_as_the_document_has_it_without_the_kinds_of_unions(tmp_path, text, message):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_yaml(path, Drawing)
+    assert str(caught.value).startswith(f"{tmp_path}/{message}")
