@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from functools import reduce
 from itertools import product
-from operator import or_
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import (
-    BeforeValidator,
     Field,
     ValidationInfo,
     field_validator,
     model_validator,
 )
 
-from butterfly.errors import InputError, nearest
+from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
+from butterfly.experiment.estimator_spec import DEFAULT, AnyEstimator, MethodName
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
@@ -149,42 +146,6 @@ class SignalSpec(OneOf):
     file: TableFile | None = None
 
 
-_DEFAULT = "harmonic-balance"
-
-
-def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
-    """Complete an estimator that does not say which it is, and refuse options that are not its own.
-
-    Raises
-    ------
-    InputError
-        Naming those that it has.
-    """
-    if not isinstance(estimator, dict):
-        return estimator
-    told = {"method": _DEFAULT} | estimator
-    kind = ESTIMATORS.get(str(told["method"]))
-    if kind is None:
-        expected = nearest(str(told["method"]), ESTIMATORS)
-        raise InputError("estimator", "method", told["method"], expected)
-    own = [each.name for each in fields(kind)]
-    for name in told:
-        if name not in own:
-            raise InputError(kind.method, str(name), "an unknown key", nearest(str(name), own))
-    return told
-
-
-if TYPE_CHECKING:
-    MethodName = str
-    AnyEstimator = Estimator
-else:
-    MethodName = Literal[tuple(ESTIMATORS)]
-    AnyEstimator = Annotated[
-        Annotated[reduce(or_, ESTIMATORS.values()), Field(discriminator="method")],
-        BeforeValidator(_named),
-    ]
-
-
 class ValidationSpec(StrictModel):
     """What is left out, to be predicted by what is kept."""
 
@@ -242,7 +203,7 @@ class Experiment(StrictModel):
     excitations: tuple[Sine, ...] = ()
     signals: tuple[SignalSpec, ...] = ()
     duration: Annotated[float, Field(gt=0)]
-    method: MethodName = _DEFAULT
+    method: MethodName = DEFAULT
     terms: tuple[str, ...] | None = None
     estimators: tuple[AnyEstimator, ...] = ()
     validation: ValidationSpec | None = None

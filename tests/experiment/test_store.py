@@ -6,6 +6,8 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS, Columns
 from butterfly.experiment.engines import LocalEngine
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source
 from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
@@ -73,3 +75,18 @@ def test_a_field_may_be_set_to_anything(values, kind):
         table = pa.Table.from_pylist(rows, schema=columns.schema(name))
         assert table.num_rows == (len(values) if name == RUNS else 0)
     assert (table["f"].null_count == 0) or None in values
+
+
+def test_a_swept_number_may_be_written_without_a_point(tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text(
+        "extends: quickstart\nname: s\n"
+        "sweep: {grid: {plant.encoder.noise: [1e-4, 2.0e-4], duration: [20, 3e1]}}\n"
+    )
+    plan = plan_sweep(Source(path))
+    runs = [task.planned for task in plan.tasks]
+    columns = Columns(plan.fields, runs)
+    schema = columns.schema(RUNS)
+    assert {schema.field(name).type for name in plan.fields} == {pa.float64()}
+    (first,) = columns.rows(RUNS, runs[0], None)
+    assert (first["plant.encoder.noise"], first["duration"]) == (1e-4, 20.0)
