@@ -18,10 +18,7 @@ from tests.experiment.setting import SWEEP, small_plan
 
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"} | {"name": "single"}
 THREE = [*SWEEP["added_masses"], {"mass": 0.1, "arm": 0.1}]
-ESTIMATORS = [
-    {"method": "weak-form", "terms": []},
-    {"method": "weak-form", "terms": ["drag", "load"]},
-]
+ESTIMATORS = [{"method": "weak-form", "terms": terms} for terms in ([], ["load"])]
 
 
 def _small(tmp_path, **changes):
