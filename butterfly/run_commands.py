@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from enum import StrEnum
 from itertools import count, islice
 from pathlib import Path
@@ -179,7 +180,7 @@ def _run_here(
         show_page(page)
         write_page(page, folder / _ORBIT_REPORT)
     show_estimates(result.record)
-    store.write_sweep(sweep_record(plan))
+    store.write_sweep(replace(sweep_record(plan), in_full=True))
     store.write_tables()
     _show_reports(folder, result.record)
     if result.error is not None:

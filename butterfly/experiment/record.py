@@ -132,6 +132,8 @@ class SweepRecord:
         Of what it was planned with.
     runs
         In order.
+    in_full
+        Whether the logs and reports of its one run lie beside it.
     """
 
     schema: int = SCHEMA
@@ -142,6 +144,7 @@ class SweepRecord:
     fields: tuple[str, ...]
     versions: dict[str, str]
     runs: tuple[PlannedRun, ...]
+    in_full: bool = False
 
     def to_json(self) -> str:
         """Return the content of its file."""

@@ -63,12 +63,13 @@ class ResultStore:
         return record if record is not None and record.key == key else None
 
     def latest(self, key: str) -> RunRecord | None:
-        """Return a run's record if it is what was done here last, so that the logs are its own."""
+        """Return a run's record if it was the last one done here, and in full."""
         try:
-            done = [run.key for run in self.sweep().runs]
+            sweep = self.sweep()
         except InputError:
             return None
-        return self.read(key) if done == [key] else None
+        is_last = sweep.in_full and [run.key for run in sweep.runs] == [key]
+        return self.read(key) if is_last else None
 
     def begin(self) -> None:
         """Note that something else is done here from now on (see `latest`).

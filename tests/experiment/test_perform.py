@@ -9,11 +9,15 @@ import yaml
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import orbit
+from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.perform import execute, perform
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.streams import of_orbit
+from butterfly.experiment.sweep_runner import run_sweep
 from tests.experiment.setting import SWEEP, small_plan
 
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"} | {"name": "single"}
@@ -81,6 +85,8 @@ def test_a_run_that_is_done_is_printed_from_its_record(butterfly, tmp_path):
     other = _small(tmp_path, duration=13.0)
     assert "found done" not in butterfly("run", other, "--out", out)[1]
     assert "found done" not in butterfly("run", _small(tmp_path), "--out", out)[1]
+    run_sweep(plan_sweep(Source(path)), out, LocalEngine(1), only="0")
+    assert "found done" not in butterfly("run", path, "--out", out)[1]
 
 
 def test_the_logs_of_a_run_are_identified_alike_by_identify(butterfly, tmp_path):
