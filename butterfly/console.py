@@ -12,15 +12,19 @@ from rich.table import Table
 
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
-from butterfly.report.identification import parameter_rows, summary
+from butterfly.report.identification import parameter_rows, rows_of, summary
+from butterfly.report.words import sentences_of
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
+    from butterfly.experiment.record import RunRecord
     from butterfly.identify.identification import Identification
+    from butterfly.logs.log import InputKind
     from butterfly.model.parameters import LumpedParameters
+    from butterfly.report.identification import ParameterRow
     from butterfly.report.page import Page
 
 
@@ -50,26 +54,61 @@ def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
 
 def show_identification(result: Identification, truth: LumpedParameters | None = None) -> None:
     """Print parameters (beside the true ones if known), verdict, and FIT of other parameters."""
-    table = Table(title=f"{result.data.name}: {result.estimate.method}", box=SIMPLE_HEAD)
-    headers = ["", "estimate", "std error", "95 % interval", "one mass left out", "unit"]
-    if truth is not None:
-        headers[1:1] = ["true", "deviation"]
-    for index, header in enumerate(headers):
-        table.add_column(
-            header, justify="left" if index in {0, len(headers) - 1} else "right", overflow="fold"
-        )
-    for row in parameter_rows(result, truth):
-        known = [row.true, row.deviation] if truth is not None else []
-        table.add_row(
-            row.symbol, *known, row.value, row.error, row.interval, row.left_out, row.unit
-        )
-    CONSOLE.print(table)
+    title = f"{result.data.name}: {result.estimate.method}"
+    _show_parameters(title, parameter_rows(result, truth), with_truth=truth is not None)
     for mass, omega in result.estimate.resonances.items():
         typer.echo(f"Resonance by (100) with {mass}: {omega:.4f} rad/s")
     for sentence in summary(result):
         typer.echo(sentence)
     if result.comparisons:
         CONSOLE.print(_comparison_table(result))
+
+
+def _show_parameters(title: str, rows: Sequence[ParameterRow], *, with_truth: bool) -> None:
+    table = Table(title=title, box=SIMPLE_HEAD)
+    headers = ["", "estimate", "std error", "95 % interval", "one mass left out", "unit"]
+    if with_truth:
+        headers[1:1] = ["true", "deviation"]
+    for index, header in enumerate(headers):
+        table.add_column(
+            header, justify="left" if index in {0, len(headers) - 1} else "right", overflow="fold"
+        )
+    for row in rows:
+        known = [row.true, row.deviation] if with_truth else []
+        table.add_row(
+            row.symbol, *known, row.value, row.error, row.interval, row.left_out, row.unit
+        )
+    CONSOLE.print(table)
+
+
+def show_record(record: RunRecord, input_kind: InputKind) -> None:
+    """Print what is kept of a run that was done before."""
+    for estimate in record.estimates:
+        if estimate.parameters:
+            rows = rows_of(estimate.parameters, input_kind)
+            _show_parameters(estimate.estimator, rows, with_truth=True)
+        if estimate.fit is not None:
+            fit = estimate.fit
+            typer.echo(
+                f"Median FIT {fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
+            )
+        values = {row.parameter: row.value for row in estimate.parameters}
+        for sentence in sentences_of(estimate.findings, values):
+            typer.echo(sentence)
+    show_estimates(record)
+
+
+def show_estimates(record: RunRecord) -> None:
+    """Print what is to be known of estimates besides their parameters."""
+    for estimate in record.estimates:
+        if estimate.error:
+            typer.echo(f"{estimate.estimator}: {estimate.error}")
+        if estimate.held_out is not None:
+            held = estimate.held_out
+            typer.echo(
+                f"{estimate.estimator}: logs that were left out are followed with a median FIT of "
+                f"{held.median:.1f} % (worst {held.worst:.1f} %)."
+            )
 
 
 def _comparison_table(result: Identification) -> Table:

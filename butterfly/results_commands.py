@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,11 +14,16 @@ from pyarrow import csv, parquet
 from butterfly.arguments import parse_pairs
 from butterfly.console import CONSOLE, new_table, show_pairs
 from butterfly.errors import InputError, nearest
-from butterfly.experiment.store import ESTIMATES, RUNS, SWEEP, TABLES, ResultStore
+from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
+from butterfly.experiment.record import OK
+from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from butterfly.experiment.estimate_record import ParameterRecord
+    from butterfly.experiment.record import RunRecord
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -49,12 +55,16 @@ def list_command(
     table = new_table(f"Results in {folder}", "sweep", "runs", "done", "failed", "varied")
     for path in sorted(folder.glob(f"*/{SWEEP}")) or sorted(folder.glob(SWEEP)):
         store = ResultStore(path.parent)
-        about = store.sweep()
-        records = [store.read(run["key"]) for run in about["runs"]]
-        done = sum(record is not None and record["status"] == "ok" for record in records)
-        failed = sum(record is not None and record["status"] != "ok" for record in records)
+        try:
+            sweep = store.sweep()
+        except InputError:
+            table.add_row(str(path.parent), "–", "–", "–", "of another version")
+            continue
+        records = [store.read(run.key) for run in sweep.runs]
+        done = sum(record is not None and record.status == OK for record in records)
+        failed = sum(record is not None and record.status != OK for record in records)
         counts = (str(len(records)), str(done), str(failed))
-        table.add_row(str(path.parent), *counts, ", ".join(about["fields"]))
+        table.add_row(str(path.parent), *counts, ", ".join(sweep.fields))
     CONSOLE.print(table)
 
 
@@ -66,22 +76,24 @@ def show_command(
     """Show one run: what it set, what it found, how long it took, and with which versions."""
     store = ResultStore(folder)
     record = _record(store, run)
-    pairs = [("key", record["key"]), ("status", record["status"]), ("seed", str(record["seed"]))]
-    pairs += [(name, str(value)) for name, value in record["overrides"].items()]
-    pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.get("seconds", {}).items()]
-    pairs += [(f"version, {name}", value) for name, value in record.get("versions", {}).items()]
-    if record["error"]:
-        pairs.append(("error", record["error"]))
+    pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
+    pairs += [(name, str(value)) for name, value in record.overrides.items()]
+    pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
+    pairs += [(f"version, {name}", value) for name, value in record.versions.items()]
+    if record.error:
+        pairs.append(("error", record.error))
     show_pairs(pairs)
-    for each in record["estimates"]:
-        table = new_table(each["method"], "parameter", "true", "value", "lower", "upper")
-        for row in each.get("parameters", []):
-            cells = (_text(row[name]) for name in ("true", "value", "lower", "upper"))
-            table.add_row(row["parameter"], *cells)
+    for each in record.estimates:
+        table = new_table(each.estimator, "parameter", "true", "value", "lower", "upper")
+        for row in each.parameters:
+            cells = (_text(value) for value in (row.true, row.value, row.lower, row.upper))
+            table.add_row(row.parameter, *cells)
         CONSOLE.print(table)
-        if each["error"]:
-            typer.echo(each["error"])
-    logs = store.files_path(record["key"])
+        if not each.converged:
+            typer.echo(f"ending: {each.ending}")
+        if each.error:
+            typer.echo(each.error)
+    logs = store.files_path(record.key)
     if logs.exists():
         typer.echo(f"Logs: {logs} (butterfly identify takes this folder)")
 
@@ -141,22 +153,23 @@ def compare_command(
     first = _record(ResultStore(folder), one)
     second = _record(ResultStore(against or folder), other)
     table = new_table("What was set", "", one, other)
-    names = dict.fromkeys([*first["overrides"], *second["overrides"], "seed", "status"])
-    for name in names:
-        values = [(run["overrides"] | run).get(name) for run in (first, second)]
+    said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
+    for name in dict.fromkeys([*said[0], *said[1]]):
+        values = [each.get(name) for each in said]
         if values[0] != values[1]:
             table.add_row(name, *(_text(value) for value in values))
     CONSOLE.print(table)
-    for each in first["estimates"]:
-        matching = [row for row in second["estimates"] if row["method"] == each["method"]]
-        if not matching:
+    matching = {each.estimator: each.parameters for each in second.estimates}
+    for each in first.estimates:
+        if each.estimator not in matching:
             continue
-        values_of = {row["parameter"]: row for row in matching[0].get("parameters", [])}
-        table = new_table(each["method"], "parameter", one, other, "difference", "in std. errors")
-        for row in each.get("parameters", []):
-            twin = values_of.get(row["parameter"])
+        twins = {row.parameter: row for row in matching[each.estimator]}
+        headers = ("parameter", one, other, "difference", "in std. errors")
+        table = new_table(each.estimator, *headers)
+        for row in each.parameters:
+            twin = twins.get(row.parameter)
             if twin is not None:
-                table.add_row(row["parameter"], *_difference(row, twin))
+                table.add_row(row.parameter, *_difference(row, twin))
         CONSOLE.print(table)
 
 
@@ -184,12 +197,14 @@ def _table(folder: Path, name: str) -> pa.Table:
 def _filtered(table: pa.Table, where: str | None, columns: str | None) -> pa.Table:
     for name, text in (parse_pairs(where, "--filter") if where else {}).items():
         column = table[_known(name, table.column_names, "--filter")]
-        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+        if pa.types.is_integer(column.type) and text.isdigit():
+            table = table.filter(pc.equal(column, int(text)))
+        elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             try:
                 value = float(text)
             except ValueError:
                 raise InputError("--filter", name, text, "a number") from None
-            near = pc.abs(pc.subtract(column.cast("double"), value))
+            near = pc.abs(pc.subtract(column.cast("double", safe=False), value))
             table = table.filter(pc.less_equal(near, 1e-9 * max(abs(value), 1e-300)))
         else:
             table = table.filter(pc.equal(column.cast("string"), text))
@@ -205,10 +220,10 @@ def _known(name: str, names: Sequence[str], option: str) -> str:
     return name
 
 
-def _record(store: ResultStore, run: str) -> dict[str, Any]:
-    runs = store.sweep()["runs"]
-    keys = [r["key"] for r in runs if str(r["number"]) == run] or [
-        r["key"] for r in runs if r["key"].startswith(run)
+def _record(store: ResultStore, run: str) -> RunRecord:
+    runs = store.sweep().runs
+    keys = [each.key for each in runs if str(each.number) == run] or [
+        each.key for each in runs if each.key.startswith(run)
     ]
     if len(set(keys)) != 1:
         expected = f"a number from 0 to {len(runs) - 1}, or a key's beginning that is one run's"
@@ -219,12 +234,12 @@ def _record(store: ResultStore, run: str) -> dict[str, Any]:
     return record
 
 
-def _difference(row: dict[str, Any], twin: dict[str, Any]) -> tuple[str, ...]:
-    change = twin["value"] - row["value"]
-    errors = [each["standard_error"] for each in (row, twin)]
-    spread = None if None in errors else sum(error**2 for error in errors) ** 0.5
-    in_errors = "–" if not spread else f"{change / spread:.2g}"
-    return _text(row["value"]), _text(twin["value"]), f"{change:.3g}", in_errors
+def _difference(row: ParameterRecord, twin: ParameterRecord) -> tuple[str, ...]:
+    change = twin.value - row.value
+    errors = [each.standard_error for each in (row, twin) if each.standard_error is not None]
+    spread = math.hypot(*errors)
+    in_errors = f"{change / spread:.2g}" if len(errors) == 2 and spread > 0 else "–"  # noqa: PLR2004 - both
+    return _text(row.value), _text(twin.value), f"{change:.3g}", in_errors
 
 
 def _text(value: Any) -> str:  # noqa: ANN401 - a cell of any table

@@ -3,35 +3,55 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from enum import StrEnum
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from butterfly.arguments import ExperimentArgument  # noqa: TC001 - typer reads annotations
-from butterfly.console import show_identification, show_page, show_progress
-from butterfly.experiment import runner
+from butterfly.console import (
+    show_estimates,
+    show_identification,
+    show_page,
+    show_progress,
+    show_record,
+)
+from butterfly.errors import ButterflyError, InputError
+from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.engines import DaskEngine, LocalEngine
+from butterfly.experiment.perform import outcome_of, perform
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
+from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.store import ESTIMATES, RUNS, ResultStore
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.store import ResultStore
+from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
 from butterfly.files import replacing
 from butterfly.logs.manifest import Manifest
 from butterfly.report.identification import write_report
+from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep import sweep_page
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from pydantic import BaseModel
 
     from butterfly.experiment.engines import Engine
+    from butterfly.experiment.plan import SweepPlan
+    from butterfly.experiment.record import RunRecord
 
 EXIT_SOME_FAILED = 1
 """Exit code of a sweep of which some runs gave no result."""
+
+
+_ORBIT_REPORT = "orbit.html"
 
 
 class EngineName(StrEnum):
@@ -74,7 +94,8 @@ def run_command(
         int | None,
         typer.Option(
             min=1,
-            help="Worker processes of a sweep; one per core if not given.",
+            help="Worker processes of a sweep, or threads of a single run; one per core if not "
+            "given.",
             show_default=False,
         ),
     ] = None,
@@ -96,32 +117,26 @@ def run_command(
 ) -> None:
     """Simulate an experiment, identify the robot from its logs, and write a report.
 
-    Prints the true parameters beside the estimated ones.
+    Prints the true parameters beside the estimated ones, for each estimator.
 
     An experiment with `sweep:` is run for each of its variations. Results are kept by what they
-    depend on: run again after a kill, or after the sweep has grown, and only what is missing is
-    done. Exit code 1 says that some runs gave no result; the report says which, and why.
+    depend on, the code of butterfly included: run again after a kill, or after the sweep has grown,
+    and only what is missing is done. Exit code 1 says that some runs gave no result; the report
+    says which, and why.
 
     Example: `butterfly run experiments/quickstart.yaml`
     """
-    source = Source(locate(experiment))
-    plan = source.experiment()
-    folder = out or Path("results") / plan.name
-    if plan.sweep is None:
-        _warn_of_wide_swings(plan)
-        result = runner.run(plan, folder, show_progress)
-        truth = plan.plant.robot.lumped
-        show_identification(result, truth)
-        report = folder / "report.html"
-        write_report(result, report, truth)
-        typer.echo(f"Report: {report}")
+    if scheduler is not None and engine is not EngineName.DASK:
+        raise InputError("butterfly run", "--scheduler", scheduler, "--engine dask beside it")
+    plan = plan_sweep(Source(locate(experiment)))
+    folder = out or Path("results") / plan.experiment.name
+    if plan.experiment.sweep is None and engine is EngineName.LOCAL:
+        _run_here(plan, folder, jobs=jobs, force=force, only=only)
         return
     chosen: Engine = LocalEngine(jobs)
     if engine is EngineName.DASK:
         chosen = DaskEngine(scheduler, jobs)
-    summary = run_sweep(
-        plan_sweep(source), folder, chosen, force=force, only=only, track=show_progress
-    )
+    summary = run_sweep(plan, folder, chosen, force=force, only=only, track=show_progress)
     store = ResultStore(folder)
     page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
     write_page(page, folder / "report.html")
@@ -133,6 +148,56 @@ def run_command(
     typer.echo(f"Report: {folder / 'report.html'}")
     if summary.unsuccessful:
         raise typer.Exit(EXIT_SOME_FAILED)
+
+
+def _run_here(
+    plan: SweepPlan, folder: Path, *, jobs: int | None, force: bool, only: str | None
+) -> None:
+    """Do an experiment's one run in this process, with all cores, and report all of it."""
+    (task,) = chosen_of(plan.tasks, only)
+    store, experiment = ResultStore(folder), plan.experiment
+    _warn_of_wide_swings(experiment)
+    record = None if force else store.latest(task.key)
+    if record is not None and record.status != FAILED:
+        show_record(record, experiment.input_kind)
+        typer.echo("1 run: found done; --force does it again.")
+        _show_reports(folder, record)
+        if record.status != OK:
+            raise ButterflyError(record.reason)
+        return
+    store.begin()
+    result = perform(experiment, threads=jobs, track=show_progress)
+    if result.logs:
+        write_logs(experiment, result.logs, folder)
+    store.write(outcome_of(task, experiment, result))
+    truth = experiment.plant.robot.lumped
+    for name, identification in zip(_report_names(), result.identifications.values(), strict=False):
+        show_identification(identification, truth)
+        write_report(identification, folder / name, truth)
+    if result.orbit is not None:
+        carried = result.orbit.calibration.rounds[0].logs[0].added_mass
+        page = orbit_page(result.orbit, truth.with_added_mass(carried))
+        show_page(page)
+        write_page(page, folder / _ORBIT_REPORT)
+    show_estimates(result.record)
+    store.write_sweep(replace(sweep_record(plan), in_full=True))
+    store.write_tables()
+    _show_reports(folder, result.record)
+    if result.error is not None:
+        raise result.error
+
+
+def _report_names() -> Iterator[str]:
+    """Yield the names of the reports of an experiment's estimators, in order."""
+    yield "report.html"
+    yield from (f"report-{number}.html" for number in count(2))
+
+
+def _show_reports(folder: Path, record: RunRecord) -> None:
+    written = sum(bool(estimate.parameters) for estimate in record.estimates)
+    names = list(islice(_report_names(), written))
+    for name in names if record.orbit is None else [*names, _ORBIT_REPORT]:
+        typer.echo(f"Report: {folder / name}")
 
 
 def schema_command(
@@ -166,7 +231,7 @@ def simulate_command(
     """
     plan = read_experiment(locate(experiment))
     _warn_of_wide_swings(plan)
-    manifest = runner.simulate(plan, out, show_progress)
+    manifest = write_logs(plan, simulate(plan, track=show_progress), out)
     typer.echo(f"Logs: {manifest}")
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 from pydantic import Field
 
 from butterfly.experiment.oneof import OneOf
 from butterfly.model.energy import Orbit
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.orbit.loop import Plan
+from butterfly.model.parameters import LumpedParameters  # noqa: TC001 - pydantic reads annotations
+from butterfly.orbit.loop import Plan, Schedule
 from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.velocity import FilteredDifference, Observer, VelocityEstimator
 from butterfly.yaml_input import StrictModel
@@ -71,35 +72,22 @@ class VelocitySpec(OneOf):
         return FilteredDifference(self.filtered_difference.time_constant)
 
 
-class ControlSpec(StrictModel):
+_DIFFERENCE = VelocitySpec(filtered_difference=DifferenceSpec())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlSpec(Schedule):
     """An orbit to hold, and the rounds of re-calibration next to it.
 
     Parameters
     ----------
     target
         The orbit.
+    velocity
+        From the encoder.
     believed
         Parameters of the bare hand to begin with; if not given they are identified from the
         experiment's excitations.
-    multiplier
-        Share of a perturbation that is left after one period; sets gamma.
-    duration
-        Of each run in s.
-    starts
-        Angles in rad at which a run of each round starts. The amplitude is measured in the first.
-    orbits
-        Amplitudes in rad of further orbits, held in a run each.
-    dither
-        Share of the control's rms added to all runs but the first.
-    added_masses
-        Each of the runs is made with each; two different ones make p1..p4 absolute.
-    kick
-        Command that starts a hand at rest.
-    velocity
-        From the encoder.
-    rounds, amplitude_tolerance, parameter_tolerance
-        When to end: after so many rounds, at an amplitude so near in rad, or when parameters change
-        by so small a share.
     recalibration
         Balance, candidate terms and the rest.
     cross_check
@@ -107,18 +95,8 @@ class ControlSpec(StrictModel):
     """
 
     target: TargetSpec
+    velocity: VelocitySpec = _DIFFERENCE
     believed: LumpedParameters | None = None
-    multiplier: Annotated[float, Field(gt=0, lt=1)] = 0.5
-    duration: Annotated[float, Field(gt=0)] = 20.0
-    starts: Annotated[tuple[float, ...], Field(min_length=1)]
-    orbits: tuple[float, ...] = ()
-    dither: Annotated[float, Field(ge=0)] = 0.0
-    added_masses: Annotated[tuple[AddedMass, ...], Field(min_length=1)] = (NO_ADDED_MASS,)
-    kick: Annotated[float, Field(ge=0)] = 0.0
-    velocity: VelocitySpec = VelocitySpec(filtered_difference=DifferenceSpec())
-    rounds: Annotated[int, Field(ge=1)] = 4
-    amplitude_tolerance: Annotated[float, Field(ge=0)] = 3.5e-3
-    parameter_tolerance: Annotated[float, Field(ge=0)] = 1e-3
     recalibration: RecalibrationOptions = RecalibrationOptions()
     cross_check: tuple[float, ...] = ()
 
@@ -131,16 +109,7 @@ class ControlSpec(StrictModel):
             Encoder reading in rad of the hanging hand.
         """
         return Plan(
+            **{each.name: getattr(self, each.name) for each in fields(Schedule)},
             target=self.target.orbit,
-            multiplier=self.multiplier,
-            duration=self.duration,
-            starts=self.starts,
-            orbits=self.orbits,
-            dither=self.dither,
-            added_masses=self.added_masses,
-            kick=self.kick,
             velocity=lambda parameters: self.velocity.estimator(parameters, zero),
-            rounds=self.rounds,
-            amplitude_tolerance=self.amplitude_tolerance,
-            parameter_tolerance=self.parameter_tolerance,
         )

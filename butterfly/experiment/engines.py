@@ -4,32 +4,55 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections import deque
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections import Counter, deque
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from itertools import islice
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
+from pebble import ProcessExpired, ProcessPool
+
 from butterfly.errors import ButterflyError, InputError
-from butterfly.experiment.execution import FAILED, Outcome, execute
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+    from concurrent.futures import Future
 
     from butterfly.experiment.plan import Task
+    from butterfly.experiment.record import Outcome
+    from butterfly.plant.excitations import Table
+
+    Tables = Mapping[str, Table]
+    Work = Callable[[Task, Tables], Outcome]
 
 _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they take
-_ATTEMPTS = 3  # at a task whose worker dies
+_ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
 _CONTEXT = multiprocessing.get_context("spawn")  # simulators and compilers have threads
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_NO_TABLES: Tables = MappingProxyType({})
 
 
 class Engine(Protocol):
     """Does tasks, in any order."""
 
-    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
-        """Yield the outcome of each task as it is done."""
+    def run(
+        self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
+    ) -> Generator[Outcome]:
+        """Yield the outcome of each task as it is done.
+
+        Closing the generator ends what is under way.
+
+        Parameters
+        ----------
+        work
+            What is done with a task and the tables; a function of a module, which workers import.
+        tasks
+            To be done.
+        tables
+            Signals by their digests, which workers are sent once.
+        """
         ...
 
 
@@ -47,52 +70,90 @@ class LocalEngine:
             raise InputError("butterfly run", "--jobs", jobs, "a positive number")
         self._jobs = jobs or os.cpu_count() or 1
 
-    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
-        """Yield the outcome of each task as it is done; a task that kills its worker has failed."""
-        pending = deque(tasks)
+    def run(
+        self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
+    ) -> Generator[Outcome]:
+        """Yield the outcome of each task as it is done (see `Engine`).
+
+        A task whose worker dies is tried again; after three times it has failed. The other workers
+        go on meanwhile.
+
+        Raises
+        ------
+        ButterflyError
+            If no worker can be started.
+        """
+        pending, attempts, stuck = deque(tasks), Counter[str](), 0
         with _environment(_ONE_THREAD):
             while pending:
-                lost = yield from self._together(pending)
-                for task in lost:
-                    yield _alone(task)
+                before = len(pending)
+                yield from self._pooled(work, pending, attempts, dict(tables))
+                stuck = stuck + 1 if len(pending) == before else 0
+                if stuck == _ATTEMPTS:
+                    raise ButterflyError("the worker processes end before they have begun")
 
-    def _together(self, pending: deque[Task]) -> Generator[Outcome, None, list[Task]]:
-        """Work until nothing is pending, or a worker dies; return what was then under way."""
+    def _pooled(
+        self, work: Work, pending: deque[Task], attempts: Counter[str], tables: dict[str, Table]
+    ) -> Generator[Outcome]:
+        """Work until nothing is pending, or the pool breaks; what was under way is pending then."""
         running: dict[Future[Outcome], Task] = {}
-        with ProcessPoolExecutor(self._jobs, _CONTEXT) as pool:
+        pool = ProcessPool(
+            min(self._jobs, len(pending)),
+            initializer=_keep_tables,
+            initargs=(tables,),
+            context=_CONTEXT,
+        )
+        try:
             while pending or running:
-                try:
-                    while pending and len(running) < _AHEAD * self._jobs:
-                        running[pool.submit(execute, pending[0])] = pending[0]
-                        pending.popleft()
-                    done, _ = wait(running, return_when=FIRST_COMPLETED)
-                    outcomes = [(future, future.result()) for future in done]
-                except BrokenProcessPool:
-                    return list(running.values())
-                for future, outcome in outcomes:
-                    del running[future]
-                    yield outcome
-        return []
+                while pending and len(running) < _AHEAD * self._jobs:
+                    running[_scheduled(pool, work, pending[0])] = pending[0]
+                    pending.popleft()
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    outcome = _outcome(future, running[future], attempts)
+                    task = running.pop(future)
+                    if outcome is None:
+                        pending.appendleft(task)
+                    else:
+                        yield outcome
+        except BrokenProcessPool:
+            pending.extend(running.values())
+        finally:
+            pool.stop()  # type: ignore[no-untyped-call]
+            pool.join()
 
 
-def _alone(task: Task) -> Outcome:
-    """Do a task in a process of its own, a few times if that dies."""
-    for _ in range(_ATTEMPTS):
-        with suppress(BrokenProcessPool), ProcessPoolExecutor(1, _CONTEXT) as pool:
-            return pool.submit(execute, task).result()
-    return Outcome(record=_died(task))
+_tables: Tables = {}
+"""Of a worker: the signals that its tasks name."""
 
 
-def _died(task: Task) -> dict[str, Any]:
-    return {
-        "key": task.key,
-        "status": FAILED,
-        "error": f"the worker died {_ATTEMPTS} times",
-        "seed": task.content.get("seed", 0),
-        "overrides": task.overrides,
-        "repetition": task.repetition,
-        "estimates": [],
-    }
+def _keep_tables(tables: Tables) -> None:
+    global _tables  # noqa: PLW0603 - the one thing that a worker keeps between tasks
+    _tables = tables
+
+
+def _work_here(work: Work, task: Task) -> Outcome:
+    return work(task, _tables)
+
+
+def _scheduled(pool: ProcessPool, work: Work, task: Task) -> Future[Outcome]:
+    try:
+        return pool.schedule(_work_here, (work, task))
+    except RuntimeError:  # as pebble says that the pool is broken
+        raise BrokenProcessPool from None
+
+
+def _outcome(future: Future[Outcome], task: Task, attempts: Counter[str]) -> Outcome | None:
+    """Return what came of a task; None if its worker died and it is to be tried again."""
+    try:
+        return future.result()
+    except ProcessExpired:
+        attempts[task.key] += 1
+        return _died(task) if attempts[task.key] == _ATTEMPTS else None
+
+
+def _died(task: Task) -> Outcome:
+    return task.failed(f"the worker died {_ATTEMPTS} times")
 
 
 class DaskEngine:
@@ -109,7 +170,9 @@ class DaskEngine:
     def __init__(self, scheduler: str | None = None, jobs: int | None = None) -> None:
         self._scheduler, self._jobs = scheduler, jobs or os.cpu_count() or 1
 
-    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
+    def run(
+        self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
+    ) -> Generator[Outcome]:
         """Yield the outcome of each task as it is done; Dask repeats those whose worker dies.
 
         Raises
@@ -135,22 +198,41 @@ class DaskEngine:
                     expected = f"one that answers ({error})"
                     raise InputError("butterfly run", "--scheduler", target, expected) from None
                 with client:
-                    yield from _on_cluster(client, as_completed(), iter(tasks), KilledWorker)
+                    # A task of its own, not scattered data: the scheduler can have it made again.
+                    shared = client.submit(dict, dict(tables), pure=False)
+                    submit = _Submit(client, work, shared)
+                    yield from _on_cluster(submit, as_completed(), iter(tasks), KilledWorker)
+
+
+class _Submit:
+    """Hands tasks to a cluster."""
+
+    def __init__(self, client: Any, work: Work, tables: Any) -> None:  # noqa: ANN401 - distributed's
+        self._client, self._work, self._tables = client, work, tables
+
+    def __call__(self, task: Task) -> Any:  # noqa: ANN401
+        arguments = (self._work, task, self._tables)
+        return self._client.submit(*arguments, pure=False, retries=_ATTEMPTS)
+
+    @property
+    def wanted(self) -> int:
+        """How many tasks the cluster should have."""
+        workers: int = sum(self._client.nthreads().values())
+        return _AHEAD * max(workers, 1)
 
 
 def _on_cluster(
-    client: Any,  # noqa: ANN401 - distributed's
-    futures: Any,  # noqa: ANN401
+    submit: _Submit,
+    futures: Any,  # noqa: ANN401 - distributed's
     tasks: Iterator[Task],
     killed: type[Exception],
-) -> Iterator[Outcome]:
+) -> Generator[Outcome]:
     """Keep a cluster supplied, however many workers it has at the moment."""
     known: dict[str, Task] = {}
 
     def hand_out() -> None:
-        wanted = _AHEAD * max(sum(client.nthreads().values()), 1) - len(known)
-        for task in islice(tasks, max(wanted, 0)):
-            future = client.submit(execute, task, pure=False, retries=_ATTEMPTS)
+        for task in islice(tasks, max(submit.wanted - len(known), 0)):
+            future = submit(task)
             known[future.key] = task
             futures.add(future)
 
@@ -160,7 +242,7 @@ def _on_cluster(
         try:
             outcome: Outcome = future.result()
         except killed:
-            outcome = Outcome(record=_died(task))
+            outcome = _died(task)
         future.release()
         hand_out()
         yield outcome

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.experiment import runner
-from butterfly.identify.data import DataSet, read_data_set
-from butterfly.logs.manifest import read_manifest
+from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.streams import of_orbit
+from butterfly.identify.data import DataSet
 from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from butterfly.experiment.control import ControlSpec
     from butterfly.experiment.schema import Experiment
+    from butterfly.identify.estimate import ParameterEstimate
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
     from butterfly.orbit.loop import Rig
@@ -58,9 +59,10 @@ def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untrack
     """
     data = None
     if experiment.control is not None and experiment.control.believed is None:
-        manifest = runner.simulate(experiment, folder / "small", track)
-        data = read_data_set(read_manifest(manifest), track)
-    study = hold_orbit(experiment, data, track)
+        logs = list(simulate(experiment, track=track))
+        write_logs(experiment, logs, folder / "small")
+        data = DataSet.of(logs, name=experiment.name, track=track)
+    study = hold_orbit(experiment, data, track=track)
     for number, each in enumerate(study.calibration.rounds):
         for run, log in enumerate(each.logs):
             write_mat(log, folder / f"round{number}_run{run}.mat")
@@ -68,7 +70,11 @@ def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untrack
 
 
 def hold_orbit(
-    experiment: Experiment, data: DataSet | None, track: Track = untracked
+    experiment: Experiment,
+    data: DataSet | None,
+    found: ParameterEstimate | None = None,
+    *,
+    track: Track = untracked,
 ) -> OrbitStudy:
     """Hold the orbit and re-calibrate (see `calibrate_orbit`), without writing logs.
 
@@ -78,8 +84,17 @@ def hold_orbit(
         With ``control``.
     data
         The small swings that tell the parameters to begin with, if the experiment does not.
+    found
+        What its first estimator makes of them, if that is known already.
     track
         Shows progress.
+
+    Raises
+    ------
+    InputError
+        If the experiment has no ``control``, or its orbit does not exist.
+    IdentifiabilityError
+        If the logs cannot tell the parameters apart.
     """
     control = experiment.control
     if control is None:
@@ -88,9 +103,10 @@ def hold_orbit(
     if believed is None:
         if data is None:
             raise InputError(experiment.name, "control.believed", "nothing", "parameters, or logs")
-        believed = experiment.all_estimators[0].unchecked()(data).parameters
+        first = experiment.all_estimators[0]
+        believed = (found or first.unchecked()(data)).parameters
         zero = _zero(control, data)
-    rng = np.random.default_rng(np.random.SeedSequence(experiment.seed).spawn(1)[0])
+    rng = np.random.default_rng(of_orbit(experiment.seed))
     return study_orbit(
         simulated_rig(experiment.plant.setup, rng),
         believed,

@@ -4,48 +4,77 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from butterfly import __version__
 from butterfly.errors import InputError
+from butterfly.experiment.fingerprint import fingerprint
+from butterfly.experiment.record import FAILED, SCHEMA, Outcome, PlannedRun, RunRecord
+from butterfly.experiment.signal_tables import digest_of
 from butterfly.experiment.sweeps import apply
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from butterfly.experiment.reading import Source
     from butterfly.experiment.schema import Experiment
-
-FORMAT = 1
-"""Of the results; another one gives other addresses."""
+    from butterfly.experiment.sweeps import Overrides
+    from butterfly.identify.estimators import Estimator
+    from butterfly.plant.excitations import Table
 
 _NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it
+_ASKED_OTHERWISE = {"method", "terms", "estimators", "signals"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One run of a sweep: all that a worker needs, wherever it is.
+    """One run of a sweep: all that a worker needs but the tables, wherever it is.
 
     Parameters
     ----------
     number
         In the sweep's order, from 0 on.
     key
-        Address of the result: a hash of the experiment with its defaults, the seed and the version.
+        Address of the result: a hash of the experiment with its defaults, the seed and the code.
     overrides
         Fields that this run sets, by their paths.
     repetition
         From 0 on.
+    seed
+        Fixes everything random.
     content
-        The experiment's mapping, without its sweep.
+        The experiment's mapping, without its sweep; digests stand for tables read from files.
     """
 
     number: int
     key: str
-    overrides: dict[str, Any]
+    overrides: Overrides
     repetition: int
+    seed: int
     content: dict[str, Any]
+
+    @property
+    def planned(self) -> PlannedRun:
+        """What the record of the sweep says of it."""
+        return PlannedRun(
+            number=self.number,
+            key=self.key,
+            repetition=self.repetition,
+            seed=self.seed,
+            overrides=self.overrides,
+        )
+
+    def failed(self, error: str) -> Outcome:
+        """Return the outcome if nothing came back."""
+        record = RunRecord(
+            key=self.key,
+            status=FAILED,
+            error=error,
+            seed=self.seed,
+            overrides=self.overrides,
+            repetition=self.repetition,
+        )
+        return Outcome(record=record)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,11 +89,14 @@ class SweepPlan:
         Paths of the fields that vary.
     tasks
         The runs, in order.
+    tables
+        Signals read from files, by the digests that the tasks name.
     """
 
     experiment: Experiment
     fields: tuple[str, ...]
     tasks: tuple[Task, ...]
+    tables: Mapping[str, Table]
 
 
 def plan_sweep(source: Source) -> SweepPlan:
@@ -79,41 +111,57 @@ def plan_sweep(source: Source) -> SweepPlan:
     """
     experiment = source.experiment()
     sweep = experiment.sweep
-    if sweep is None:
-        plain = _task(0, {}, 0, source.content, experiment)
-        return SweepPlan(experiment=experiment, fields=(), tasks=(plain,))
-    for field in sweep.fields:
+    fields = () if sweep is None else tuple(sweep.fields)
+    for field in fields:
         if field.split(".")[0] in {"sweep", "extends", "name"}:
             raise InputError(source.path, f"sweep: {field}", field, "a field of the experiment")
-    return SweepPlan(
-        experiment=experiment, fields=tuple(sweep.fields), tasks=tuple(_tasks(source, experiment))
-    )
+    tasks = tuple(_tasks(source, experiment))
+    return SweepPlan(experiment=experiment, fields=fields, tasks=tasks, tables=source.tables)
 
 
 def _tasks(source: Source, experiment: Experiment) -> Iterator[Task]:
-    assert experiment.sweep is not None  # noqa: S101 - or there would be one task
     base = {key: value for key, value in source.content.items() if key != "sweep"}
-    for number, (overrides, repetition, seed) in enumerate(
-        experiment.sweep.points(experiment.seed)
-    ):
-        content = apply(base, {"seed": seed} | overrides, source.path)
-        yield _task(number, overrides, repetition, content, source.experiment(content))
-
-
-def _task(
-    number: int,
-    overrides: dict[str, Any],
-    repetition: int,
-    content: dict[str, Any],
-    experiment: Experiment,
-) -> Task:
-    # Without defaults, so that a field which is added to the schema leaves old addresses alone.
-    asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED, exclude_defaults=True)
-    text = json.dumps([FORMAT, __version__, asked], sort_keys=True)
-    return Task(
-        number=number,
-        key=hashlib.sha256(text.encode()).hexdigest()[:24],
-        overrides=overrides,
-        repetition=repetition,
-        content=content,
+    points = (
+        [({}, 0, experiment.seed)]
+        if experiment.sweep is None
+        else (experiment.sweep.points(experiment.seed))
     )
+    for number, (overrides, repetition, seed) in enumerate(points):
+        content = source.with_digests(apply(base, {"seed": seed} | overrides, source.path))
+        asked = source.experiment(content)
+        yield Task(
+            number=number,
+            key=address(asked, content),
+            overrides=overrides,
+            repetition=repetition,
+            seed=asked.seed,
+            content=content,
+        )
+
+
+def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
+    """Return where the result of an experiment lies.
+
+    It covers all that the result depends on, defaults and code included.
+
+    Parameters
+    ----------
+    experiment
+        The experiment.
+    content
+        What it was read from; digests stand for tables read from files.
+    """
+    asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
+    asked["estimators"] = [_options(each) for each in experiment.all_estimators]
+    named = content.get("signals", [])
+    asked["signals"] = [
+        digest_of(signal) or spec.model_dump(mode="json")
+        for signal, spec in zip(named, experiment.signals, strict=True)
+    ]
+    text = json.dumps([SCHEMA, fingerprint(), asked], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def _options(estimator: Estimator) -> dict[str, object]:
+    """Return the options of an estimator that its result depends on."""
+    return {name: value for name, value in asdict(estimator).items() if name != "workers"}

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment, TableFile
-from butterfly.logs.csv import read_columns
+from butterfly.experiment.signal_tables import filled, read_table
 from butterfly.resources import locate, shipped
 from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from butterfly.plant.excitations import Table
 
 _DEEPEST = 10  # files that may extend each other
 
@@ -34,7 +36,9 @@ class Source:
     Attributes
     ----------
     content
-        The merged mapping, files of signals read into tables: all that a run needs.
+        The merged mapping.
+    tables
+        Signals that were read from files so far, by their digests.
 
     Raises
     ------
@@ -51,9 +55,8 @@ class Source:
             content = _merged(content, document.content)
         content.pop("extends", None)
         self.content = content
-        self.content["signals"] = [self._table(each) for each in self._signals()]
-        if not self.content["signals"]:
-            del self.content["signals"]
+        self.tables: dict[str, Table] = {}
+        self._digests: dict[TableFile, str] = {}
 
     def experiment(self, content: dict[str, Any] | None = None) -> Experiment:
         """Validate the merged content, or a variation of it.
@@ -61,21 +64,35 @@ class Source:
         Raises
         ------
         InputError
-            On the first field that does not follow the schema, with file and line.
+            On the first field that does not follow the schema, with file and line; or if a file of
+            signals cannot be read.
         """
-        return validate(self._documents, content or self.content, Experiment)
+        read = self.with_digests(content or self.content)
+        return validate(self._documents, filled(read, self.tables), Experiment)
 
-    def _signals(self) -> list[Any]:
-        signals = self.content.get("signals", [])
-        return list(signals) if isinstance(signals, list) else [signals]
+    def with_digests(self, content: dict[str, Any]) -> dict[str, Any]:
+        """Read the files of signals that a content names, and put their digests in their places.
 
-    def _table(self, signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
+        Raises
+        ------
+        InputError
+            If one cannot be read.
+        """
+        signals = content.get("signals")
+        if not isinstance(signals, list):
+            return content
+        return {**content, "signals": [self._with_digest(signal) for signal in signals]}
+
+    def _with_digest(self, signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
         if not (isinstance(signal, dict) and set(signal) == {"file"}):
             return signal
         named = validate(self._documents, signal, _Signals).file
-        path = inside(self.path.parent, named.path, self.path)
-        time, values = read_columns(path, [named.time, named.values])
-        return {"table": {"time": time.tolist(), "values": values.tolist()}}
+        if named not in self._digests:
+            path = inside(self.path.parent, named.path, self.path)
+            digest, table = read_table(path, named.time, named.values)
+            self.tables[digest] = table
+            self._digests[named] = digest
+        return {"table": self._digests[named]}
 
 
 def read_experiment(path: Path) -> Experiment:

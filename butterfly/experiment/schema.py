@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from functools import reduce
 from itertools import product
-from operator import or_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from pydantic import Field, model_validator
+from pydantic import (
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
-from butterfly.errors import InputError, nearest
+from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
+from butterfly.experiment.estimator_spec import DEFAULT, AnyEstimator, MethodName
 from butterfly.experiment.oneof import OneOf
-from butterfly.experiment.sweeps import SweepSpec
+from butterfly.experiment.streams import of_runs
+from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.identify.estimators import ESTIMATORS, Estimator
 from butterfly.identify.validation import Split
 from butterfly.logs.log import InputKind, Sine
@@ -43,6 +47,9 @@ from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.plant.setup import Setup
 from butterfly.plant.twin import twin
 from butterfly.yaml_input import StrictModel
+
+if TYPE_CHECKING:
+    import numpy as np
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
@@ -139,12 +146,6 @@ class SignalSpec(OneOf):
     file: TableFile | None = None
 
 
-if TYPE_CHECKING:
-    AnyEstimator = Estimator
-else:
-    AnyEstimator = Annotated[reduce(or_, ESTIMATORS.values()), Field(discriminator="method")]
-
-
 class ValidationSpec(StrictModel):
     """What is left out, to be predicted by what is kept."""
 
@@ -196,13 +197,13 @@ class Experiment(StrictModel):
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     description: str = ""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
     plant: PlantSpec
     added_masses: Annotated[list[AddedMass], Field(min_length=1)]
     excitations: tuple[Sine, ...] = ()
     signals: tuple[SignalSpec, ...] = ()
     duration: Annotated[float, Field(gt=0)]
-    method: str = "harmonic-balance"
+    method: MethodName = DEFAULT
     terms: tuple[str, ...] | None = None
     estimators: tuple[AnyEstimator, ...] = ()
     validation: ValidationSpec | None = None
@@ -211,6 +212,18 @@ class Experiment(StrictModel):
     sweep: SweepSpec | None = None
     keep_signals: bool = False
     extends: str | None = None
+
+    @field_validator("terms")
+    @classmethod
+    def _offered(
+        cls, terms: tuple[str, ...] | None, info: ValidationInfo
+    ) -> tuple[str, ...] | None:
+        if terms is not None and "method" in info.data:
+            try:
+                ESTIMATORS[info.data["method"]]().with_terms(terms)
+            except InputError as error:
+                raise ValueError(f"{error.expected} (of {info.data['method']})") from None
+        return terms
 
     @model_validator(mode="after")
     def _some_input(self) -> Experiment:
@@ -223,6 +236,9 @@ class Experiment(StrictModel):
     def _one_way_to_name_estimators(self) -> Experiment:
         if self.estimators and {"method", "terms"} & self.model_fields_set:
             raise ValueError("either estimators, or method and terms")
+        labels = [each.label for each in self.estimators]
+        if len(set(labels)) < len(labels):
+            raise ValueError("estimators that differ: the results of each go by its name")
         return self
 
     @property
@@ -230,8 +246,6 @@ class Experiment(StrictModel):
         """Every estimator that is named, by either way."""
         if self.estimators:
             return self.estimators
-        if self.method not in ESTIMATORS:
-            raise InputError("experiment", "method", self.method, nearest(self.method, ESTIMATORS))
         plain = ESTIMATORS[self.method]()
         return (plain if self.terms is None else plain.with_terms(self.terms),)
 
@@ -242,7 +256,7 @@ class Experiment(StrictModel):
 
     def seeds(self) -> list[np.random.SeedSequence]:
         """Return the source of everything random in each run, which its place and the seed fix."""
-        return np.random.SeedSequence(self.seed).spawn(len(self.runs()))
+        return of_runs(self.seed, len(self.runs()))
 
     def wide_swings(self) -> list[tuple[AddedMass, Sine, float]]:
         """List the runs whose sine is predicted to swing the hand beyond `SMALL_SWING`, in rad."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError
-from butterfly.experiment.execution import FAILED, OK, versions
-from butterfly.experiment.store import RUNS, ResultStore
+from butterfly.experiment.columns import RUNS
+from butterfly.experiment.perform import execute, versions
+from butterfly.experiment.record import FAILED, OK, SweepRecord
+from butterfly.experiment.store import ResultStore
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -63,32 +66,13 @@ def run_sweep(
         If ``only`` names no runs, or the folder cannot be written.
     """
     store = ResultStore(folder)
-    chosen = plan.tasks if only is None else _chosen(plan.tasks, only)
+    chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
-    pending = [task for task in unique.values() if force or _to_do(store, task)]
-    store.write_sweep(
-        {
-            "name": plan.experiment.name,
-            "description": plan.experiment.description,
-            "seed": plan.experiment.seed,
-            "worst": plan.experiment.report.worst,
-            "fields": list(plan.fields),
-            "versions": versions(),
-            "runs": [
-                {
-                    "number": task.number,
-                    "key": task.key,
-                    "repetition": task.repetition,
-                    "seed": task.content.get("seed", plan.experiment.seed),
-                    "overrides": task.overrides,
-                }
-                for task in plan.tasks
-            ],
-        }
-    )
-    outcomes = engine.run(pending)
-    for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
-        store.write(outcome)
+    pending = [task for task in unique.values() if force or is_to_do(store, task)]
+    store.write_sweep(sweep_record(plan))
+    with closing(engine.run(execute, pending, plan.tables)) as outcomes:
+        for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
+            store.write(outcome)
     store.write_tables()
     status = store.table(RUNS)["status"].to_pylist()
     return SweepSummary(
@@ -99,12 +83,35 @@ def run_sweep(
     )
 
 
-def _to_do(store: ResultStore, task: Task) -> bool:
+def sweep_record(plan: SweepPlan) -> SweepRecord:
+    """Return the record of what is asked."""
+    return SweepRecord(
+        name=plan.experiment.name,
+        description=plan.experiment.description,
+        seed=plan.experiment.seed,
+        worst=plan.experiment.report.worst,
+        fields=plan.fields,
+        versions=versions(),
+        runs=tuple(task.planned for task in plan.tasks),
+    )
+
+
+def is_to_do(store: ResultStore, task: Task) -> bool:
+    """Whether a task has no result, or failed unexpectedly."""
     record = store.read(task.key)
-    return record is None or record["status"] == FAILED
+    return record is None or record.status == FAILED
 
 
-def _chosen(tasks: Sequence[Task], only: str) -> list[Task]:
+def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:
+    """Return the tasks whose numbers are named.
+
+    Raises
+    ------
+    InputError
+        If ``only`` is not of the form ``0,3,10-19``, or names none of them.
+    """
+    if only is None:
+        return tasks
     numbers: set[int] = set()
     for part in only.split(","):
         first, _, last = part.partition("-")

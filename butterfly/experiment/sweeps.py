@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
 import math
@@ -23,7 +22,9 @@ if TYPE_CHECKING:
 
     Overrides = dict[str, Any]
 
-_SEEDS = 2**32
+SEEDS = 2**63
+"""Number of the seeds that there are: what fits into a column of 64-bit integers."""
+
 _RANDOM, _HYPERCUBE = 1, 2  # streams of the experiment's seed
 
 
@@ -120,14 +121,15 @@ class SweepSpec(StrictModel):
 def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:
     """Return a copy of an experiment's mapping with fields set by their paths.
 
-    Mappings on the way to a field are made if need be.
+    Mappings on the way to a field are made if need be. Mappings and lists are copied, what they
+    hold is shared.
 
     Raises
     ------
     InputError
         If a path leads through a value that has no parts, or beyond the end of a list.
     """
-    changed = copy.deepcopy(dict(content))
+    changed: dict[str, Any] = _copied(dict(content))
     for path, value in overrides.items():
         *way, last = path.split(".")
         place: Any = changed
@@ -140,6 +142,12 @@ def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> d
         else:
             raise InputError(source, f"sweep: {path}", place, "a path to a field")
     return changed
+
+
+def _copied(value: Any) -> Any:  # noqa: ANN401 - any YAML
+    if isinstance(value, dict):
+        return {key: _copied(each) for key, each in value.items()}
+    return [_copied(each) for each in value] if isinstance(value, list) else value
 
 
 def _enter(place: Any, part: str, path: str, source: object) -> Any:  # noqa: ANN401 - any YAML
@@ -182,4 +190,4 @@ def _drawn(spec: RandomSpec, shares: list[list[float]]) -> list[Overrides]:
 
 def _derived_seed(seed: int, repetition: int, overrides: Overrides) -> int:
     text = json.dumps([seed, repetition, overrides], sort_keys=True, default=str)
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") % _SEEDS
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") % SEEDS

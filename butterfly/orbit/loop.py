@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from butterfly.errors import require_number
+from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.analysis import swing
@@ -40,15 +40,14 @@ class Rig(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
-    """What each round does.
+class Schedule:
+    """What each round does, whatever orbit it holds.
 
     Parameters
     ----------
-    target
-        From parameters to the orbit that is to be held.
     multiplier
-        Wanted Floquet multiplier, for gamma.
+        Wanted Floquet multiplier, the share of a perturbation that is left after one period; sets
+        gamma.
     duration
         Of each run in s.
     starts
@@ -63,8 +62,6 @@ class Plan:
         first is the one that the controller is for.
     kick
         See `EnergyShaping`.
-    velocity
-        From parameters to an estimator.
     rounds
         At most so many.
     amplitude_tolerance
@@ -73,7 +70,6 @@ class Plan:
         The loop ends, too, when no parameter changes by more than this share.
     """
 
-    target: Target
     multiplier: float = 0.5
     duration: float = 20.0
     starts: tuple[float, ...]
@@ -81,21 +77,44 @@ class Plan:
     dither: float = 0.0
     added_masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)
     kick: float = 0.0
-    velocity: Callable[[LumpedParameters], VelocityEstimator] = lambda _: FilteredDifference()
     rounds: int = 4
     amplitude_tolerance: float = 3.5e-3
     parameter_tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
-        require_number("Plan", dither=self.dither, kick=self.kick)
         require_number(
-            "Plan",
+            "Schedule",
+            dither=self.dither,
+            kick=self.kick,
+            amplitude_tolerance=self.amplitude_tolerance,
+            parameter_tolerance=self.parameter_tolerance,
+        )
+        require_number(
+            "Schedule",
             positive=True,
             duration=self.duration,
             rounds=self.rounds,
             starts=len(self.starts),
             added_masses=len(self.added_masses),
         )
+        if not 0 < self.multiplier < 1:
+            raise InputError("Schedule", "multiplier", self.multiplier, "between 0 and 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Schedule):
+    """A schedule for an orbit.
+
+    Parameters
+    ----------
+    target
+        From parameters to the orbit that is to be held.
+    velocity
+        From parameters to an estimator.
+    """
+
+    target: Target
+    velocity: Callable[[LumpedParameters], VelocityEstimator] = lambda _: FilteredDifference()
 
     def law(self, orbit: Orbit, zero: float) -> EnergyShaping:
         """Return a fresh controller for an orbit, its encoder reading ``zero`` rad at angle 0."""

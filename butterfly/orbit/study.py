@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -65,30 +65,6 @@ class OrbitStudy:
     errors: dict[str, float]
     amplitudes: tuple[float, ...]
     cross: NDArray[np.float64]
-
-    def numbers(self) -> dict[str, Any]:
-        """Return the results, for programs; angles in rad."""
-        final = self.calibration.rounds[-1].recalibration
-        last = final.estimate
-        return {
-            "target_rad": self.calibration.rounds[-1].wanted,
-            "amplitudes_rad": [each.amplitude for each in self.calibration.rounds],
-            "ending": self.calibration.ending,
-            "absolute": final.is_absolute,
-            "parameters": {
-                name: {"value": value, "standard_error": error, "lower": lower, "upper": upper}
-                for name, value, error, lower, upper in zip(
-                    last.names,
-                    *(
-                        column.tolist()
-                        for column in (last.values, last.standard_errors, last.lower, last.upper)
-                    ),
-                    strict=True,
-                )
-            },
-            "free_run_rms_rad": self.errors,
-            "cross_orbit": {"amplitudes_rad": self.amplitudes, "rms_rad": self.cross.tolist()},
-        }
 
 
 def study_orbit(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.files import replacing
+from butterfly.logs.log import InputKind
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import frequency_response_figure, time_figure
@@ -16,10 +19,13 @@ from butterfly.report.page import render, write_beside
 from butterfly.report.words import sentences
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from butterfly.identify.identification import Identification
     from butterfly.model.parameters import LumpedParameters
+
+_INPUT_UNITS = {InputKind.VOLTAGE: "V", InputKind.TORQUE: "unit"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,26 +46,24 @@ def parameter_rows(
     identification: Identification, truth: LumpedParameters | None = None
 ) -> list[ParameterRow]:
     """Tabulate the estimate, beside the true parameters if they are known."""
-    estimate = identification.estimate
-    errors = estimate.standard_errors
-    rows = []
-    for k, name in enumerate(estimate.names):
-        value, error = float(estimate.values[k]), float(errors[k])
-        others = [float(values[k]) for values in estimate.left_out.values()]
-        true = None if truth is None else float(getattr(truth, name))
-        rows.append(
-            ParameterRow(
-                symbol=TERMS[name].symbol,
-                unit=TERMS[name].unit.replace("unit", _input_unit(identification)),
-                value=with_error(value, error),
-                error=f"{error:#.2g}" if np.isfinite(error) else "–",
-                interval=interval(estimate.lower[k], estimate.upper[k]),
-                left_out=interval(min(others), max(others)) if others else "–",
-                true="" if true is None else f"{true:.5g}",
-                deviation=f"{100 * (value / true - 1):+.2f} %" if true else "",
-            )
+    return rows_of(_records(identification, truth), identification.data.input_kind)
+
+
+def rows_of(parameters: Sequence[ParameterRecord], input_kind: InputKind) -> list[ParameterRow]:
+    """Tabulate the records of parameters; ``input_kind`` tells the unit of p4."""
+    return [
+        ParameterRow(
+            symbol=TERMS[each.parameter].symbol,
+            unit=TERMS[each.parameter].unit.replace("unit", _INPUT_UNITS[input_kind]),
+            value=with_error(each.value, _or_nan(each.standard_error)),
+            error="–" if each.standard_error is None else f"{each.standard_error:#.2g}",
+            interval=interval(_or_nan(each.lower), _or_nan(each.upper)),
+            left_out=interval(_or_nan(each.least_left_out), _or_nan(each.largest_left_out)),
+            true="" if each.true is None else f"{each.true:.5g}",
+            deviation="" if each.deviation is None else f"{100 * each.deviation:+.2f} %",
         )
-    return rows
+        for each in parameters
+    ]
 
 
 def summary(identification: Identification) -> list[str]:
@@ -137,31 +141,9 @@ def write_report(
 def _numbers(identification: Identification, truth: LumpedParameters | None) -> dict[str, Any]:
     """Return what the report says, for programs."""
     estimate, fit = identification.estimate, identification.summary
-    columns = zip(
-        estimate.names,
-        *(
-            each.tolist()
-            for each in (
-                estimate.values,
-                estimate.standard_errors,
-                estimate.lower,
-                estimate.upper,
-            )
-        ),
-        strict=True,
-    )
     return {
         "method": estimate.method,
-        "parameters": {
-            name: {
-                "value": value,
-                "standard_error": error,
-                "lower": lower,
-                "upper": upper,
-                "true": None if truth is None else getattr(truth, name),
-            }
-            for name, value, error, lower, upper in columns
-        },
+        "parameters": {each.parameter: each.numbers() for each in _records(identification, truth)},
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
         "fits": {run.log.name: run.fit for run in identification.free_runs},
         "ending": estimate.ending,
@@ -170,5 +152,11 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
     }
 
 
-def _input_unit(identification: Identification) -> str:
-    return "V" if identification.data.input_kind == "voltage" else "unit"
+def _records(
+    identification: Identification, truth: LumpedParameters | None
+) -> tuple[ParameterRecord, ...]:
+    return ParameterRecord.all_of(identification.estimate, truth)
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
 
+from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.model.energy import Orbit, energy
 from butterfly.orbit.analysis import invariant
 from butterfly.orbit.study import PERIODS
@@ -91,7 +92,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         kind="orbit re-calibration",
         summary=summary(study),
         sections=sections,
-        numbers=study.numbers(),
+        numbers=OrbitRecord.of(study).numbers(),
     )
 
 

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from butterfly.experiment.columns import MISSING
+from butterfly.experiment.record import OK
+from butterfly.identify.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.page import Link, Page, Section, Table
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
@@ -17,19 +20,25 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
+    from butterfly.experiment.record import SweepRecord
 
-def sweep_page(about: dict[str, Any], runs: pa.Table, estimates: pa.Table) -> Page:
+
+_LISTED = 100  # runs in a table of what went wrong
+_TOLD = ("number", "key", "estimator", "ending", "findings")
+
+
+def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     """Put together the report of a sweep.
 
     Parameters
     ----------
-    about
-        What was run: ``name``, ``description``, ``fields``, ``worst``.
+    sweep
+        What was asked.
     runs, estimates
         The tables of a result store.
     """
     table = Estimates({name: column(estimates, name) for name in estimates.column_names})
-    fields, status = about["fields"], column(runs, "status")
+    fields, status = sweep.fields, column(runs, "status")
     deviating = table.take(np.isfinite(table["deviation"]))
     sections = [
         Section(
@@ -55,16 +64,20 @@ def sweep_page(about: dict[str, Any], runs: pa.Table, estimates: pa.Table) -> Pa
     if maps:
         text = "Median of the parameters' mean absolute deviation in %, over the other fields."
         sections.append(Section(title="Two fields at a time", text=text, figures=maps))
-    worst = _worst_table(table, fields, about.get("worst", 10))
+    worst = _worst_table(table, fields, sweep.worst)
     if worst.rows:
         sections.append(Section(title="Worst runs", tables=(worst,)))
-    if not np.isin(status.astype(str), ["ok", "missing"]).all():
+    unconverged = _unconverged_table(table)
+    if unconverged.rows:
+        title = "Estimates that did not converge"
+        sections.append(Section(title=title, tables=(unconverged,)))
+    if not np.isin(status.astype(str), [OK, MISSING]).all():
         sections.append(Section(title="Runs without a result", tables=(_failures(runs),)))
     if "orbit_amplitude" in runs.column_names and runs["orbit_amplitude"].null_count < len(runs):
         sections.append(Section(title="Orbits", tables=(_orbits(runs),)))
     return Page(
-        name=about["name"],
-        description=about["description"],
+        name=sweep.name,
+        description=sweep.description,
         kind="sweep",
         summary=_summary(table, status, fields),
         sections=sections,
@@ -129,8 +142,7 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         if run in seen or len(rows) == count:
             continue
         seen.add(run)
-        key = str(main["key"][k])
-        link = Link(f"{main['number'][k]:.0f}", f"runs/{key[:2]}/{key}.json")
+        link = _link(main["number"][k], str(main["key"][k]))
         name = str(main["parameter"][k])
         deviation = f"{TERMS[name].symbol} {100 * main['deviation'][k]:+.3g}"
         values = (short(main[field][k]) for field in fields)
@@ -139,15 +151,34 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
     return Table(headers=headers, rows=rows, caption="The number leads to the run's record.")
 
 
+def _endings(table: Estimates) -> dict[tuple[float, str], str]:
+    """Return how each estimate ended, by its run and estimator."""
+    estimates = zip(table["number"].tolist(), table["estimator"].tolist(), strict=True)
+    return dict(zip(estimates, table["ending"].tolist(), strict=True))
+
+
+def _unconverged_table(table: Estimates) -> Table:
+    rest = table.take(table["ending"] != Ending.CONVERGED)
+    listed = dict.fromkeys(
+        zip(*(rest[name].tolist() for name in _TOLD), strict=True),
+    )
+    rows = [(_link(*run[:2]), *run[2:]) for run in list(listed)[:_LISTED]]
+    return Table(
+        headers=("run", "estimator", "ending", "findings"),
+        rows=rows,
+        caption=f"{len(listed)} in all.",
+    )
+
+
+def _link(number: float, key: str) -> Link:
+    """Return a link from a run's number to its record."""
+    return Link(f"{number:.0f}", f"runs/{key[:2]}/{key}.json")
+
+
 def _failures(runs: pa.Table) -> Table:
-    bad = [row for row in runs.to_pylist() if row["status"] not in {"ok", "missing"}]
+    bad = [row for row in runs.to_pylist() if row["status"] not in {OK, MISSING}]
     rows = [
-        (
-            Link(str(row["number"]), f"runs/{row['key'][:2]}/{row['key']}.json"),
-            row["status"],
-            row["error"],
-        )
-        for row in bad[:100]
+        (_link(row["number"], row["key"]), row["status"], row["error"]) for row in bad[:_LISTED]
     ]
     return Table(headers=("run", "status", "error"), rows=rows, caption=f"{len(bad)} in all.")
 
@@ -168,12 +199,16 @@ def _orbits(runs: pa.Table) -> Table:
 
 
 def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> list[str]:
-    done = int((status == "ok").sum())
+    done = int((status == OK).sum())
     varied = ", ".join(fields) or "nothing but the seed"
     sentences = [f"{status.size} runs, {done} of them with a result; varied: {varied}."]
-    missing = int((status == "missing").sum())
+    missing = int((status == MISSING).sum())
     if missing:
         sentences.append(f"{missing} of them are still to be done.")
+    endings = list(_endings(table).values())
+    if endings:
+        missed = sum(ending != Ending.CONVERGED for ending in endings)
+        sentences.append(f"{missed} of {len(endings)} estimates did not converge.")
     size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
     if size.size:
         share = 100 * np.mean(table.inside[np.isfinite(table["lower"])])
@@ -190,7 +225,8 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
 def _numbers(table: Estimates, status: NDArray[Any]) -> dict[str, Any]:
     return {
         "runs": int(status.size),
-        "ok": int((status == "ok").sum()),
+        "ok": int((status == OK).sum()),
+        "unconverged": sum(ending != Ending.CONVERGED for ending in _endings(table).values()),
         "recovery": [
             {
                 "estimator": method,

@@ -54,7 +54,8 @@ def column(table: pa.Table, name: str) -> NDArray[Any]:
     """Return a column as floats, NaN where there is nothing, or as objects."""
     column = table[name]
     if str(column.type) in {"double", "int64"}:
-        return np.asarray(column.cast("double").to_numpy(zero_copy_only=False), dtype=np.float64)
+        floats = column.cast("double", safe=False)  # seeds have more digits than a float
+        return np.asarray(floats.to_numpy(zero_copy_only=False), dtype=np.float64)
     return np.array(column.to_pylist(), dtype=object)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from butterfly.identify.findings import FindingKind, Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.findings import Finding
@@ -20,10 +20,13 @@ _LEAST_MASSES = 3  # of which one can be left out
 def sentences(estimate: ParameterEstimate) -> list[str]:
     """Say how far an estimate is to be trusted: how well each parameter is known, then the rest."""
     values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    precision = [
-        _PRECISION[each.kind](each) for each in estimate.findings if each.kind in _PRECISION
-    ]
-    others = [each for each in estimate.findings if each.kind not in _PRECISION]
+    return sentences_of(estimate.findings, values)
+
+
+def sentences_of(findings: Sequence[Finding], values: Values) -> list[str]:
+    """Say what findings about the values of parameters mean (see `sentences`)."""
+    precision = [_PRECISION[each.kind](each) for each in findings if each.kind in _PRECISION]
+    others = [each for each in findings if each.kind not in _PRECISION]
     known = ["; ".join(precision) + "."] if precision else []
     return [*known, *(_SENTENCES[each.kind](each, values) for each in others)]
 

@@ -5,8 +5,9 @@ import pytest
 import yaml
 
 from butterfly.errors import InputError
+from butterfly.experiment.perform import perform
 from butterfly.experiment.reading import read_experiment
-from butterfly.experiment.runner import run, simulate
+from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.plant.sensors import Faults
 from butterfly.report.identification import write_report
@@ -29,9 +30,20 @@ def short(tmp_path):
     return path
 
 
-def test_the_quick_start_recovers_the_simulated_robot_within_one_percent(tmp_path):
+def _identified(experiment):
+    result = perform(experiment)
+    assert result.error is None
+    (identification,) = result.identifications.values()
+    return identification
+
+
+def _written(experiment, folder):
+    return read_manifest(write_logs(experiment, simulate(experiment), folder))
+
+
+def test_the_quick_start_recovers_the_simulated_robot_within_one_percent():
     experiment = read_experiment(QUICKSTART)
-    result = run(experiment, tmp_path)
+    result = _identified(experiment)
     truth = experiment.plant.robot.lumped
     found = result.estimate.parameters
     for name in ("p1", "p2", "p3", "p4"):
@@ -41,7 +53,7 @@ def test_the_quick_start_recovers_the_simulated_robot_within_one_percent(tmp_pat
 
 def test_simulated_logs_are_read_back_with_what_was_done(short, tmp_path):
     experiment = read_experiment(short)
-    manifest = read_manifest(simulate(experiment, tmp_path / "out"))
+    manifest = _written(experiment, tmp_path / "out")
     logs = [read_entry(manifest, entry) for entry in manifest.logs]
     assert [(log.added_mass, log.excitation) for log in logs] == experiment.runs()
     assert all(log.input_kind == "voltage" for log in logs)
@@ -51,7 +63,7 @@ def test_simulated_logs_are_read_back_with_what_was_done(short, tmp_path):
 def test_the_same_file_gives_the_same_logs_and_another_seed_others(short, tmp_path):
     def angles(seed, folder):
         short.write_text(re.sub(r"seed: \d+", f"seed: {seed}", short.read_text()))
-        manifest = read_manifest(simulate(read_experiment(short), tmp_path / folder))
+        manifest = _written(read_experiment(short), tmp_path / folder)
         return np.concatenate([read_entry(manifest, entry).angle for entry in manifest.logs])
 
     np.testing.assert_array_equal(angles(1, "a"), angles(1, "b"))
@@ -123,7 +135,7 @@ def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):
     for step in (0.001, 0.005):
         plant["clock"] = {"step": step}
         short.write_text(yaml.safe_dump(content))
-        manifest = read_manifest(simulate(read_experiment(short), tmp_path / str(step)))
+        manifest = _written(read_experiment(short), tmp_path / str(step))
         log = read_entry(manifest, manifest.logs[0])
         assert np.isfinite(log.angle).all()
         assert np.ptp(log.angle) > 0.01
@@ -154,7 +166,7 @@ def test_other_inputs_than_sines_are_simulated_and_said_not_to_be_sines(short, t
         {"file": {"path": "input.csv", "time": "t", "values": "volts"}},
     ]
     short.write_text(yaml.safe_dump(content))
-    manifest = read_manifest(simulate(read_experiment(short), tmp_path / "out"))
+    manifest = _written(read_experiment(short), tmp_path / "out")
     logs = [read_entry(manifest, entry) for entry in manifest.logs]
     assert len(logs) == 6
     assert all(log.excitation is None for log in logs)
@@ -193,11 +205,11 @@ def test_sines_that_will_swing_wide_are_found_beforehand(short):
     assert read_experiment(QUICKSTART).wide_swings() == []
 
 
-def test_lost_and_repeated_samples_are_counted_and_leave_the_estimate_right(tmp_path):
+def test_lost_and_repeated_samples_are_counted_and_leave_the_estimate_right():
     experiment = read_experiment(QUICKSTART)
     plant = experiment.plant.model_copy(update={"faults": Faults(dropped=0.005, duplicated=0.002)})
     brief = {"plant": plant, "duration": 40.0, "excitations": experiment.excitations[::2]}
-    result = run(experiment.model_copy(update=brief), tmp_path)
+    result = _identified(experiment.model_copy(update=brief))
     assert all(health.duplicate_stamps > 20 for health in result.data.health)
     assert any(health.gaps > 0 for health in result.data.health)
     truth = experiment.plant.robot.lumped
@@ -222,7 +234,7 @@ def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(tmp_path):
     path = tmp_path / "signals.yaml"
     path.write_text(yaml.safe_dump(content))
     experiment = read_experiment(path)
-    result = run(experiment, tmp_path / "out")
+    result = _identified(experiment)
     truth, found = experiment.plant.robot.lumped, result.estimate.parameters
     for name in ("p1", "p2", "p3", "p4"):
         assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=5e-3)

@@ -12,67 +12,25 @@ from pathlib import Path
 import pytest
 import yaml
 
-from butterfly.experiment.engines import DaskEngine, LocalEngine
-from butterfly.experiment.execution import FAILED, OK, REFUSED, Outcome
+from butterfly.experiment.columns import ESTIMATES, RUNS
+from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
-from butterfly.experiment.store import ESTIMATES, RUNS, TABLES, ResultStore
+from butterfly.experiment.record import OK, REFUSED
+from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.identify.data import read_data_set
 from butterfly.logs.manifest import read_manifest
-
-SWEEP = {
-    "name": "small",
-    "seed": 3,
-    "plant": {
-        "hand": {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003},
-        "drive": {"torque": {"gain": 10.0}},
-        "friction": {"viscous": 1e-3, "coulomb": 1e-4},
-        "encoder": {"steps": 8192, "noise": 2e-4},
-    },
-    "added_masses": [{"mass": 0.0, "arm": 0.1}, {"mass": 0.05, "arm": 0.1}],
-    "signals": [{"multisine": {"base": 0.5, "harmonics": [4, 6, 8, 11], "peak": 1e-3, "seed": 0}}],
-    "duration": 12.0,
-    "estimators": [{"method": "weak-form", "terms": []}],
-    "sweep": {"grid": {"plant.encoder.noise": [0.0, 1e-4]}, "repetitions": 3},
-}
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("sweeps")
-
-
-def _plan(folder, **changes):
-    path = folder / "small.yaml"
-    path.write_text(yaml.safe_dump(SWEEP | changes))
-    return plan_sweep(Source(path))
-
-
-def _tables(folder):
-    return {name: (folder / f"{name}.parquet").read_bytes() for name in TABLES}
-
-
-@pytest.fixture(scope="module")
-def undisturbed(folder):
-    """Tables of the sweep, run by one worker."""
-    summary = run_sweep(_plan(folder), folder / "one", LocalEngine(1))
-    assert (summary.runs, summary.done, summary.unsuccessful) == (6, 6, 0)
-    return _tables(folder / "one")
-
-
-def test_any_number_of_workers_gives_the_same_tables(folder, undisturbed):
-    run_sweep(_plan(folder), folder / "two", LocalEngine(2))
-    assert _tables(folder / "two") == undisturbed
+from tests.experiment.setting import SWEEP, small_plan, tables_of
 
 
 def test_what_is_done_is_not_done_again_unless_forced(folder, undisturbed):
-    plan = _plan(folder)
+    plan = small_plan(folder)
     again = run_sweep(plan, folder / "one", LocalEngine(1))
     assert (again.done, again.reused) == (0, 6)
     forced = run_sweep(plan, folder / "one", LocalEngine(2), force=True, only="1,3-4")
     assert (forced.runs, forced.done) == (3, 3)
-    assert _tables(folder / "one") == undisturbed
+    assert tables_of(folder / "one") == undisturbed
 
 
 @pytest.mark.usefixtures("undisturbed")
@@ -83,45 +41,55 @@ def test_the_tables_say_what_was_set_and_found(folder):
     assert runs["status"].to_pylist() == [OK] * 6
     assert estimates.num_rows == 6 * 6
     for row in estimates.to_pylist():
-        assert row["estimator"] == "weak-form"
+        assert row["estimator"] == "weak-form(no terms)"
         if row["parameter"] in {"p1", "p3", "p4"}:
             assert abs(row["deviation"]) < 0.02
     record = store.read(runs["key"][0].as_py())
-    assert record["versions"]["butterfly"]
-    assert record["seconds"]["total"] >= record["seconds"]["simulate"]
+    assert record.versions["butterfly"]
+    assert record.seconds["total"] >= record.seconds["simulate"]
 
 
 def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(folder, undisturbed):
-    _plan(folder)
+    small_plan(folder)
     out = folder / "killed"
     command = [sys.executable, "-m", "butterfly", "run", str(folder / "small.yaml")]
     command += ["--out", str(out), "--jobs", "2"]
     chance = random.Random(0)  # noqa: S311 - moments, not secrets
-    for _ in range(3):
+    done = 0
+    for _ in range(2):
         process = subprocess.Popen(  # noqa: S603 - our own command
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
-        time.sleep(chance.uniform(3.0, 7.0))
+        deadline = time.monotonic() + 60
+        while len(list(out.glob("runs/*/*.json"))) <= done and time.monotonic() < deadline:
+            time.sleep(0.02)
+        time.sleep(chance.uniform(0.0, 0.1))
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+        done = len(list(out.glob("runs/*/*.json")))
+        assert done > 0
+    assert not (out / "runs.parquet").exists()
     finished = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     assert finished.returncode == 0, finished.stderr
-    assert _tables(out) == undisturbed
+    assert tables_of(out) == undisturbed
 
 
 def test_a_run_that_cannot_be_identified_is_recorded_and_the_others_go_on(folder):
     one_mass = [{"mass": 0.0, "arm": 0.1}]
-    plan = _plan(folder, sweep={"list": [{"added_masses": one_mass}, {"plant.encoder.noise": 0.0}]})
+    plan = small_plan(
+        folder, sweep={"list": [{"added_masses": one_mass}, {"plant.encoder.noise": 0.0}]}
+    )
     summary = run_sweep(plan, folder / "refused", LocalEngine(1))
-    assert summary.unsuccessful == 0
+    assert summary.unsuccessful == 1
     rows = ResultStore(folder / "refused").table(RUNS).to_pylist()
+    assert [row["status"] for row in rows] == [REFUSED, OK]
     assert "same added mass" in rows[0]["error"]
     assert rows[1]["error"] == ""
 
 
 def test_a_run_that_cannot_be_used_is_refused_with_its_reason(folder):
     wild = {"multisine": {"base": 0.5, "harmonics": [4], "peak": 1e200, "seed": 0}}
-    plan = _plan(folder, sweep={"list": [{"signals": [wild]}, {"plant.encoder.noise": 0.0}]})
+    plan = small_plan(folder, sweep={"list": [{"signals": [wild]}, {"plant.encoder.noise": 0.0}]})
     summary = run_sweep(plan, folder / "wild", LocalEngine(1))
     assert summary.unsuccessful == 1
     rows = ResultStore(folder / "wild").table(RUNS).to_pylist()
@@ -134,7 +102,7 @@ def test_a_run_that_cannot_be_used_is_refused_with_its_reason(folder):
 def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
     two = SWEEP["added_masses"]
     three = [*two, {"mass": 0.1, "arm": 0.1}]
-    plan = _plan(
+    plan = small_plan(
         folder,
         validation={"split": "mass"},
         sweep={"list": [{"added_masses": two}, {"added_masses": three}]},
@@ -148,7 +116,7 @@ def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
 
 
 def test_logs_are_kept_where_asked_and_read_back_as_a_data_set(folder):
-    plan = _plan(folder, keep_signals=True, sweep={"repetitions": 1})
+    plan = small_plan(folder, keep_signals=True, sweep={"repetitions": 1})
     run_sweep(plan, folder / "kept", LocalEngine(1))
     store = ResultStore(folder / "kept")
     manifest = store.files_path(plan.tasks[0].key) / "manifest.yaml"
@@ -156,105 +124,6 @@ def test_logs_are_kept_where_asked_and_read_back_as_a_data_set(folder):
     assert len(data.logs) == 2
     assert data.logs[1].added_mass.mass == 0.05
     assert data.logs[0].time.size == 12_001
-
-
-def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted(folder):
-    plan = _plan(folder, sweep={"repetitions": 2})
-    store = ResultStore(folder / "torn")
-    run_sweep(plan, store.folder, LocalEngine(1))
-    path = store.record_path(plan.tasks[0].key)
-    path.write_text(path.read_text()[:100])
-    assert run_sweep(plan, store.folder, LocalEngine(1)).done == 1
-    stray = {"key": "ff" * 12, "status": FAILED, "estimates": []}
-    store.write(Outcome(record=stray, files={"x": b"1"}))
-    (path.parent / ".draft-x.json.part.json").write_text("{")
-    removed = {each.name for each in store.clean()}
-    assert removed == {"ff" * 12, f"{'ff' * 12}.json", ".draft-x.json.part.json"}
-    assert store.clean() == []
-
-
-def test_a_worker_that_dies_is_replaced_and_its_task_given_up_after_three_attempts(
-    folder, monkeypatch, undisturbed
-):
-    plan = _plan(folder)
-    monkeypatch.setenv("BUTTERFLY_TEST_DIES_AT", plan.tasks[2].key)
-    monkeypatch.setattr("butterfly.experiment.engines.execute", _dies_or_executes)
-    summary = run_sweep(plan, folder / "dying", LocalEngine(2))
-    assert summary.unsuccessful == 1
-    rows = ResultStore(folder / "dying").table(RUNS).to_pylist()
-    assert [row["status"] for row in rows] == [OK, OK, FAILED, OK, OK, OK]
-    assert "died" in rows[2]["error"]
-    monkeypatch.undo()
-    assert run_sweep(plan, folder / "dying", LocalEngine(2)).done == 1
-    assert _tables(folder / "dying") == undisturbed
-
-
-def _dies_or_executes(task):
-    from butterfly.experiment.execution import execute  # noqa: PLC0415 - not the patched one
-
-    if task.key == os.environ["BUTTERFLY_TEST_DIES_AT"]:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return execute(task)
-
-
-@pytest.fixture
-def cluster(tmp_path):
-    """A Dask scheduler and two workers, each a process of its own."""
-    pytest.importorskip("distributed")
-    address = tmp_path / "scheduler.json"
-    common = ["--scheduler-file", str(address), "--host", "127.0.0.1", "--no-dashboard"]
-    commands = [
-        ["scheduler", "--port", "0", *common],
-        *2 * [["worker", "--nthreads", "1", "--no-nanny", *common]],
-    ]
-    started = [
-        subprocess.Popen(  # noqa: S603 - our own cluster
-            [sys.executable, "-m", "dask", *command],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        for command in commands
-    ]
-    deadline = time.monotonic() + 30
-    while not address.exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    yield json.loads(address.read_text())["address"], started[1:]
-    for process in started:
-        process.kill()
-        process.wait()
-
-
-def test_a_dask_cluster_that_loses_a_worker_loses_no_result(folder, undisturbed, cluster):
-    address, workers = cluster
-    out = folder / "dask"
-    engine = _KillsAfter(DaskEngine(address), workers[0], done=1)
-    summary = run_sweep(_plan(folder), out, engine)
-    assert (summary.done, summary.unsuccessful) == (6, 0)
-    assert _tables(out) == undisturbed
-
-
-class _KillsAfter:
-    """An engine one of whose workers is killed after some outcomes."""
-
-    def __init__(self, engine, worker, done):
-        self._engine, self._worker, self._done = engine, worker, done
-
-    def run(self, tasks):
-        for number, outcome in enumerate(self._engine.run(tasks), start=1):
-            if number == self._done:
-                self._worker.send_signal(signal.SIGKILL)
-            yield outcome
-
-
-def test_a_scheduler_that_is_not_there_is_one_error(butterfly, folder):
-    pytest.importorskip("distributed")
-    _plan(folder)
-    code, _, err = butterfly(
-        *("run", folder / "small.yaml", "--out", folder / "none", "--engine", "dask"),
-        *("--scheduler", "tcp://127.0.0.1:1"),
-    )
-    assert code == 2
-    assert "--scheduler" in err
 
 
 @pytest.mark.usefixtures("undisturbed")
@@ -274,6 +143,9 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
     assert code == 0
     lines = exported.read_text().splitlines()
     assert (lines[0], len(lines)) == ('"number","value"', 7)
+    seed = ResultStore(one).sweep().runs[2].seed
+    code, out, _ = butterfly("results", "table", one, "--filter", f"seed={seed}")
+    assert (code, out.count(" ok ")) == (0, 1)
     code, out, _ = butterfly("results", "compare", one, "0", "3")
     assert (code, "plant.encoder.noise" in out) == (0, True)
     code, out, _ = butterfly("results", "clean", one)
@@ -302,7 +174,7 @@ def test_a_slip_about_results_is_one_line(butterfly, folder, arguments, part):
 
 @pytest.mark.usefixtures("undisturbed")
 def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
-    _plan(folder)
+    small_plan(folder)
     code, out, err = butterfly("run", folder / "small.yaml", "--out", folder / "one")
     assert code == 0, err
     assert "6 found done" in out

@@ -15,6 +15,13 @@ from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
+from butterfly.identify.estimators import (
+    HarmonicBalance,
+    Loss,
+    OutputError,
+    Thesis,
+    WeakForm,
+)
 from butterfly.plant.joints import Simulator
 from butterfly.plant.sweep import sweep as sweep_logs
 from butterfly.resources import shipped, shipped_experiments
@@ -139,12 +146,46 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
         ),
         ({"method": "linear", "estimators": [{"method": "linear"}]}, "either estimators"),
         ({"signals": [{"file": {"path": "../../x.csv"}}]}, "a path below"),
+        ({"method": "linear", "terms": ["drag"]}, r"terms: got \['drag'\]; expected no option"),
+        ({"terms": ["drg"]}, r"s\.yaml:4: terms: got \['drg'\]; expected 'drag'"),
+        (
+            {"estimators": [{"method": "linear", "terms": ["drag"]}]},
+            r"s\.yaml:5: estimators\.0\.terms: got an unknown key; expected one of 'method'",
+        ),
+        (
+            {"estimators": [{"method": "output-error", "per_masss": ["zero"]}]},
+            r"per_masss: got an unknown key; expected 'per_mass'",
+        ),
+        (
+            {"estimators": [{"method": "magic"}]},
+            r"estimators\.0\.method: got magic; expected one of 'harmonic-balance'",
+        ),
+        ({"estimators": [{"method": "output-error", "terms": ["x"]}]}, "terms: got x"),
+        ({"estimators": ["linear"]}, r"estimators\.0: got 'linear'"),
+        ({"estimators": 2 * [{"method": "linear"}]}, "estimators that differ"),
     ],
 )
 def test_a_slip_is_one_error_with_file_and_field(tmp_path, content, message):
     base = {"extends": "quickstart", "name": "s", "seed": 1} | content
     with pytest.raises(InputError, match=message):
         _tasks(_write(tmp_path / "s.yaml", **base))
+
+
+def test_estimators_have_the_options_of_their_method_and_a_shorthand_for_one(tmp_path):
+    listed = [
+        {"method": "output-error", "terms": ["drag"], "per_mass": ["zero"], "loss": "huber"},
+        {"method": "thesis", "decimation": 5},
+        {"terms": ["load"]},
+    ]
+    base = {"extends": "quickstart", "name": "e"}
+    several = read_experiment(_write(tmp_path / "e.yaml", **base, estimators=listed))
+    assert several.all_estimators == (
+        OutputError(terms=("drag",), per_mass=("zero",), loss=Loss.HUBER),
+        Thesis(decimation=5),
+        HarmonicBalance(terms=("load",)),
+    )
+    short = read_experiment(_write(tmp_path / "f.yaml", **base, method="weak-form", terms=[]))
+    assert short.all_estimators == (WeakForm(terms=()),)
 
 
 def test_a_key_said_twice_is_refused(tmp_path):

@@ -11,10 +11,14 @@ from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
-from butterfly.experiment.execution import Outcome
-from butterfly.experiment.store import ESTIMATES, RUNS, ResultStore
+from butterfly.experiment.columns import ESTIMATES, RUNS
+from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
+from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.store import ResultStore
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Linear, Thesis, WeakForm
+from butterfly.identify.findings import Ending
+from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.options import RecalibrationOptions
@@ -74,19 +78,25 @@ def _sweep_page(folder):
     runs = []
     for number in range(60):
         values = (0.1 + 0.01 * number, 10 ** rng.uniform(-5, -2), "ab"[number % 2])
-        overrides = dict(zip(fields, values, strict=True))
-        about = {"key": f"{number:024d}", "repetition": 0, "seed": number, "overrides": overrides}
-        runs.append({"number": number} | about)
+        place = {"key": f"{number:024d}", "repetition": 0, "seed": number}
+        place["overrides"] = dict(zip(fields, values, strict=True))
+        runs.append(PlannedRun(number=number, **place))
         status = {7: "refused", 8: "failed"}.get(number, "ok")
-        row = {"true": 1.0, "lower": 0.9, "upper": 1.1, "standard_error": 0.05}
-        found = [row | {"parameter": p, "value": rng.normal(1, 0.05)} for p in ("p1", "p3")]
-        fit = dict.fromkeys(("median", "mean", "worst"), 99.0)
-        estimate = {"method": "m", "error": "", "condition": 3.0, "fit": fit, "parameters": found}
-        estimates = [estimate] if status == "ok" else []
-        record = about | {"status": status, "error": "", "estimates": estimates}
-        store.write(Outcome(record=record))
-    about = {"name": "sixty", "description": "", "fields": fields, "runs": runs, "worst": 5}
-    store.write_sweep(about)
+        interval = {"true": 1.0, "lower": 0.9, "upper": 1.1, "standard_error": 0.05}
+        estimate = EstimateRecord(
+            estimator="m",
+            ending=Ending.STOPPED if number == 9 else Ending.CONVERGED,
+            condition=3.0,
+            fit=FitSummary(99.0, 99.0, 99.0),
+            parameters=tuple(
+                ParameterRecord(parameter=name, value=rng.normal(1, 0.05), **interval)
+                for name in ("p1", "p3")
+            ),
+        )
+        estimates = (estimate,) if status == "ok" else ()
+        store.write(Outcome(record=RunRecord(**place, status=status, estimates=estimates)))
+    about = {"name": "sixty", "description": "", "seed": 0, "versions": {}, "worst": 5}
+    store.write_sweep(SweepRecord(**about, fields=tuple(fields), runs=tuple(runs)))
     store.write_tables()
     return sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
 
@@ -116,6 +126,16 @@ def test_the_leaderboard_is_sorted_by_what_was_predicted_unseen(data):
     scores = [entry.held_out.median for entry in entries if entry.held_out is not None]
     assert scores == sorted(scores, reverse=True)
     assert entries[0].method == "harmonic-balance"
+
+
+def test_the_report_of_a_sweep_counts_and_lists_estimates_that_did_not_converge(pages):
+    page = pages["sweep"]
+    assert "1 of 58 estimates did not converge." in page.summary
+    assert "60 runs, 58 of them with a result; varied: plant.hand.mass" in page.summary[0]
+    (section,) = [each for each in page.sections if "did not converge" in each.title]
+    (row,) = section.tables[0].rows
+    assert [str(cell) for cell in row] == ["9", "m", "stopped", ""]
+    assert page.numbers["unconverged"] == 1
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -8,8 +8,8 @@ import subprocess
 
 import pytest
 
+from butterfly.experiment.perform import perform
 from butterfly.experiment.reading import read_experiment
-from butterfly.experiment.runner import run
 from butterfly.logs.health import examine
 from butterfly.report.format import interval, with_error
 from butterfly.report.identification import parameter_rows, summary, write_report
@@ -25,12 +25,13 @@ FLAGS = (
 
 
 @pytest.fixture(scope="module")
-def simulated(tmp_path_factory):
+def simulated():
     experiment = read_experiment(shipped("experiments/quickstart.yaml"))
     brief = experiment.model_copy(
         update={"duration": 12.0, "excitations": experiment.excitations[::2]}
     )
-    return run(brief, tmp_path_factory.mktemp("brief")), experiment.plant.robot.lumped
+    (result,) = perform(brief).identifications.values()
+    return result, experiment.plant.robot.lumped
 
 
 @pytest.fixture(scope="module")

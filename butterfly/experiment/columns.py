@@ -1,0 +1,170 @@
+"""The tables of a sweep: which columns they have, and where in the records each value stands."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+
+import pyarrow as pa
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
+    from butterfly.experiment.record import PlannedRun, RunRecord
+
+RUNS, ESTIMATES = "runs", "estimates"
+TABLES = (RUNS, ESTIMATES)
+"""Names of the tables."""
+
+MISSING = "missing"
+"""Status, in the table of runs, of one that has no record."""
+
+_TEXT, _NUMBER, _COUNT, _TRUTH = pa.string(), pa.float64(), pa.int64(), pa.bool_()
+
+_Row = TypeVar("_Row")
+
+
+class Found(NamedTuple):
+    """A row of the table of estimates: one parameter, of one estimate."""
+
+    estimate: EstimateRecord
+    parameter: ParameterRecord
+
+
+@dataclass(frozen=True)
+class Column(Generic[_Row]):
+    """A column: its type, and its value for a row."""
+
+    kind: pa.DataType
+    value: Callable[[_Row], Any]
+
+
+def _of_orbit(name: str, kind: pa.DataType = _NUMBER) -> Column[RunRecord | None]:
+    """Column of something that an orbit's record says, if there is one."""
+    return Column(kind, lambda record: getattr(record.orbit if record else None, name, None))
+
+
+def _of_parameter(name: str) -> Column[Found]:
+    """Column of something that a parameter's record says."""
+    return Column(_NUMBER, lambda row: getattr(row.parameter, name))
+
+
+def _of_fit(which: str, statistic: str) -> Column[Found]:
+    """Column of a statistic of FIT, if there is one."""
+    return Column(_NUMBER, lambda row: getattr(getattr(row.estimate, which), statistic, None))
+
+
+_PLACE: dict[str, Column[PlannedRun]] = {
+    "number": Column(_COUNT, lambda run: run.number),
+    "key": Column(_TEXT, lambda run: run.key),
+    "repetition": Column(_COUNT, lambda run: run.repetition),
+    "seed": Column(_COUNT, lambda run: run.seed),
+}
+
+_RUN: dict[str, Column[RunRecord | None]] = {
+    "status": Column(_TEXT, lambda record: record.status if record else MISSING),
+    "error": Column(_TEXT, lambda record: record.reason if record else "not run"),
+    "logs": Column(_COUNT, lambda record: record.logs if record else None),
+    "unconverged": Column(_COUNT, lambda record: record.unconverged if record else None),
+    "orbit_rounds": _of_orbit("rounds", _COUNT),
+    "orbit_target": _of_orbit("target_rad"),
+    "orbit_amplitude": _of_orbit("amplitude_rad"),
+    "orbit_error_generic": _of_orbit("generic_rms_rad"),
+    "orbit_error_recalibrated": _of_orbit("recalibrated_rms_rad"),
+}
+
+_ESTIMATE: dict[str, Column[Found]] = {
+    "estimator": Column(_TEXT, lambda row: row.estimate.estimator),
+    "ending": Column(_TEXT, lambda row: row.estimate.ending),
+    "findings": Column(_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
+    "parameter": Column(_TEXT, lambda row: row.parameter.parameter),
+    "on_bound": Column(_TRUTH, lambda row: row.parameter.on_bound),
+    "value": _of_parameter("value"),
+    "standard_error": _of_parameter("standard_error"),
+    "lower": _of_parameter("lower"),
+    "upper": _of_parameter("upper"),
+    "least_left_out": _of_parameter("least_left_out"),
+    "largest_left_out": _of_parameter("largest_left_out"),
+    "true": _of_parameter("true"),
+    "deviation": _of_parameter("deviation"),
+    "condition": Column(_NUMBER, lambda row: row.estimate.condition),
+    "fit_median": _of_fit("fit", "median"),
+    "fit_mean": _of_fit("fit", "mean"),
+    "fit_worst": _of_fit("fit", "worst"),
+    "held_out_median": _of_fit("held_out", "median"),
+    "held_out_worst": _of_fit("held_out", "worst"),
+}
+
+
+class Columns:
+    """The columns of a sweep's tables: the fixed ones, and one for each field that varied.
+
+    Parameters
+    ----------
+    fields
+        Paths of the fields that varied.
+    runs
+        All of them, whose values decide on the types of these columns.
+    """
+
+    def __init__(self, fields: Sequence[str], runs: Iterable[PlannedRun]) -> None:
+        varied = [field for field in fields if field != "seed"]  # it has a column anyway
+        values: dict[str, list[Any]] = {field: [] for field in varied}
+        for run in runs:
+            for field in varied:
+                values[field].append(run.overrides.get(field))
+        self._fields = {field: _kind(values[field]) for field in varied}
+
+    def schema(self, table: str) -> pa.Schema:
+        """Return the names and types of a table's columns."""
+        place = {name: column.kind for name, column in _PLACE.items()}
+        rest = {
+            name: column.kind for name, column in (_RUN if table == RUNS else _ESTIMATE).items()
+        }
+        return pa.schema(list((place | self._fields | rest).items()))
+
+    def rows(
+        self, table: str, run: PlannedRun, record: RunRecord | None
+    ) -> Iterator[dict[str, Any]]:
+        """Yield the rows of a table that a run gives."""
+        place = {name: column.value(run) for name, column in _PLACE.items()}
+        place |= {f: _cell(run.overrides.get(f), kind) for f, kind in self._fields.items()}
+        if table == RUNS:
+            yield place | {name: column.value(record) for name, column in _RUN.items()}
+            return
+        for estimate in record.estimates if record else ():
+            for parameter in estimate.parameters:
+                found = Found(estimate, parameter)
+                yield place | {name: column.value(found) for name, column in _ESTIMATE.items()}
+
+
+def _kind(values: Iterable[Any]) -> pa.DataType:
+    """Type of a column that holds all of some values: numbers, truth values, or else texts."""
+    given = [value for value in values if value is not None]
+    if given and all(isinstance(value, bool) for value in given):
+        return _TRUTH
+    return _NUMBER if all(_is_number(value) for value in given) else _TEXT
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - whatever a field may be set to
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:
+        return False
+
+
+def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401
+    if value is None or kind == _TRUTH:
+        return value
+    return float(value) if kind == _NUMBER else _text(value)
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, dict) and not any(isinstance(v, dict | list) for v in value.values()):
+        return ", ".join(f"{key} {part}" for key, part in value.items())
+    return json.dumps(value, default=str) if isinstance(value, dict | list) else str(value)

@@ -1,0 +1,134 @@
+"""What is kept of an estimate: a record of it, and one of each of its parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from butterfly.identify.findings import Ending, Finding
+from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
+
+if TYPE_CHECKING:
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.model.parameters import LumpedParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRecord:
+    """One parameter of an estimate; None where there is nothing to say.
+
+    Parameters
+    ----------
+    parameter
+        Its name.
+    value, standard_error, lower, upper
+        Estimate, and limits of its 95 % interval.
+    least_left_out, largest_left_out
+        Range of the estimates that leave the logs of one added mass out.
+    true
+        Where it is known.
+    on_bound
+        Whether a bound holds it.
+    """
+
+    parameter: str
+    value: float
+    standard_error: float | None
+    lower: float | None
+    upper: float | None
+    least_left_out: float | None = None
+    largest_left_out: float | None = None
+    true: float | None = None
+    on_bound: bool = False
+
+    @classmethod
+    def all_of(
+        cls, found: ParameterEstimate, truth: LumpedParameters | None = None
+    ) -> tuple[ParameterRecord, ...]:
+        """Return a record for each parameter of an estimate, beside the truth if it is known."""
+        columns = (found.values, found.standard_errors, found.lower, found.upper)
+        rows = zip(found.names, *(column.tolist() for column in columns), strict=True)
+        records = []
+        for k, (name, value, error, lower, upper) in enumerate(rows):
+            others = [float(values[k]) for values in found.left_out.values()]
+            records.append(
+                cls(
+                    parameter=name,
+                    value=value,
+                    standard_error=or_none(error),
+                    lower=or_none(lower),
+                    upper=or_none(upper),
+                    least_left_out=min(others, default=None),
+                    largest_left_out=max(others, default=None),
+                    true=None if truth is None else float(getattr(truth, name)),
+                    on_bound=name in found.on_bound,
+                )
+            )
+        return tuple(records)
+
+    @property
+    def deviation(self) -> float | None:
+        """Relative deviation from the truth, where that is known and not 0."""
+        return self.value / self.true - 1 if self.true else None
+
+    def numbers(self) -> dict[str, float | None]:
+        """Return what a report says of it, for programs."""
+        names = ("value", "standard_error", "lower", "upper", "true")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateRecord:
+    """What an estimator gave.
+
+    Parameters
+    ----------
+    estimator
+        Its label.
+    ending
+        How it came to its values, or that it refused.
+    error
+        Why there are none, or no held-out FIT.
+    parameters
+        The estimate; empty if there is none.
+    condition
+        Condition number of its regression.
+    findings
+        What to know about it.
+    fit, held_out
+        FIT in per cent, of the logs it was fitted to and of those left out.
+    """
+
+    estimator: str
+    ending: Ending
+    error: str = ""
+    parameters: tuple[ParameterRecord, ...] = ()
+    condition: float | None = None
+    findings: tuple[Finding, ...] = ()
+    fit: FitSummary | None = None
+    held_out: FitSummary | None = None
+
+    @classmethod
+    def of(
+        cls, estimator: str, found: ParameterEstimate, fit: FitSummary, truth: LumpedParameters
+    ) -> EstimateRecord:
+        """Return the record of an estimate."""
+        return cls(
+            estimator=estimator,
+            ending=found.ending,
+            parameters=ParameterRecord.all_of(found, truth),
+            condition=or_none(found.condition),
+            findings=found.findings,
+            fit=fit,
+        )
+
+    @property
+    def converged(self) -> bool:
+        """Whether the values are where the estimator wanted to be."""
+        return self.ending is Ending.CONVERGED
+
+
+def or_none(value: float) -> float | None:
+    """Return a number that is finite; JSON has no others."""
+    return value if math.isfinite(value) else None

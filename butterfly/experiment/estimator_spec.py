@@ -1,0 +1,49 @@
+"""What an experiment file may say of an estimator: the options of its method, and no others."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+
+from butterfly.errors import InputError, nearest
+from butterfly.identify.estimators import ESTIMATORS, Estimator
+
+DEFAULT = "harmonic-balance"
+"""Method of an estimator that does not name one."""
+
+
+def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
+    """Complete an estimator that does not say which it is, and refuse options that are not its own.
+
+    Raises
+    ------
+    InputError
+        Naming those that it has.
+    """
+    if not isinstance(estimator, dict):
+        return estimator
+    told = {"method": DEFAULT} | estimator
+    kind = ESTIMATORS.get(str(told["method"]))
+    if kind is None:
+        expected = nearest(str(told["method"]), ESTIMATORS)
+        raise InputError("estimator", "method", told["method"], expected)
+    own = [each.name for each in fields(kind)]
+    for name in told:
+        if name not in own:
+            raise InputError(kind.method, str(name), "an unknown key", nearest(str(name), own))
+    return told
+
+
+if TYPE_CHECKING:
+    MethodName = str
+    AnyEstimator = Estimator
+else:
+    MethodName = Literal[tuple(ESTIMATORS)]
+    AnyEstimator = Annotated[
+        Annotated[reduce(or_, ESTIMATORS.values()), Field(discriminator="method")],
+        BeforeValidator(_named),
+    ]

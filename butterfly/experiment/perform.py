@@ -1,0 +1,218 @@
+"""Do one run: simulate, identify, validate, hold the orbit, compare with the truth."""
+
+from __future__ import annotations
+
+import platform
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+import scipy
+
+from butterfly import __version__
+from butterfly.errors import ButterflyError, IdentifiabilityError
+from butterfly.experiment.estimate_record import EstimateRecord
+from butterfly.experiment.orbit import hold_orbit
+from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.experiment.record import FAILED, OK, REFUSED, Outcome, RunRecord
+from butterfly.experiment.schema import Experiment
+from butterfly.experiment.signal_tables import filled
+from butterfly.experiment.simulation import packed, simulate
+from butterfly.identify.data import DataSet
+from butterfly.identify.estimators import OutputError
+from butterfly.identify.findings import Ending
+from butterfly.identify.identification import Identification, identify
+from butterfly.identify.validation import hold_out
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from butterfly.experiment.plan import Task
+    from butterfly.identify.estimators import Estimator
+    from butterfly.logs.log import Log
+    from butterfly.orbit.study import OrbitStudy
+    from butterfly.plant.excitations import Table
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunResult:
+    """What a run gave: the record to keep, and the whole of it to look at.
+
+    Parameters
+    ----------
+    record
+        What is kept.
+    error
+        What ended it early, or why there is no result; None if there is one.
+    logs
+        Simulated, in order.
+    identifications
+        Of the estimators that gave an estimate, by their labels.
+    orbit
+        If one was held.
+    """
+
+    record: RunRecord
+    error: Exception | None
+    logs: tuple[Log, ...]
+    identifications: dict[str, Identification]
+    orbit: OrbitStudy | None
+
+
+def perform(
+    experiment: Experiment, *, threads: int | None = None, track: Track = untracked
+) -> RunResult:
+    """Do one run; whatever goes wrong is recorded with what there was until then.
+
+    Parameters
+    ----------
+    experiment
+        Its ``sweep`` is not looked at.
+    threads
+        Of the simulation; one per core if not given. The result does not depend on it.
+    track
+        Shows progress.
+    """
+    run = _Run(experiment, threads, track)
+    error: Exception | None = None
+    with run.timed("total"):
+        try:
+            run.do()
+        except Exception as ending:
+            error = ending
+    status, told = _judged(error)
+    record = RunRecord(
+        status=status,
+        error=told,
+        seed=experiment.seed,
+        logs=len(run.logs),
+        estimates=tuple(run.estimates),
+        orbit=None if run.orbit is None else OrbitRecord.of(run.orbit),
+        versions=versions(),
+        seconds=run.seconds,
+    )
+    return RunResult(
+        record=record,
+        error=error,
+        logs=tuple(run.logs),
+        identifications=run.identifications,
+        orbit=run.orbit,
+    )
+
+
+def execute(task: Task, tables: Mapping[str, Table]) -> Outcome:
+    """Do a task, on any worker, with one thread."""
+    try:
+        experiment = Experiment.model_validate(filled(task.content, tables))
+    except ValueError as error:
+        return task.failed(f"not planned by this version: {error}")
+    return outcome_of(task, experiment, perform(experiment, threads=1))
+
+
+def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome:
+    """Return what is kept of a task's result."""
+    record = replace(
+        result.record, key=task.key, overrides=task.overrides, repetition=task.repetition
+    )
+    keep = experiment.keep_signals and result.logs
+    return Outcome(record=record, files=packed(experiment, result.logs) if keep else {})
+
+
+def versions() -> dict[str, str]:
+    """Return what the result was made with."""
+    return {
+        "butterfly": __version__,
+        "mujoco": mujoco.__version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def _judged(error: Exception | None) -> tuple[str, str]:
+    """Return the status of a run that ended so, and what its record says of it."""
+    if error is None:
+        return OK, ""
+    if isinstance(error, ButterflyError):
+        return REFUSED, str(error)
+    return FAILED, f"{type(error).__name__}: {error}"
+
+
+class _Run:
+    """A run under way, and what it has given so far."""
+
+    def __init__(self, experiment: Experiment, threads: int | None, track: Track) -> None:
+        self._experiment, self._threads, self._track = experiment, threads, track
+        self._truth = experiment.plant.robot.lumped
+        self.seconds: dict[str, float] = {}
+        self.logs: list[Log] = []
+        self.estimates: list[EstimateRecord] = []
+        self.identifications: dict[str, Identification] = {}
+        self.orbit: OrbitStudy | None = None
+
+    def do(self) -> None:
+        experiment, data = self._experiment, None
+        if experiment.runs():
+            with self.timed("simulate"):
+                self.logs.extend(simulate(experiment, threads=self._threads, track=self._track))
+            with self.timed("identify"):
+                data = DataSet.of(
+                    self.logs,
+                    name=experiment.name,
+                    description=experiment.description,
+                    track=self._track,
+                )
+                for spec in experiment.all_estimators:
+                    self._identify(data, spec)
+        if experiment.control is not None:
+            with self.timed("orbit"):
+                first = self.identifications.get(experiment.all_estimators[0].label)
+                found = first.estimate if first else None
+                self.orbit = hold_orbit(experiment, data, found, track=self._track)
+        elif not self.identifications:
+            raise IdentifiabilityError(self.estimates[0].error)
+
+    @contextmanager
+    def timed(self, part: str) -> Iterator[None]:
+        """Note how long a part takes."""
+        begun = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[part] = time.perf_counter() - begun
+
+    def _identify(self, data: DataSet, spec: Estimator) -> None:
+        """Add what an estimator gives, or why it refuses."""
+        try:
+            identification = identify(data, self._threaded(spec), track=self._track)
+        except ButterflyError as error:
+            refused = EstimateRecord(estimator=spec.label, ending=Ending.REFUSED, error=str(error))
+            self.estimates.append(refused)
+            return
+        found, fit = identification.estimate, identification.summary
+        self.identifications[spec.label] = identification
+        record = EstimateRecord.of(spec.label, found, fit, self._truth)
+        self.estimates.append(self._validated(record, data, spec))
+
+    def _threaded(self, spec: Estimator) -> Estimator:
+        """Return an estimator that takes no more threads than it may."""
+        if self._threads is not None and isinstance(spec, OutputError) and spec.workers == 0:
+            return replace(spec, workers=self._threads)
+        return spec
+
+    def _validated(self, record: EstimateRecord, data: DataSet, spec: Estimator) -> EstimateRecord:
+        """Add how well logs that were left out are predicted, if that was asked for."""
+        validation = self._experiment.validation
+        if validation is None:
+            return record
+        try:
+            held = hold_out(
+                data, self._threaded(spec).unchecked(), validation.split, track=self._track
+            )
+        except ButterflyError as error:
+            return replace(record, error=f"nothing could be left out: {error}")
+        return replace(record, held_out=held.summary)

@@ -1,0 +1,171 @@
+"""What is kept of a run and of a sweep: typed records, and their JSON.
+
+SweepRecord             what was asked: the runs in order
+RunRecord               what a run gave
+  EstimateRecord        of each estimator
+    ParameterRecord     of each parameter
+  OrbitRecord           of an orbit that was held
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from butterfly.experiment.estimate_record import EstimateRecord  # noqa: TC001 - pydantic reads it
+from butterfly.experiment.orbit_record import OrbitRecord  # noqa: TC001 - pydantic reads it
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+SCHEMA = 2
+"""Of the records; one with another number counts as none."""
+
+OK, REFUSED, FAILED = "ok", "refused", "failed"
+"""A run's status: done, refused for good (bad input, unidentifiable), or failed unexpectedly."""
+
+_Record = TypeVar("_Record")
+_CONFIG = ConfigDict(ser_json_inf_nan="strings")  # JSON has no NaN
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """What a run gave.
+
+    Parameters
+    ----------
+    key
+        Its address.
+    status, error
+        `OK`, `REFUSED` or `FAILED`, and why.
+    seed, overrides, repetition
+        What set it apart from the other runs of its sweep.
+    logs
+        How many it simulated.
+    estimates, orbit
+        What was found.
+    versions
+        Of what it was made with.
+    seconds
+        That it took, by part.
+    """
+
+    __pydantic_config__ = _CONFIG
+
+    schema: int = SCHEMA
+    key: str = ""
+    status: str
+    error: str = ""
+    seed: int
+    overrides: dict[str, Any] = field(default_factory=dict)
+    repetition: int = 0
+    logs: int = 0
+    estimates: tuple[EstimateRecord, ...] = ()
+    orbit: OrbitRecord | None = None
+    versions: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def reason(self) -> str:
+        """Why there is no result, or what an estimator refused first; empty if nothing."""
+        errors = [f"{each.estimator}: {each.error}" for each in self.estimates if each.error]
+        return self.error or next(iter(errors), "")
+
+    @property
+    def unconverged(self) -> int:
+        """How many of its estimates are not where their estimator wanted to be."""
+        return sum(bool(each.parameters) and not each.converged for each in self.estimates)
+
+    def to_json(self) -> str:
+        """Return the content of its file."""
+        return _to_json(_RUN, self)
+
+    @classmethod
+    def from_json(cls, text: str) -> RunRecord | None:
+        """Read the content of a file; None if it is no record, or one of another schema."""
+        record = _from_json(_RUN, text)
+        return record if record is not None and record.schema == SCHEMA else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a worker sends back.
+
+    Parameters
+    ----------
+    record
+        Of the run.
+    files
+        Contents of the files that go beside it, by name.
+    """
+
+    record: RunRecord
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRun:
+    """One run of a sweep: where it stands, its address, and what sets it apart."""
+
+    number: int
+    key: str
+    repetition: int
+    seed: int
+    overrides: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepRecord:
+    """What was asked.
+
+    Parameters
+    ----------
+    name, description, seed
+        Of the experiment.
+    worst
+        How many of the worst runs the report lists.
+    fields
+        Paths of the fields that vary.
+    versions
+        Of what it was planned with.
+    runs
+        In order.
+    in_full
+        Whether the logs and reports of its one run lie beside it.
+    """
+
+    schema: int = SCHEMA
+    name: str
+    description: str
+    seed: int
+    worst: int
+    fields: tuple[str, ...]
+    versions: dict[str, str]
+    runs: tuple[PlannedRun, ...]
+    in_full: bool = False
+
+    def to_json(self) -> str:
+        """Return the content of its file."""
+        return _to_json(_SWEEP, self)
+
+    @classmethod
+    def from_json(cls, text: str) -> SweepRecord | None:
+        """Read the content of a file; None if it is no record, or one of another schema."""
+        record = _from_json(_SWEEP, text)
+        return record if record is not None and record.schema == SCHEMA else None
+
+
+_RUN, _SWEEP = TypeAdapter(RunRecord), TypeAdapter(SweepRecord)
+
+
+def _to_json(adapter: TypeAdapter[_Record], record: _Record) -> str:
+    return adapter.dump_json(record, indent=1).decode()
+
+
+def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
+    try:
+        return adapter.validate_json(text)
+    except ValidationError:
+        return None

@@ -1,0 +1,107 @@
+"""Simulate the runs of an experiment, and keep their logs as a data set."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from butterfly.logs.log import Intersample
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    LogEntry,
+    Manifest,
+    manifest_text,
+    write_manifest,
+)
+from butterfly.logs.mat import write_mat
+from butterfly.logs.parquet import parquet_bytes
+from butterfly.plant.sweep import sweep
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from butterfly.experiment.schema import Experiment
+    from butterfly.logs.log import Log
+
+
+def simulate(
+    experiment: Experiment, *, threads: int | None = None, track: Track = untracked
+) -> Iterator[Log]:
+    """Simulate every run of an experiment.
+
+    Each run draws from its own random stream, so its log depends on the seed and its place in the
+    experiment only.
+
+    Parameters
+    ----------
+    experiment
+        With excitations or signals.
+    threads
+        Of the simulation; one per core if not given.
+    track
+        Shows progress.
+
+    Yields
+    ------
+    The logs in order, each named by its run.
+
+    Raises
+    ------
+    InputError
+        If a simulation diverges.
+    """
+    setup, runs, seeds = experiment.plant.setup, experiment.runs(), experiment.seeds()
+    for log in sweep(setup, runs, experiment.duration, seeds, threads=threads, track=track):
+        yield replace(log, source=log.name)
+
+
+def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
+    """Write the logs of an experiment in the form of the real ones, and their manifest.
+
+    Returns
+    -------
+    Path of the manifest, which is written last.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    entries = []
+    for log in logs:
+        entries.append(_entry(log, "mat"))
+        write_mat(log, folder / entries[-1].file)
+    path = folder / MANIFEST_NAME
+    write_manifest(_manifest(experiment, entries), path)
+    return path
+
+
+def packed(experiment: Experiment, logs: Sequence[Log]) -> dict[str, bytes]:
+    """Return the contents of the files of a data set, by name: logs as Parquet, and a manifest."""
+    entries = [_entry(log, "parquet") for log in logs]
+    files = {entry.file: parquet_bytes(log) for entry, log in zip(entries, logs, strict=True)}
+    return files | {MANIFEST_NAME: manifest_text(_manifest(experiment, entries)).encode()}
+
+
+def _entry(log: Log, suffix: str) -> LogEntry:
+    sine, added = log.excitation, log.added_mass
+    return LogEntry(
+        file=f"{log.name}.{suffix}",
+        added_mass=added.mass,
+        arm=added.arm,
+        omega=sine.omega if sine else None,
+        amplitude=sine.amplitude if sine else None,
+    )
+
+
+def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
+    return Manifest(
+        name=experiment.name,
+        description=experiment.description,
+        input=experiment.input_kind,
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        arm=entries[0].arm or 0.0,
+        logs=entries,
+    )

@@ -1,0 +1,20 @@
+"""Results that several test files look at."""
+
+import pytest
+
+from butterfly.experiment.engines import LocalEngine
+from butterfly.experiment.sweep_runner import run_sweep
+from tests.experiment.setting import small_plan, tables_of
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("sweeps")
+
+
+@pytest.fixture(scope="session")
+def undisturbed(folder):
+    """Tables of the small sweep, run by one worker into ``folder / "one"``."""
+    summary = run_sweep(small_plan(folder), folder / "one", LocalEngine(1))
+    assert (summary.runs, summary.done, summary.unsuccessful) == (6, 6, 0)
+    return tables_of(folder / "one")

@@ -1,0 +1,33 @@
+"""A small sweep of six runs, as several tests run it."""
+
+import yaml
+
+from butterfly.experiment.columns import TABLES
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source
+
+SWEEP = {
+    "name": "small",
+    "seed": 3,
+    "plant": {
+        "hand": {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003},
+        "drive": {"torque": {"gain": 10.0}},
+        "friction": {"viscous": 1e-3, "coulomb": 1e-4},
+        "encoder": {"steps": 8192, "noise": 2e-4},
+    },
+    "added_masses": [{"mass": 0.0, "arm": 0.1}, {"mass": 0.05, "arm": 0.1}],
+    "signals": [{"multisine": {"base": 0.5, "harmonics": [4, 6, 8, 11], "peak": 1e-3, "seed": 0}}],
+    "duration": 12.0,
+    "estimators": [{"method": "weak-form", "terms": []}],
+    "sweep": {"grid": {"plant.encoder.noise": [0.0, 1e-4]}, "repetitions": 3},
+}
+
+
+def small_plan(folder, **changes):
+    path = folder / "small.yaml"
+    path.write_text(yaml.safe_dump(SWEEP | changes))
+    return plan_sweep(Source(path))
+
+
+def tables_of(folder):
+    return {name: (folder / f"{name}.parquet").read_bytes() for name in TABLES}
