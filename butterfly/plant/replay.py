@@ -24,8 +24,8 @@ def replay_input(
 ) -> NDArray[np.float64]:
     """Return the (n,) true angles in rad of a joint at a log's stamps, driven with its input.
 
-    The input is held at its mean over each step, its hold and a delay accounted for. Steps are short,
-    since MuJoCo's Coulomb friction, which creeps at rest, is the sharper the shorter they are.
+    The input is held at its mean over each step, its hold and a delay accounted for. Steps are
+    short: MuJoCo's Coulomb friction, which creeps at rest, is the sharper the shorter they are.
 
     Parameters
     ----------
@@ -56,4 +56,4 @@ def replay_input(
     angles = np.array(reached)[numbers]
     if not np.isfinite(angles).all():
         raise InputError(log.source, "angle", "a joint that diverged", "another model or input")
-    return angles
+    return np.asarray(angles)
