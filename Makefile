@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint types bench wheel clean
+.PHONY: demo test lint types bench bench-short wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -21,6 +21,10 @@ types: $(VENV)/.development
 
 bench: $(VENV)/.development
 	$(BIN)/pytest tests/benchmarks -s
+
+# A part of it, at twice its bars, for machines that others share.
+bench-short: $(VENV)/.development
+	BUTTERFLY_BENCH_SHORT=1 $(BIN)/pytest tests/benchmarks -s
 
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:

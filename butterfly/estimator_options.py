@@ -14,6 +14,7 @@ import typer
 from butterfly.arguments import parse_terms
 from butterfly.errors import InputError, nearest
 from butterfly.identify.estimators import ESTIMATORS, Estimator
+from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -107,7 +108,8 @@ def _option(name: str, kind: type[Estimator], owners: list[str]) -> inspect.Para
     annotation = get_type_hints(kind)[name]
     text = f"{described(kind)[name]} Of {', '.join(owners)}."
     if name == "terms":
-        text += " Separated by commas; an empty text means none. See docs/theory.md#friction."
+        valid = "; ".join(f"{method}: {', '.join(offered(method))}" for method in owners)
+        text += f" Separated by commas, an empty text means none; {valid}."
     declared = typer.Option(help=text, show_default=_default_text(name, owners))
     wanted = str if annotation == tuple[str, ...] else annotation
     return _parameter(name, wanted | None, declared, None)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.motion import Motion
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import TERMS, Motion
+from butterfly.model.terms import TERMS, FrictionTerms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,7 +90,7 @@ class Phasors:
     def _columns(self) -> dict[str, NDArray[np.complex128]]:
         """What parameters multiply, the motor's torque aside: (n,) each."""
         weight = np.array([mass.weight for mass in self.masses])
-        motion = Motion(0.0, 0.0, 0.0)._replace(weight=weight)
+        motion = Motion.of(FrictionTerms(), 0.0, 0.0, weight=weight)
         return {
             row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
             for row in TERMS.values()

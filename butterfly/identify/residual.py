@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.weak_signals import Known, weak_signals
-from butterfly.model.terms import TERMS, Motion
+from butterfly.model.motion import Motion
+from butterfly.model.terms import TERMS, FrictionTerms
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,7 +80,8 @@ def residual_torque(
     torque = sum(getattr(loaded, name) * signals.mean[name] for name in _PARTS)
     velocity = signals.velocity
     slow = _SLOW * float(np.sqrt(np.mean(velocity**2)))
-    motion = Motion(signals.angle, velocity, np.sign(velocity), stribeck_velocity=slow)
+    settings = FrictionTerms(stribeck_velocity=slow)
+    motion = Motion.of(settings, signals.angle, velocity)
     templates = {
         row.looks_like: signals.mean[row.name] if row.basis is None else row.basis(motion)
         for row in TERMS.values()

@@ -44,12 +44,16 @@ class PendulumEstimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Data:
-    """The (n,) variables of (81), and standard errors of Y."""
+    """The (n,) variables of (81), standard errors of Y, and whether anybody stated any.
+
+    Where only some are stated, the others are taken to be like their median.
+    """
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
     y: NDArray[np.float64]
     error: NDArray[np.float64]
+    stated: bool
 
     @classmethod
     def of(cls, resonances: Mapping[AddedMass, Resonance]) -> _Data:
@@ -59,19 +63,27 @@ class _Data:
             )
         omega = np.array([r.omega for r in resonances.values()])
         error = 2 * omega * np.array([r.error for r in resonances.values()])
+        known = error[np.isfinite(error)]
+        typical = float(np.median(known)) if known.size else 1.0
         return cls(
             x=np.array([m.gravity_moment for m in resonances]),
             z=np.array([m.inertia for m in resonances]),
             y=omega**2,
-            error=np.where(np.isfinite(error), error, 1.0),
+            error=np.where(np.isfinite(error), error, typical),
+            stated=bool(known.size),
         )
 
     def scaled(
         self, covariance: NDArray[np.float64], residuals: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Inflate a covariance by the residuals' size, where they exceed their errors."""
-        freedom = max(self.y.size - 2, 1)
-        return covariance * max(1.0, float(residuals @ residuals) / freedom)
+        """Inflate a covariance by the residuals' size, where they exceed their errors.
+
+        Where no errors are stated the residuals alone tell them; with two masses, none are left.
+        """
+        freedom = self.y.size - 2
+        if not self.stated:
+            return covariance * (float(residuals @ residuals) / freedom if freedom else np.nan)
+        return covariance * max(1.0, float(residuals @ residuals) / max(freedom, 1))
 
 
 def fit_multiplied_out(resonances: Mapping[AddedMass, Resonance]) -> PendulumEstimate:

@@ -8,7 +8,7 @@ is the balance of energy, whose terms are powers.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -18,8 +18,9 @@ from scipy.signal import savgol_filter
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
+from butterfly.model.motion import Motion
 from butterfly.model.parameters import compressed
-from butterfly.model.terms import TERMS, FrictionTerms, Motion
+from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.signals import hold
 from butterfly.signals.resample import resample, uniform_grid
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
-    from butterfly.model.terms import Term
+    from butterfly.model.motion import Term
 
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
@@ -89,15 +90,14 @@ class Known:
         From input to torque, in s.
     compression
         Of the drive, in 1/unit of input; the column of "compression" is the derivative about it.
-    periods, stribeck_velocity
-        See `butterfly.model.terms.FrictionTerms`.
+    settings
+        Of these the periods of cogging and Stribeck's velocity.
     """
 
     zero: float
     delay: float = 0.0
     compression: float = 0.0
-    periods: float = FrictionTerms.cogging_periods
-    stribeck_velocity: float = FrictionTerms.stribeck_velocity
+    settings: FrictionTerms = field(default_factory=FrictionTerms)
 
 
 def weak_signals(
@@ -135,15 +135,9 @@ def weak_signals(
         raise InputError(log.source, "time", f"{grid[-1] - grid[0]:.3g} s", longer)
     angle = resample(log.time, log.angle, grid) - known.zero
     velocity = _velocity(angle, half_width, step)
-    motion = Motion(
-        angle,
-        velocity,
-        np.sign(velocity),
-        input=_delivered(log, grid - known.delay, step, known.compression),
-        weight=log.added_mass.weight,
-        periods=known.periods,
-        stribeck_velocity=known.stribeck_velocity,
-    )
+    inputs = _delivered(log, grid - known.delay, step, known.compression)
+    weight = log.added_mass.weight
+    motion = Motion.of(known.settings, angle, velocity, input=inputs, weight=weight)
     speed = float(np.sqrt(np.mean(velocity**2)))
     still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
     centres = np.arange(reach, grid.size - reach, max(1, round(SPACING * half_width / step)))

@@ -10,8 +10,9 @@ import numpy as np
 
 from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
 from butterfly.model.linear import Linearisation
+from butterfly.model.motion import Motion
 from butterfly.model.parameters import compressed
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Motion, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

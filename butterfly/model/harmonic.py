@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.model.linear import Linearisation
-from butterfly.model.terms import TERMS, Motion
+from butterfly.model.motion import Motion
+from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

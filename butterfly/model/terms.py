@@ -13,9 +13,8 @@ MJCF are written by hand and held to this table by a test. A further term is a f
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,13 +25,12 @@ from butterfly.model.describing import (
     gravity_describing_function,
     stribeck_describing_function,
 )
+from butterfly.model.motion import Motion, Term
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
-
-    _Array = NDArray[np.float64]
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 """The parameters that estimators find unasked, in their order."""
@@ -82,98 +80,6 @@ class FrictionTerms:
         """Return g(v) in N m at a velocity in rad/s."""
         sliding = Motion.of(self, 0.0, velocity)._replace(direction=1.0)
         return float(torque_of(self, sliding, DRY))
-
-
-class Motion(NamedTuple):
-    """What a torque may depend on: numbers, or arrays of one shape.
-
-    Parameters
-    ----------
-    angle, velocity
-        In rad from hanging down, and rad/s.
-    direction
-        Sign of the velocity.
-    input
-        As the drive delivers it.
-    weight
-        Added weight on the bearing in N, where it is not in T_c already.
-    periods, stribeck_velocity
-        The settings `FrictionTerms.cogging_periods` and `FrictionTerms.stribeck_velocity`.
-    """
-
-    angle: Any
-    velocity: Any
-    direction: Any
-    input: Any = 0.0
-    weight: Any = 0.0
-    periods: float = FrictionTerms.cogging_periods
-    stribeck_velocity: float = FrictionTerms.stribeck_velocity
-
-    @classmethod
-    def of(cls, terms: FrictionTerms, angle: Any, velocity: Any) -> Motion:  # noqa: ANN401
-        """Return a motion of a joint with the settings of ``terms``."""
-        return cls(
-            angle,
-            velocity,
-            np.sign(velocity),
-            periods=terms.cogging_periods,
-            stribeck_velocity=terms.stribeck_velocity,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Term:
-    """A row: one parameter and what it does.
-
-    Parameters
-    ----------
-    name, symbol, unit, meaning
-        As in code, as printed, and in words; in the unit, "unit" is the input's.
-    lower
-        Least value that an estimate can have.
-    basis
-        Braking torque per unit of the parameter, where it is a function of the `Motion`.
-    derivative
-        2 for the inertia and 1 for viscous friction, whose basis is that derivative of the angle.
-    potential
-        Energy per unit of the parameter at an angle, with the periods of cogging in a turn; its
-        slope is the basis.
-    describing
-        Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and
-        the `Motion` that holds weight and settings.
-    dry
-        Whether it holds the joint at rest: a friction level times the sign of the velocity.
-    of_gain
-        Whether what enters the equation is p4 times the parameter.
-    sign_observable
-        Whether motion tells the sign.
-    state
-        What it makes a state of the joint, if anything.
-    size
-        Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and
-        the rate in rad/s of the motion.
-    looks_like
-        What a residual torque of this shape is called; empty if one log cannot show it.
-    offered
-        Names of the estimators that can estimate it when asked to.
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    meaning: str
-    lower: float = -math.inf
-    basis: Callable[[Motion], Any] | None = None
-    derivative: int = 0
-    potential: Callable[[Any, float], Any] | None = None
-    describing: Callable[[_Array, _Array, Motion], Any] | None = None
-    dry: bool = False
-    of_gain: bool = False
-    sign_observable: bool = True
-    state: str = ""
-    size: Callable[[float, float], float] | None = None
-    looks_like: str = ""
-    offered: frozenset[str] = frozenset()
 
 
 _HARMONIC, _WEAK, _OUTPUT, _ORBIT = (

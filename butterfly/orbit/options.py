@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.identify.weak_signals import HALF_WIDTH, Balance, Known
-from butterfly.model.terms import offered
+from butterfly.model.terms import FrictionTerms, offered
 
 METHOD = "re-calibration"
 
@@ -56,6 +56,5 @@ class RecalibrationOptions:
 
     def known(self, zero: float, compression: float = 0.0) -> Known:
         """Return what is known of the joint, its encoder reading ``zero`` rad at angle 0."""
-        return Known(
-            zero=zero, delay=self.delay, compression=compression, periods=self.cogging_periods
-        )
+        settings = FrictionTerms(cogging_periods=self.cogging_periods)
+        return Known(zero=zero, delay=self.delay, compression=compression, settings=settings)

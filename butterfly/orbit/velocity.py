@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from butterfly.errors import require_number
-from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, Motion, torque_of
+from butterfly.model.motion import Motion
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
 if TYPE_CHECKING:
     from butterfly.model.parameters import LumpedParameters

@@ -102,7 +102,8 @@ def write_report(
     InputError
         If the file cannot be written.
     """
-    parameters = identification.estimate.parameters
+    estimate, rows = identification.estimate, parameter_rows(identification, truth)
+    parameters = estimate.parameters
     runs, data = identification.free_runs, identification.data
     response = frequency_response_figure(identification)
     series = [time_figure(run) for run in runs]
@@ -113,7 +114,8 @@ def write_report(
         description=data.description,
         kind="identification",
         summary=summary(identification),
-        parameters=parameter_rows(identification, truth),
+        parameters=rows,
+        own={name: row.value for name, row in zip(estimate.names, rows, strict=True)},
         with_truth=truth is not None,
         resonances=[
             {

@@ -17,8 +17,11 @@ from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.setup import Setup
 from butterfly.plant.sweep import sweep
+from tests.benchmarks.bars import at_least, at_most
 
 sysid = pytest.importorskip("mujoco.sysid", reason="the extra 'sysid' is not installed")
+if not hasattr(sysid, "ParameterDict"):  # a part of it comes with MuJoCo itself
+    pytest.skip("the extra 'sysid' is not installed", allow_module_level=True)
 
 ROBOT = Robot(
     hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
@@ -107,8 +110,9 @@ def test_output_error_is_ten_times_faster_at_equal_or_better_accuracy(logs):
         f"\n6 logs of 70 s, 4 parameters: mujoco.sysid {end - middle:.1f} s, output error "
         f"{middle - begin:.2f} s, {ratio:.0f} times faster; errors {errors[1]} and {errors[0]}"
     )
-    assert ratio >= 10
-    assert np.linalg.norm(errors[0]) <= 1.2 * np.linalg.norm(errors[1])
+    at_least(ratio, 10, "mujoco.sysid's time over output error's")
+    sizes = [float(np.linalg.norm(error)) for error in errors]
+    at_most(sizes[0] / sizes[1], 1.2, "our errors over mujoco.sysid's")
 
 
 def test_one_log_without_a_known_mass_is_refused_here_and_answered_there(logs):

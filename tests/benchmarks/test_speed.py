@@ -25,6 +25,7 @@ from butterfly.plant.motor import Reading
 from butterfly.plant.robot import Robot
 from butterfly.plant.setup import Setup
 from butterfly.plant.sweep import sweep
+from tests.benchmarks.bars import at_least, at_most
 
 
 def _seconds(function, repeats=3):
@@ -42,14 +43,14 @@ def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_mani
     reading = _seconds(lambda: [loadmat(path) for path in paths])
     whole = _seconds(lambda: identify(read_data_set(real_manifest)))
     print(f"\nidentify 41 real logs: {whole:.2f} s, {whole / reading:.1f} times the bare reading")
-    assert whole < 6 * reading
+    at_most(whole / reading, 6, "identify over bare reading")
 
 
 def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
     fit = _seconds(lambda: HarmonicBalance().of_points(real.data.sines))
     runs = _seconds(lambda: Predictor(real.data).fits(real.estimate))
     print(f"\nharmonic balance {1e3 * fit:.1f} ms, free run of 41 logs {1e3 * runs:.0f} ms")
-    assert fit < runs
+    at_most(fit / runs, 1, "harmonic balance over one free run")
 
 
 def test_the_joint_output_error_fit_costs_less_than_250_simulations_of_every_log(real):
@@ -59,7 +60,7 @@ def test_the_joint_output_error_fit_costs_less_than_250_simulations_of_every_log
     problem = estimator.problem(data.logs, start, data.equilibria)
     once = _seconds(lambda: problem.residuals(problem.initial))
     print(f"\noutput error, 12 parameters, one core: {fit:.2f} s, {fit / once:.0f} simulations")
-    assert fit < 250 * once
+    at_most(fit / once, 250, "output error in simulations")
 
 
 ROBOT = Robot(
@@ -88,7 +89,7 @@ def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
 
     ratio = _seconds(bare) / _seconds(driven)
     print(f"\nmotor wrapper: {ratio:.2f} of the speed of a bare mj_step loop with the same columns")
-    assert ratio > 0.6
+    at_least(ratio, 0.6, "motor wrapper over bare loop")
 
 
 def test_a_sweep_costs_little_more_than_a_bare_rollout():
@@ -110,7 +111,7 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
 
     ratio = _seconds(bare) / _seconds(swept)
     print(f"\nsweep of 39 runs: {ratio:.2f} of the speed of a bare rollout on {threads} threads")
-    assert ratio > 0.7
+    at_least(ratio, 0.7, "sweep over bare rollout")
 
 
 def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
@@ -123,4 +124,4 @@ def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
     data = mujoco.MjData(model)
     step = _seconds(lambda: [mujoco.mj_step(model, data) for _ in readings]) / len(readings)
     print(f"\ncontroller: {1e6 * deciding:.1f} us a step, {deciding / step:.2f} of a MuJoCo step")
-    assert deciding < 2 * step
+    at_most(deciding / step, 2, "controller over a step of MuJoCo")

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from butterfly.identify.estimators.base import Estimator
-from butterfly.identify.estimators.harmonic_balance import HarmonicBalance, Linear
-from butterfly.identify.estimators.output_error import Loss, OutputError
-from butterfly.identify.estimators.thesis import Thesis
-from butterfly.identify.estimators.weak_form import WeakForm
+from butterfly.identify.estimators.base import Estimator as Estimator
+from butterfly.identify.estimators.harmonic_balance import HarmonicBalance as HarmonicBalance
+from butterfly.identify.estimators.harmonic_balance import Linear as Linear
+from butterfly.identify.estimators.output_error import Loss as Loss
+from butterfly.identify.estimators.output_error import OutputError as OutputError
+from butterfly.identify.estimators.thesis import Thesis as Thesis
+from butterfly.identify.estimators.weak_form import WeakForm as WeakForm
 
-ESTIMATORS: dict[str, type[Estimator]] = {
-    each.method: each for each in (HarmonicBalance, OutputError, WeakForm, Linear, Thesis)
-}
-"""All estimators by the name of their method; a further one is its file and a place here."""
-
-__all__ = [
-    "ESTIMATORS",
-    "Estimator",
-    "HarmonicBalance",
-    "Linear",
-    "Loss",
-    "OutputError",
-    "Thesis",
-    "WeakForm",
-]
+ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimator.__subclasses__()}
+"""All estimators by the name of their method; a further one is its file and its line above."""

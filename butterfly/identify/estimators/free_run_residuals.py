@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from butterfly.identify.trajectory import Trajectory
-from butterfly.model.terms import PARAMETERS, TERMS, Motion, lower_bounds
+from butterfly.model.motion import Motion
+from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -201,8 +202,9 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     rate = float(np.median([log.excitation.omega for log in logs if log.excitation] or [5.0]))
     inertia = abs(start.p1) + max(log.added_mass.inertia for log in logs)
     torque, speed = inertia * swing * rate**2, swing * rate
-    motion = Motion.of(start, swing * np.sin(_PHASES), speed * np.cos(_PHASES))
-    motion = motion._replace(weight=max([1e-3, *(log.added_mass.weight for log in logs)]))
+    weight = max([1e-3, *(log.added_mass.weight for log in logs)])
+    angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
+    motion = Motion.of(start, angle, velocity, weight=weight)
     sizes = {
         "p1": inertia,
         "p3": torque / swing,

@@ -1,0 +1,120 @@
+"""What a torque at the joint may depend on, and what the table of terms says of each."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from butterfly.model.terms import FrictionTerms
+
+    _Array = NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """What a torque may depend on: numbers, or arrays of one shape.
+
+    Parameters
+    ----------
+    angle, velocity
+        In rad from hanging down, and rad/s.
+    direction
+        Sign of the velocity.
+    input
+        As the drive delivers it.
+    weight
+        Added weight on the bearing in N, where it is not in T_c already.
+    periods, stribeck_velocity
+        The settings `cogging_periods` and `stribeck_velocity` of the joint.
+    """
+
+    angle: Any
+    velocity: Any
+    direction: Any
+    input: Any
+    weight: Any
+    periods: float
+    stribeck_velocity: float
+
+    @classmethod
+    def of(
+        cls,
+        terms: FrictionTerms,
+        angle: Any,  # noqa: ANN401
+        velocity: Any,  # noqa: ANN401
+        *,
+        input: Any = 0.0,  # noqa: A002, ANN401 - the log's name for it
+        weight: Any = 0.0,  # noqa: ANN401
+    ) -> Motion:
+        """Return a motion of a joint with the settings of ``terms``."""
+        return cls(
+            angle=angle,
+            velocity=velocity,
+            direction=np.sign(velocity),
+            input=input,
+            weight=weight,
+            periods=terms.cogging_periods,
+            stribeck_velocity=terms.stribeck_velocity,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """A row: one parameter and what it does.
+
+    Parameters
+    ----------
+    name, symbol, unit, meaning
+        As in code, as printed, and in words; in the unit, "unit" is the input's.
+    lower
+        Least value that an estimate can have.
+    basis
+        Braking torque per unit of the parameter, where it is a function of the `Motion`.
+    derivative
+        2 for the inertia and 1 for viscous friction, whose basis is that derivative of the angle.
+    potential
+        Energy per unit of the parameter at an angle, with the periods of cogging in a turn; its
+        slope is the basis.
+    describing
+        Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and
+        the `Motion` that holds weight and settings.
+    dry
+        Whether it holds the joint at rest: a friction level times the sign of the velocity.
+    of_gain
+        Whether what enters the equation is p4 times the parameter.
+    sign_observable
+        Whether motion tells the sign.
+    state
+        What it makes a state of the joint, if anything.
+    size
+        Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and
+        the rate in rad/s of the motion.
+    looks_like
+        What a residual torque of this shape is called; empty if one log cannot show it.
+    offered
+        Names of the estimators that can estimate it when asked to.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    lower: float = -math.inf
+    basis: Callable[[Motion], Any] | None = None
+    derivative: int = 0
+    potential: Callable[[Any, float], Any] | None = None
+    describing: Callable[[_Array, _Array, Motion], Any] | None = None
+    dry: bool = False
+    of_gain: bool = False
+    sign_observable: bool = True
+    state: str = ""
+    size: Callable[[float, float], float] | None = None
+    looks_like: str = ""
+    offered: frozenset[str] = frozenset()
