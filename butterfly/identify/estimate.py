@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.regression import Regression, Solution
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
 
@@ -56,6 +57,23 @@ class Solved:
     lower: NDArray[np.float64]
     ending: Ending = Ending.CONVERGED
     findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(
+        cls, regression: Regression, solution: Solution, *, unsettled: Finding | None = None
+    ) -> Solved:
+        """Take a regression and its solution; ``unsettled`` says how an iteration was stopped."""
+        return cls(
+            names=regression.names,
+            values=solution.values,
+            jacobian=regression.jacobian(solution.values),
+            residuals=regression.residuals(solution.values),
+            cluster=regression.cluster,
+            on_bound=solution.on_bound,
+            lower=regression.lower,
+            ending=Ending.STOPPED if unsettled else Ending.CONVERGED,
+            findings=(unsettled,) if unsettled else (),
+        )
 
     def by_cluster(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (k, n, n) rows and (k, n) residuals that say of k clusters what these do."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -13,9 +13,19 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from butterfly.model.terms import FrictionTerms
-
     _Array = NDArray[np.float64]
+
+
+class Settings(Protocol):
+    """What a motion takes from the friction terms of a joint."""
+
+    @property
+    def cogging_periods(self) -> float:
+        """Periods of the cogging torque in a turn."""
+
+    @property
+    def stribeck_velocity(self) -> float:
+        """In rad/s."""
 
 
 class Motion(NamedTuple):
@@ -46,22 +56,22 @@ class Motion(NamedTuple):
     @classmethod
     def of(
         cls,
-        terms: FrictionTerms,
+        settings: Settings,
         angle: Any,  # noqa: ANN401
         velocity: Any,  # noqa: ANN401
         *,
         input: Any = 0.0,  # noqa: A002, ANN401 - the log's name for it
         weight: Any = 0.0,  # noqa: ANN401
     ) -> Motion:
-        """Return a motion of a joint with the settings of ``terms``."""
+        """Return a motion of a joint."""
         return cls(
             angle=angle,
             velocity=velocity,
             direction=np.sign(velocity),
             input=input,
             weight=weight,
-            periods=terms.cogging_periods,
-            stribeck_velocity=terms.stribeck_velocity,
+            periods=settings.cogging_periods,
+            stribeck_velocity=settings.stribeck_velocity,
         )
 
 

@@ -175,16 +175,7 @@ def estimate_of(
     IdentifiabilityError
         If the equations are singular for every practical purpose.
     """
-    regression, values = equations.regression, solution.values
-    solved = Solved(
-        names=regression.names,
-        values=values,
-        jacobian=regression.jacobian(values),
-        residuals=regression.residuals(values),
-        cluster=regression.cluster,
-        on_bound=solution.on_bound,
-        lower=regression.lower,
-    )
+    solved = Solved.of(equations.regression, solution)
     left_out = _without_each_run(equations)
     return ParameterEstimate.from_rows(solved, method=method, left_out=left_out, findings=findings)
 

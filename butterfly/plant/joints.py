@@ -160,14 +160,7 @@ class MujocoJoint(_DrivenJoint):
 
 
 class GreyBoxJoint(_DrivenJoint):
-    """The same robot by the grey-box equation, with set-valued friction.
-
-    Parameters
-    ----------
-    robot, added
-        The robot and what it carries.
-    angle
-        In rad, at which it starts, at rest.
+    """The same robot by the grey-box equation, with set-valued friction (see `MujocoJoint`).
 
     Raises
     ------

@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, names_of
-from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.findings import Finding, FindingKind, Severity
 from butterfly.identify.identifiability import refuse_one_mass
 from butterfly.identify.intervals import without_each_mass
 from butterfly.identify.phasors import Phasors
@@ -173,17 +173,7 @@ def _solve(phasors: Phasors) -> Solved:
         if settled:
             break
     rounds = Finding(kind=FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Severity.WARNING)
-    return Solved(
-        names=phasors.names,
-        values=values,
-        jacobian=regression.jacobian(values),
-        residuals=regression.residuals(values),
-        cluster=regression.cluster,
-        on_bound=solution.on_bound,
-        lower=regression.lower,
-        ending=Ending.CONVERGED if settled else Ending.STOPPED,
-        findings=() if settled else (rounds,),
-    )
+    return Solved.of(regression, solution, unsettled=None if settled else rounds)
 
 
 def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ import numpy as np
 from butterfly.errors import require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, names_of
-from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.findings import Finding, FindingKind, Severity
 from butterfly.identify.identifiability import refuse_one_mass
 from butterfly.identify.intervals import without_each_mass
 from butterfly.identify.regression import Regression
@@ -109,17 +109,7 @@ class WeakForm(Estimator):
             if settled:
                 break
         rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Severity.WARNING)
-        return Solved(
-            names=names,
-            values=solution.values,
-            jacobian=regression.jacobian(solution.values),
-            residuals=regression.residuals(solution.values),
-            cluster=regression.cluster,
-            on_bound=solution.on_bound,
-            lower=regression.lower,
-            ending=Ending.CONVERGED if settled else Ending.STOPPED,
-            findings=() if settled else (rounds,),
-        )
+        return Solved.of(regression, solution, unsettled=None if settled else rounds)
 
     def _regression(
         self,

@@ -1,0 +1,35 @@
+"""The tables in docs/ that list terms and options say what the program has."""
+
+from dataclasses import fields
+from pathlib import Path
+
+from butterfly.identify.estimators import ESTIMATORS
+from butterfly.model.terms import TERMS, FrictionTerms, offered
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def _rows(name):
+    text = (DOCS / name).read_text(encoding="utf-8")
+    return [line for line in text.splitlines() if line.startswith("|")]
+
+
+def test_the_friction_terms_stand_in_the_docs_with_meaning_and_unit():
+    rows = _rows("file-formats.md")
+    for field in fields(FrictionTerms):
+        row = TERMS[field.name]
+        assert f"| `{row.name}` | {row.meaning} | {row.unit} |" in rows
+
+
+def test_the_terms_that_each_estimator_offers_stand_in_the_docs():
+    rows = _rows("identification.md")
+    for method in (*ESTIMATORS, "re-calibration"):
+        terms = ", ".join(f"`{name}`" for name in offered(method)) or "–"
+        assert f"| `{method}` | {terms} |" in rows
+
+
+def test_every_option_of_every_estimator_stands_in_the_docs():
+    text = (DOCS / "identification.md").read_text(encoding="utf-8")
+    for kind in ESTIMATORS.values():
+        for option in fields(kind):
+            assert f"`{option.name}`" in text
