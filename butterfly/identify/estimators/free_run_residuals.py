@@ -28,6 +28,8 @@ LOCAL = ("zero", "bias", "velocity")
 
 _STEP = 1e-4  # of the solver's one-sided differences, as a share of a parameter's scale
 _FINE_STEP = 1e-5  # of those of second order
+_DOUBTFUL = 1e-3  # share of the largest singular value below which a combination is looked at again
+_LOOKS = 2  # each squares the share by which a combination without effect seems to have one
 _PHASES = np.linspace(0, 2 * np.pi, 400)
 
 
@@ -112,12 +114,20 @@ class FreeRunResiduals:
     def by_log(self, scaled: NDArray[np.float64]) -> list[LogResiduals]:
         """Return residuals and Jacobian of each log, the latter by differences of second order.
 
-        Only these tell columns that the data cannot tell apart from columns that they can hardly.
+        Combinations that the data tell little about are differentiated once more as a whole: only
+        this tells columns that the data cannot tell apart from columns that they can hardly.
         """
         values = scaled * self.scale
-        return self._over_logs(
+        logs = self._over_logs(
             lambda k: LogResiduals(self._errors(k, values), self._differentiate_well(k, values))
         )
+        for _ in range(_LOOKS):
+            jacobian = np.concatenate([log.jacobian for log in logs])
+            for combination in self._doubtful(jacobian, values):
+                logs = self._over_logs(
+                    lambda k, c=combination, logs=logs: self._along(k, values, logs[k], c)  # type: ignore[misc]
+                )
+        return logs
 
     def _over_logs(self, work: Callable[[int], _T]) -> list[_T]:
         with ThreadPoolExecutor(self._workers) as pool:
@@ -168,6 +178,44 @@ class FreeRunResiduals:
                 beyond = self._moved(index, values, k, 2 * h)
                 jacobian[:, k] = (4 * above - beyond - 3 * residuals) / (2 * h)
         return jacobian
+
+    def _doubtful(
+        self, jacobian: NDArray[np.float64], values: NDArray[np.float64]
+    ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Return the directions, in scaled parameters, along which a Jacobian is small.
+
+        Each with the (n,) vector that reads its share off a move; parameters on a bound stay.
+        """
+        free = values / self.scale - _STEP >= self.lower
+        size = np.linalg.norm(jacobian, axis=0)
+        size[size == 0] = 1.0
+        columns = jacobian[:, free] / size[free]
+        _, singular, right = np.linalg.svd(columns, full_matrices=False)
+        found = []
+        for row in right[singular < _DOUBTFUL * singular[0]]:
+            direction, share = np.zeros(free.size), np.zeros(free.size)
+            direction[free], share[free] = row / size[free], row * size[free]
+            longest = float(np.abs(direction).max())
+            found.append((direction / longest, share * longest))
+        return found
+
+    def _along(
+        self,
+        index: int,
+        values: NDArray[np.float64],
+        log: LogResiduals,
+        combination: tuple[NDArray[np.float64], NDArray[np.float64]],
+    ) -> LogResiduals:
+        """Replace a log's derivative along one direction by the central difference along it.
+
+        Differences along the axes leave 1e-6 to 1e-5 of their columns, where a reversal moves from
+        one step of the simulation to the next; along a combination without effect nothing moves.
+        """
+        direction, share = combination
+        step = _STEP * self.scale * direction
+        change = self._errors(index, values + step) - self._errors(index, values - step)
+        missed = change / (2 * _STEP) - log.jacobian @ direction
+        return LogResiduals(log.residuals, log.jacobian + np.outer(missed, share))
 
     def _columns(self, log: Log) -> list[int]:
         """Numbers of the parameters that concern one log."""
