@@ -44,12 +44,13 @@ class PendulumEstimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Data:
-    """The (n,) variables of (81), and standard errors of Y."""
+    """The (n,) variables of (81), and standard errors of Y; their scale, if any is known."""
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
     y: NDArray[np.float64]
     error: NDArray[np.float64]
+    scale_known: bool
 
     @classmethod
     def of(cls, resonances: Mapping[AddedMass, Resonance]) -> _Data:
@@ -58,20 +59,27 @@ class _Data:
                 "resonances of fewer than two added masses leave p1, p3 open"
             )
         omega = np.array([r.omega for r in resonances.values()])
-        error = 2 * omega * np.array([r.error for r in resonances.values()])
+        error = np.array([r.error for r in resonances.values()])
+        known = np.isfinite(error)
+        typical = float(np.median(error[known])) if known.any() else 1.0
         return cls(
             x=np.array([m.gravity_moment for m in resonances]),
             z=np.array([m.inertia for m in resonances]),
             y=omega**2,
-            error=np.where(np.isfinite(error), error, 1.0),
+            error=2 * omega * np.where(known, error, typical),
+            scale_known=bool(known.any()),
         )
 
     def scaled(
         self, covariance: NDArray[np.float64], residuals: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Inflate a covariance by the residuals' size, where they exceed their errors."""
+        """Inflate a covariance by the residuals' size, where they exceed their errors.
+
+        Where no error is known it is the residuals' size alone that tells.
+        """
         freedom = max(self.y.size - 2, 1)
-        return covariance * max(1.0, float(residuals @ residuals) / freedom)
+        least = 1.0 if self.scale_known else 0.0
+        return covariance * max(least, float(residuals @ residuals) / freedom)
 
 
 def fit_multiplied_out(resonances: Mapping[AddedMass, Resonance]) -> PendulumEstimate:
