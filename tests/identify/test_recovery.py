@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -13,16 +11,12 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identify.findings import FindingKind
-from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import quasi_linear_response
-from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS, offered
 from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.recalibration import recalibrate
 from tests.conftest import MASSES
+from tests.identify.simulated import ROBOT, SLOW, SWINGS, steady, wild
 
-ROBOT = LumpedParameters(p1=0.003, p2=1e-3, p3=0.04, p4=0.5, coulomb=8e-4)
 PRESENT = {
     "coulomb": {"coulomb": 1.2e-3},
     "drag": {"drag": 8e-4},
@@ -40,55 +34,6 @@ PRESENT = {
 
 TOLERANCE = {"harmonic-balance": 0.06, "weak-form": 0.04, "output-error": 0.01}
 """Relative, where the interval is not to be asked: each method leaves out something of its own."""
-
-TONES = (1.7, 2.9, 4.3, 6.1, 8.3)
-SWINGS = {2.0: 0.2, 3.0: 0.6, 4.4: 0.3, 7.5: 0.15, 8.5: 0.5}
-SLOW = {1.5: 0.4, 2.2: 0.5, 8.5: 0.3, 9.0: 0.1, 14.0: 0.03, 16.0: 0.012, 20.0: 0.006}
-"""Frequencies in rad/s and swings in rad; slow ones for friction that is lost in fast ones."""
-
-STEP = 2.5e-3
-
-
-def _log(robot, mass, signal, duration, start=0.0, sine=None):
-    time = np.arange(0, duration, STEP)
-    late = np.column_stack([time[:-1], time[:-1] + STEP / 2, time[1:]]) - robot.delay
-    inputs = signal(np.maximum(late, 0.0))
-    inputs /= 1 + robot.compression * np.abs(inputs)
-    angle, _ = simulate(robot.with_added_mass(mass), time, inputs, start)
-    return Log(
-        time=time,
-        input=signal(time),
-        angle=angle,
-        input_kind=InputKind.TORQUE,
-        intersample=Intersample.FIRST_ORDER_HOLD,
-        added_mass=mass,
-        excitation=sine,
-    )
-
-
-def _wild(robot, masses=MASSES, duration=24.0):
-    """Logs of sums of sines, which need not settle; gentle ones where friction is lost in speed."""
-    gentle = 0.25 if robot.stribeck else 1.0
-
-    def tones(seed):
-        phases = np.random.default_rng(seed).uniform(0, 2 * math.pi, len(TONES))
-        return lambda t: (
-            0.02
-            * gentle
-            * sum(np.sin(w * t + p) - np.sin(p) for w, p in zip(TONES, phases, strict=True))
-        )
-
-    return [_log(robot, mass, tones(k), duration, 0.5 * gentle) for k, mass in enumerate(masses)]
-
-
-def _steady(robot, swings):
-    """Logs of sines that have settled."""
-    logs = []
-    for mass, (omega, swing) in product(MASSES, swings.items()):
-        gain = abs(complex(quasi_linear_response(robot.with_added_mass(mass), omega, swing)))
-        sine = Sine(omega=omega, amplitude=swing / gain)
-        logs.append(_log(robot, mass, sine.sample, 60.0, sine=sine))
-    return logs
 
 
 def _value(names, values, term):
@@ -108,7 +53,7 @@ def _assert_recovered(found, term, truth, tolerance):
 def test_harmonic_balance_recovers_a_term(term):
     robot = replace(ROBOT, **PRESENT[term])
     found = HarmonicBalance(terms=(term,), check=False)(
-        DataSet.of(_steady(robot, SLOW if term == "stribeck" else SWINGS))
+        DataSet.of(steady(robot, SLOW if term == "stribeck" else SWINGS))
     )
     _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["harmonic-balance"])
 
@@ -117,7 +62,7 @@ def test_harmonic_balance_recovers_a_term(term):
 def test_the_weak_form_recovers_a_term(term):
     robot = replace(ROBOT, **{**PRESENT[term], "cogging_periods": 1.0})
     zeros = dict.fromkeys(MASSES, 0.0)
-    found = WeakForm(terms=(term,), check=False).of_logs(_wild(robot), zeros)
+    found = WeakForm(terms=(term,), check=False).of_logs(wild(robot), zeros)
     _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["weak-form"])
 
 
@@ -128,7 +73,7 @@ def test_output_error_recovers_a_term(term):
     held = {n: v for n, v in PRESENT[term].items() if n == "cogging_periods"}
     start = replace(ROBOT, **held, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
     found = OutputError(terms=terms, check=False, workers=1).of_logs(
-        _wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
+        wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
     )
     _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["output-error"])
 
@@ -137,7 +82,7 @@ def test_output_error_recovers_the_size_of_a_tilt_and_says_that_its_sign_is_unkn
     start = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
     robot = replace(ROBOT, **PRESENT["tilt"])
     found = OutputError(terms=("tilt",), check=False, workers=1).of_logs(
-        _wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
+        wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
     )
     assert _value(found.names, found.values, "tilt") == pytest.approx(0.5, rel=0.01)
     (said,) = [each for each in found.findings if each.kind is FindingKind.SIGN_UNKNOWN]
@@ -154,7 +99,7 @@ def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
     options = RecalibrationOptions(
         candidates=(*besides, term), cogging_periods=robot.cogging_periods
     )
-    found = recalibrate(_wild(robot, masses), 0.0, options)
+    found = recalibrate(wild(robot, masses), 0.0, options)
     loaded = robot.with_added_mass(masses[0])
     ratio = found.is_ratio(term)
     assert absolute is found.is_absolute
@@ -166,7 +111,7 @@ def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
 def test_cogging_of_one_period_a_turn_is_refused_since_it_is_what_p3_is():
     robot = replace(ROBOT, cogging=-2e-3)
     zeros = dict.fromkeys(MASSES, 0.0)
-    logs = _wild(robot, duration=8.0)
+    logs = wild(robot, duration=8.0)
     for estimator, arguments in (
         (WeakForm(terms=("cogging",), check=False), (logs, zeros)),
         (OutputError(terms=("cogging",), check=False, workers=1), (logs, ROBOT, zeros)),
