@@ -123,10 +123,14 @@ class FreeRunResiduals:
         )
         for _ in range(_LOOKS):
             jacobian = np.concatenate([log.jacobian for log in logs])
-            for combination in self._doubtful(jacobian, values):
-                logs = self._over_logs(
-                    lambda k, c=combination, logs=logs: self._along(k, values, logs[k], c)  # type: ignore[misc]
-                )
+            for direction, share in self._doubtful(jacobian, values):
+                slopes = self._slopes_along(direction, values)
+                logs = [
+                    replace(
+                        log, jacobian=log.jacobian + np.outer(s - log.jacobian @ direction, share)
+                    )
+                    for log, s in zip(logs, slopes, strict=True)
+                ]
         return logs
 
     def _over_logs(self, work: Callable[[int], _T]) -> list[_T]:
@@ -199,23 +203,20 @@ class FreeRunResiduals:
             found.append((direction / longest, share * longest))
         return found
 
-    def _along(
-        self,
-        index: int,
-        values: NDArray[np.float64],
-        log: LogResiduals,
-        combination: tuple[NDArray[np.float64], NDArray[np.float64]],
-    ) -> LogResiduals:
-        """Replace a log's derivative along one direction by the central difference along it.
+    def _slopes_along(
+        self, direction: NDArray[np.float64], values: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return the derivative of each log's residuals along a direction, by central differences.
 
         Differences along the axes leave 1e-6 to 1e-5 of their columns, where a reversal moves from
         one step of the simulation to the next; along a combination without effect nothing moves.
         """
-        direction, share = combination
         step = _STEP * self.scale * direction
-        change = self._errors(index, values + step) - self._errors(index, values - step)
-        missed = change / (2 * _STEP) - log.jacobian @ direction
-        return LogResiduals(log.residuals, log.jacobian + np.outer(missed, share))
+        return self._over_logs(
+            lambda k: (
+                (self._errors(k, values + step) - self._errors(k, values - step)) / (2 * _STEP)
+            )
+        )
 
     def _columns(self, log: Log) -> list[int]:
         """Numbers of the parameters that concern one log."""
