@@ -62,6 +62,23 @@ def test_a_robust_loss_has_a_robust_standard_error():
     assert misled > 5 * clean
 
 
+RHO = {
+    Loss.LINEAR: lambda z: z,
+    Loss.SOFT_L1: lambda z: 2 * (np.sqrt(1 + z) - 1),
+    Loss.HUBER: lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
+    Loss.CAUCHY: np.log1p,
+}
+"""Losses of squared residuals over the scale, as `scipy.optimize.least_squares` documents them."""
+
+
+@pytest.mark.parametrize("loss", Loss)
+def test_weights_are_the_slope_of_the_loss_in_the_squared_residual(loss):
+    residuals, scale, h = np.array([-3.0, -0.4, 0.2, 1.9]), 0.7, 1e-6
+    z = (residuals / scale) ** 2
+    slope = (RHO[loss](z + h) - RHO[loss](z - h)) / (2 * h)
+    np.testing.assert_allclose(loss.weights(residuals, scale), slope, rtol=1e-6)
+
+
 def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
     biases = (-2e-3, 0.0, 3e-3)
     logs = [
