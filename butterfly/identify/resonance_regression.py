@@ -44,16 +44,13 @@ class PendulumEstimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Data:
-    """The (n,) variables of (81), standard errors of Y, and whether anybody stated any.
-
-    Where only some are stated, the others are taken to be like their median.
-    """
+    """The (n,) variables of (81), and standard errors of Y; their scale, if any is known."""
 
     x: NDArray[np.float64]
     z: NDArray[np.float64]
     y: NDArray[np.float64]
     error: NDArray[np.float64]
-    stated: bool
+    scale_known: bool
 
     @classmethod
     def of(cls, resonances: Mapping[AddedMass, Resonance]) -> _Data:
@@ -62,15 +59,15 @@ class _Data:
                 "resonances of fewer than two added masses leave p1, p3 open"
             )
         omega = np.array([r.omega for r in resonances.values()])
-        error = 2 * omega * np.array([r.error for r in resonances.values()])
-        known = error[np.isfinite(error)]
-        typical = float(np.median(known)) if known.size else 1.0
+        error = np.array([r.error for r in resonances.values()])
+        known = np.isfinite(error)
+        typical = float(np.median(error[known])) if known.any() else 1.0
         return cls(
             x=np.array([m.gravity_moment for m in resonances]),
             z=np.array([m.inertia for m in resonances]),
             y=omega**2,
-            error=np.where(np.isfinite(error), error, typical),
-            stated=bool(known.size),
+            error=2 * omega * np.where(known, error, typical),
+            scale_known=bool(known.any()),
         )
 
     def scaled(
@@ -78,10 +75,10 @@ class _Data:
     ) -> NDArray[np.float64]:
         """Inflate a covariance by the residuals' size, where they exceed their errors.
 
-        Where no errors are stated the residuals alone tell them; with two masses, none are left.
+        Where no error is known it is the residuals' size alone that tells; two masses leave none.
         """
         freedom = self.y.size - 2
-        if not self.stated:
+        if not self.scale_known:
             return covariance * (float(residuals @ residuals) / freedom if freedom else np.nan)
         return covariance * max(1.0, float(residuals @ residuals) / max(freedom, 1))
 

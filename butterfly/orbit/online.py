@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.errors import InputError, require_number
+from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identify.findings import Finding, FindingKind
 from butterfly.identify.regression import Regression
 from butterfly.identify.weak_signals import SPACING, weak_signals
@@ -129,8 +129,13 @@ class OnlineRecalibration:
         Raises
         ------
         IdentifiabilityError
-            If the motion so far cannot tell the parameters apart.
+            If the motion so far is too short, or cannot tell the parameters apart.
         """
+        if len(self._rows) <= 2 * SEGMENT:
+            moving = len(self._rows) * SPACING * self._options.half_width
+            raise IdentifiabilityError(
+                f"{moving:.3g} s of motion are too little to tell how far to trust an estimate"
+            )
         regression = self._regression()
         equations = Equations(regression=regression, run=np.zeros(len(self._rows), dtype=np.intp))
         ratios = Finding(kind=FindingKind.RATIOS)

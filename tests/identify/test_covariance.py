@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,39 @@ def test_units_of_the_columns_do_not_matter():
     rescaled, same = cluster_covariance(rows * scale, residuals)
     np.testing.assert_allclose(rescaled * np.outer(scale, scale), covariance, rtol=1e-9)
     np.testing.assert_allclose(same, freedom, rtol=1e-9)
+
+
+def test_it_is_the_dense_formula():
+    """CR2 and Satterthwaite's degrees of freedom with all matrices written out."""
+    rng = np.random.default_rng(4)
+    rows, residuals = _regression(rng, 7, 3)
+    flat = rows.reshape(-1, 2)
+    normal = np.linalg.inv(flat.T @ flat)
+    maker = np.eye(21) - flat @ normal @ flat.T
+    directions = np.zeros((2, 7, 21))  # by parameter and cluster: what multiplies the errors
+    covariance = np.zeros((2, 2))
+    for k in range(7):
+        own = slice(3 * k, 3 * k + 3)
+        values, axes = np.linalg.eigh(maker[own, own])
+        influence = normal @ flat[own].T @ axes @ np.diag(values**-0.5) @ axes.T
+        directions[:, k] = influence @ maker[own]
+        score = influence @ residuals[k]
+        covariance += np.outer(score, score)
+    products = directions @ np.swapaxes(directions, 1, 2)
+    trace = np.trace(products, axis1=1, axis2=2)
+    found, freedom = cluster_covariance(rows, residuals)
+    np.testing.assert_allclose(found, covariance, rtol=1e-9)
+    np.testing.assert_allclose(freedom, trace**2 / np.sum(products**2, axis=(1, 2)), rtol=1e-9)
+
+
+def test_its_memory_grows_with_the_number_of_clusters_only():
+    rng = np.random.default_rng(5)
+    peaks = []
+    for clusters in (100, 400):
+        rows, residuals = rng.standard_normal((clusters, 11, 11)), rng.standard_normal(11)
+        tracemalloc.start()
+        cluster_covariance(rows, np.tile(residuals, (clusters, 1)))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 5 * peaks[0]
+    assert peaks[1] < 20e6

@@ -1,9 +1,12 @@
 """Residual torque, input kind, resampling and experiment design."""
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
@@ -16,8 +19,10 @@ from butterfly.identify.residual import residual_torque
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.terms import TERMS
 from butterfly.report.words import sentences
 from tests.conftest import MASSES
+from tests.identify.simulated import wild
 
 ROBOT = LumpedParameters(p1=0.003, p2=0.0, p3=0.05, p4=0.5)
 
@@ -59,6 +64,101 @@ def test_the_residual_torque_is_recognised_and_of_the_right_size(term, value, na
     moving = np.abs(v) > 0.3 * np.std(v)
     error = residual.torque[moving] - expected[moving]
     assert np.sqrt(np.mean(error**2)) < 0.2 * np.sqrt(np.mean(expected[moving] ** 2))
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"p1": 5e-4}, "an inertia"),
+        ({"p2": 1e-3}, "viscous friction"),
+        ({"p3": 8e-3}, "a gravity moment"),
+        ({"coulomb": 2e-3}, "Coulomb friction"),
+        ({"drag": 1e-3}, "quadratic drag"),
+        ({"p3_offset": 1e-2}, "a centre of mass beside its line"),
+        ({"stribeck": 2e-3, "stribeck_velocity": 0.2}, "Stribeck friction"),
+    ],
+)
+def test_every_template_is_told_from_the_others(change, name):
+    """From a multisine, so that an inertia is no spring, and slow enough for Stribeck friction."""
+    changed = {k: v + getattr(ROBOT, k) * (k in {"p1", "p3"}) for k, v in change.items()}
+    robot = replace(ROBOT, p2=1e-3) if "p2" not in change else ROBOT
+    (log,) = wild(replace(robot, **changed), MASSES[1:2])
+    residual = residual_torque(log, robot, 0.0)
+    shares = residual.shares
+    assert residual.looks_like.startswith(name)
+    assert shares[name] == max(shares.values()) > 0.5
+    assert set(shares) == {row.looks_like for row in TERMS.values() if row.looks_like}
+
+
+@pytest.mark.parametrize(("resistance", "accused"), [(0.005, True), (0.05, False), (0.9, False)])
+def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
+    """p4 = k/R and p2 = k^2/R, so the bound on the resistance is p2/p4^2."""
+    p4 = 2.0
+    estimate = SimpleNamespace(
+        names=("p2", "p4"),
+        upper=np.array([resistance * p4**2, 2.1]),
+        parameters=replace(ROBOT, p4=-p4),
+    )
+    said = judge_input(estimate, InputKind.VOLTAGE)
+    assert [each.number for each in said] == pytest.approx([resistance] if accused else [])
+
+
+def test_the_profile_s_interval_is_student_s_where_the_cost_is_a_parabola():
+    """In linear regression S(x)/S = 1 + t^2/f at the limits of Student's interval."""
+    best, error, logs = 0.003, 1e-5, 8
+    freedom = 2 * logs - 4
+
+    def cost(value):
+        return 7.0 * (1 + ((value - best) / error) ** 2 / freedom)
+
+    class Parabola:
+        def holding(self, name):
+            assert name == "p1"
+            return self
+
+        def minimum(self, _logs, start, _zeros):
+            return cost(start.p1)
+
+    estimate = SimpleNamespace(
+        names=("p1", "p2", "p3", "p4"), parameters=replace(ROBOT, p1=best), local={}
+    )
+    data = SimpleNamespace(logs=[None] * logs, equilibria={}, masses=[])
+    values = best + error * np.linspace(-5, 5, 400)
+    lower, upper = profile(data, estimate, "p1", values, Parabola()).interval
+    reach = student.ppf(0.975, freedom) * error
+    assert lower == pytest.approx(best - reach, abs=1e-3 * error)
+    assert upper == pytest.approx(best + reach, abs=1e-3 * error)
+
+
+def test_a_candidate_tells_two_numbers_of_the_model_s_relative_error():
+    """What it would leave, from sensitivities simulated here and the sum of information."""
+    near = [(m, w) for m in MASSES for w in (4.0, 4.6, 6.5)]
+    robot = replace(ROBOT, coulomb=1e-3, p2=5e-4, delay=0.003)
+    found = HarmonicBalance()(
+        DataSet.of([_log(robot, m, w, 5e-3, k) for k, (m, w) in enumerate(near)])
+    )
+    candidates = rank_experiments(found, [MASSES[1]], 0.05)
+    chosen = next(c for c in candidates if c.what.startswith("sine") and not c.warning)
+    omega, amplitude = (float(part) for part in re.findall(r"[\d.]+\d", chosen.what))
+    time = np.arange(0, 40, 5e-3)
+    instants = np.column_stack([time[:-1], time[:-1] + 2.5e-3, time[1:]])
+
+    def angle(values):
+        p = LumpedParameters(**dict(zip(found.names, values, strict=True)))
+        late = np.maximum(instants - p.delay, 0.0)
+        loaded = p.with_added_mass(MASSES[1])
+        return simulate(loaded, time, amplitude * np.sin(omega * late), 0.0)[0]
+
+    there = angle(found.values)
+    steps = np.diag(found.standard_errors)
+    slopes = np.column_stack([angle(found.values + h) - there for h in steps])
+    slopes /= found.standard_errors
+    noise = (0.05 * np.std(there)) ** 2
+    information = 2 / time.size * slopes.T @ slopes / noise
+    prior = found.covariance
+    gain = prior @ np.linalg.inv(np.eye(6) + information @ prior)
+    expected = np.sqrt(np.diag(gain)) / found.standard_errors
+    np.testing.assert_allclose(chosen.errors, expected, rtol=1e-3)
 
 
 def test_the_real_robot_s_residual_torque_looks_like_coulomb_friction(real):

@@ -1,5 +1,6 @@
 """Resonance estimators on the thesis's setting, against closed forms and the Cramer-Rao bound."""
 
+import math
 from importlib.util import find_spec
 
 import numpy as np
@@ -234,6 +235,30 @@ def test_with_noise_the_ratio_form_is_unbiased_and_the_multiplied_one_is_not():
     spread = np.std(ratio) / 20
     assert abs(np.median(ratio) - 0.00325) < 4 * spread
     assert np.median(plain) - 0.00325 < -4 * spread
+
+
+@pytest.mark.parametrize("claimed", [0.002, math.nan])
+def test_the_ratio_form_s_covariance_is_that_of_its_spread_whatever_errors_are_claimed(
+    claimed,
+):
+    rng = np.random.default_rng(7)
+    fits = []
+    for _ in range(300):
+        drawn = _resonances(rng, 0.02)
+        resonances = {m: Resonance(omega=r.omega, error=claimed) for m, r in drawn.items()}
+        fits.append(fit_ratio(resonances))
+    spread = np.cov([[fit.p1, fit.p3] for fit in fits], rowvar=False)
+    found = np.mean([fit.covariance for fit in fits], axis=0)
+    np.testing.assert_allclose(found, spread, rtol=0.25)
+
+
+def test_errors_that_were_claimed_larger_than_the_scatter_are_believed():
+    exact = _resonances(np.random.default_rng(8), 1e-9)
+    one, ten = (
+        fit_ratio({m: Resonance(omega=r.omega, error=e) for m, r in exact.items()}).covariance
+        for e in (0.01, 0.1)
+    )
+    np.testing.assert_allclose(ten, 100 * one, rtol=1e-4)
 
 
 @pytest.mark.skipif(find_spec("odrpack") is None, reason="the extra 'eiv' is not installed")

@@ -1,10 +1,14 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.identify.validation import Split, hold_out, select_terms
+from tests.identify.simulated import ROBOT, SLOW, steady
 
 BALANCE = HarmonicBalance(check=False)
 
@@ -48,6 +52,26 @@ def test_a_term_is_chosen_only_if_it_helps_to_predict(real):
     whole = BALANCE.with_terms(passed[-1].terms)(real.data)
     full = FitSummary.of(Predictor(real.data).fits(whole))
     assert passed[-1].in_sample == full
+
+
+def test_neighbouring_frequencies_are_left_out_in_different_parts():
+    logs = steady(ROBOT, SLOW)
+    data = DataSet.of(logs)
+    truth = BALANCE(data)
+    result = hold_out(data, lambda _: truth, Split.FREQUENCY)
+    assert list(result.estimates) == [f"part {k + 1}" for k in range(5)]
+    omegas = sorted(SLOW)
+    left_out = []
+
+    def spy(part):
+        left_out.append(set(omegas) - {log.excitation.omega for log in part.logs})
+        return truth
+
+    hold_out(data, spy, Split.FREQUENCY)
+    for one, other in pairwise(omegas):
+        assert not any({one, other} <= part for part in left_out)
+    assert set().union(*left_out) == set(omegas)
+    np.testing.assert_allclose(result.fits, Predictor(data).fits(truth))
 
 
 def test_one_mass_cannot_be_held_out(real):

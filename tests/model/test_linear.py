@@ -1,5 +1,7 @@
 """One linearisation, against differences of the nonlinear equation and against python-control."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -115,3 +117,18 @@ def test_the_nonlinear_system_is_the_whole_equation(robot):
     angle, _ = simulate(robot, time, inputs, 0.3)
     assert np.ptp(angle) > 0.5
     np.testing.assert_allclose(moved.outputs[0], angle, atol=2e-4)
+
+
+def test_the_response_is_that_of_the_small_motion_about_rest():
+    """By hand, with offset and cogging, delay, and back EMF behind the armature's lag."""
+    p = replace(WHOLE, p2=2e-3, back_emf=1.5e-3, time_constant=0.08, delay=0.03)
+    omega = np.array([0.7, 3.0, 9.0])
+    lag = 1 / (1 + 1j * omega * 0.08)
+    spring = p.p3 - p.cogging * 3
+    below = spring - p.p1 * omega**2 + 1j * omega * (p.p2 - 1.5e-3 + 1.5e-3 * lag)
+    expected = p.p4 * np.exp(-0.03j * omega) * lag / below
+    linear = Linearisation.of(p)
+    np.testing.assert_allclose(linear.response(omega), expected, rtol=1e-12)
+    fine = np.linspace(0.5, 10, 200_001)
+    peak = fine[np.argmax(np.abs(linear.response(fine)))]
+    assert linear.resonance == pytest.approx(peak, abs=1e-4)

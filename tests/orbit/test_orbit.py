@@ -18,7 +18,7 @@ from butterfly.orbit.controller import EnergyShaping, gain_for, multiplier_of, s
 from butterfly.orbit.velocity import FilteredDifference, Observer
 from butterfly.plant.bench import Bench
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.motor import CommandPath, SimulatedMotor
+from butterfly.plant.motor import CommandPath, Reading, SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 
@@ -71,6 +71,34 @@ def test_energies_without_a_swing_are_refused_with_the_reason(target):
         Orbit.of_energy(THESIS, target)
     with pytest.raises(InputError, match="between 0 and pi"):
         Orbit.of_amplitude(THESIS, 4.0)
+
+
+@pytest.mark.parametrize("amplitude", [0.2, 1.5, 2.8])
+def test_a_hand_whose_mass_lies_above_its_pivot_swings_about_the_inverted_rest(amplitude):
+    inverted = replace(THESIS, p3=-THESIS.p3)
+    orbit = Orbit.of_energy(inverted, inverted.p3 * (1 + math.cos(amplitude)))
+    assert abs(orbit.upper - orbit.lower) == pytest.approx(2 * amplitude, rel=1e-9)
+    assert math.cos(0.5 * (orbit.upper + orbit.lower)) == pytest.approx(-1)
+    period = 4 * ellipk(math.sin(amplitude / 2) ** 2) * math.sqrt(THESIS.p1 / THESIS.p3)
+    assert orbit.period == pytest.approx(period, rel=1e-7)
+    angle, velocity = orbit.solution(np.linspace(0, orbit.period, 40))
+    assert np.abs(energy(inverted, angle, velocity) - orbit.energy).max() < 1e-10
+    assert angle[-1] == pytest.approx(orbit.upper, abs=1e-6)
+
+
+def test_the_command_is_the_law_103_with_all_friction_and_compression_made_up_for():
+    """By hand, at one reading after the difference has settled on a constant velocity."""
+    p = replace(THESIS, coulomb=4e-4, drag=2e-4, compression=50.0)
+    orbit = Orbit.of_amplitude(p, SIXTY)
+    for speed in (1.2, -1.2):
+        law = EnergyShaping(orbit, 0.3, zero=0.1)
+        readings = [Reading(1e-3 * k, 0.1 + speed * 1e-3 * (k - 199), 0.0) for k in range(200)]
+        found = [law(reading) for reading in readings][-1]
+        excess = p.p1 * speed**2 / 2 - p.p3 * (1 - math.cos(SIXTY))
+        friction = p.p2 * speed + (p.coulomb + p.drag * speed**2) * math.copysign(1, speed)
+        plain = friction / p.p4 - 0.3 * speed * excess
+        assert found == pytest.approx(plain / (1 - p.compression * abs(plain)), rel=1e-6)
+        assert p.p4 * found / (1 + p.compression * abs(found)) == pytest.approx(p.p4 * plain)
 
 
 def test_state_amplitude_and_energy_name_the_same_orbit():

@@ -1,3 +1,7 @@
+"""What an input does between its stamps, against integrals by quadrature."""
+
+from __future__ import annotations
+
 from itertools import pairwise
 
 import numpy as np
@@ -10,57 +14,68 @@ from butterfly.logs.log import Intersample
 from butterfly.signals import hold
 
 ZERO, FIRST = Intersample.ZERO_ORDER_HOLD, Intersample.FIRST_ORDER_HOLD
+TIME = np.array([0.3, 0.4, 0.75, 0.8, 1.3])
+INPUTS = np.array([1.0, -2.0, 3.0, 0.5, 4.0])
 
 
-def _samples(seed, count=40):
+def _held(t, kind):
+    if kind is FIRST:
+        return float(np.interp(t, TIME, INPUTS))
+    return 0.0 if t < TIME[0] else float(INPUTS[np.flatnonzero(t >= TIME)[-1]])
+
+
+@pytest.mark.parametrize("kind", [ZERO, FIRST])
+def test_before_between_and_after_its_stamps_an_input_is_what_its_hold_says(kind):
+    instants = np.array([1.5, 0.1, 0.35, 0.75, 1.0, 0.3])
+    found = hold.value(TIME, INPUTS, instants, kind)
+    np.testing.assert_allclose(found, [_held(t, kind) for t in instants])
+
+
+@pytest.mark.parametrize("kind", [ZERO, FIRST])
+def test_the_moments_over_intervals_are_the_legendre_integrals(kind):
+    edges = np.array([0.1, 0.25, 0.5, 0.77, 0.78, 1.25, 1.6])
+    found = hold.moments(TIME, INPUTS, edges, kind)
+    for cell, (begin, end) in enumerate(pairwise(edges)):
+        middle, half = (begin + end) / 2, (end - begin) / 2
+        polynomials = (np.ones_like, lambda x: 3 * x, lambda x: 5 * (3 * x**2 - 1) / 2)
+        inside = [t for t in TIME if begin < t < end]
+        for order, weight in enumerate(polynomials):
+
+            def integrand(t, weight=weight, middle=middle, half=half):
+                return _held(t, kind) * weight((t - middle) / half) / (2 * half)
+
+            expected, _ = quad(integrand, begin, end, points=inside or None)
+            assert found[order, cell] == pytest.approx(expected, abs=1e-8)
+    np.testing.assert_array_equal(hold.mean(TIME, INPUTS, edges, kind), found[0])
+
+
+@pytest.mark.parametrize("kind", [ZERO, FIRST])
+def test_the_gain_of_a_hold_is_the_fourier_coefficient_of_the_held_sine(kind):
+    """Over a whole number of samples and periods, so that no window leaks."""
+    count, step = 8, 0.2
+    omega = 2 * np.pi * 3 / (count * step)
+    time = step * np.arange(count + 1)
+    samples = np.exp(1j * omega * time)
+    total = 0j
+    for k in range(count):
+
+        def integrand(t, k=k):
+            share = (t - time[k]) / step if kind is FIRST else 0.0
+            held = samples[k] + share * (samples[k + 1] - samples[k])
+            return held * np.exp(-1j * omega * t)
+
+        total += quad(integrand, time[k], time[k + 1], complex_func=True)[0]
+    assert hold.gain(omega, step, kind) == pytest.approx(total / time[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", [ZERO, FIRST])
+@given(seed=st.integers(0, 1000))
+def test_no_impulse_is_lost_wherever_the_edges_fall(kind, seed):
     rng = np.random.default_rng(seed)
-    return np.cumsum(rng.uniform(0.5, 1.5, count)), rng.standard_normal(count)
-
-
-@pytest.mark.parametrize("kind", list(Intersample))
-@given(seed=st.integers(0, 1000), step=st.floats(0.1, 7.0))
-def test_the_moments_are_the_integrals_of_the_value(kind, seed, step):
-    time, inputs = _samples(seed)
-    edges = np.arange(time[0] - 2, time[-1] + 3, step)
-    found = hold.moments(time, inputs, edges, kind)
-    for cell in (0, found.shape[1] // 2, found.shape[1] - 1):
-        begin, end = edges[cell], edges[cell + 1]
-        inner = time[(time > begin) & (time < end)]
-        for order, weigh in enumerate(
-            (lambda _: 1, lambda x: 3 * x, lambda x: 2.5 * (3 * x**2 - 1))
-        ):
-
-            def integrand(t, weigh=weigh, begin=begin, end=end):
-                x = (2 * t - begin - end) / (end - begin)
-                return float(hold.value(time, inputs, np.array([t]), kind)[0]) * weigh(x)
-
-            points = np.concatenate([[begin], inner, [end]])
-            pieces = [quad(integrand, a, b, epsabs=1e-10)[0] for a, b in pairwise(points.tolist())]
-            assert found[order, cell] == pytest.approx(sum(pieces) / (end - begin), abs=1e-7)
-
-
-def test_no_impulse_is_lost_wherever_the_edges_fall():
-    time, inputs = _samples(3)
-    for kind in Intersample:
-        coarse, fine = (np.linspace(time[0] - 1, time[-1], n) for n in (7, 301))
-        totals = [hold.mean(time, inputs, e, kind) @ np.diff(e) for e in (coarse, fine)]
-        assert totals[0] == pytest.approx(totals[1], rel=1e-12)
-
-
-def test_before_the_first_stamp_a_command_is_0_and_a_signal_what_it_is_there():
-    time, inputs = np.array([1.0, 2.0, 3.0]), np.array([5.0, 7.0, 4.0])
-    early, late = np.array([0.0, 0.9]), np.array([3.0, 9.0])
-    np.testing.assert_array_equal(hold.value(time, inputs, early, ZERO), [0, 0])
-    np.testing.assert_array_equal(hold.value(time, inputs, early, FIRST), [5, 5])
-    for kind in Intersample:
-        np.testing.assert_array_equal(hold.value(time, inputs, late, kind), [4, 4])
-
-
-@pytest.mark.parametrize("kind", list(Intersample))
-def test_the_gain_is_that_of_the_held_sine_s_fundamental(kind):
-    omega, step = 9.0, 2 * np.pi / 9.0 / 20  # 20 samples a period
-    time = step * np.arange(401)
-    fine = time[0] + (np.arange(40_000) + 0.5) * (time[-1] - time[0]) / 40_000
-    held = hold.value(time, np.sin(omega * time), fine, kind)
-    phasor = 2 * np.mean(held * np.exp(-1j * omega * fine)) * 1j
-    assert hold.gain(omega, step, kind) == pytest.approx(complex(phasor), abs=3e-4)
+    time, inputs = np.cumsum(rng.uniform(0.5, 1.5, 40)), rng.standard_normal(40)
+    begin, end = time[0] - 1, time[-1] + 2
+    totals = []
+    for count in rng.integers(2, 300, 2):
+        edges = np.sort(np.concatenate([[begin, end], rng.uniform(begin, end, count)]))
+        totals.append(hold.mean(time, inputs, edges, kind) @ np.diff(edges))
+    assert totals[0] == pytest.approx(totals[1], rel=1e-9, abs=1e-9)

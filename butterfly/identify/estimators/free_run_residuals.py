@@ -29,6 +29,8 @@ LOCAL = ("zero", "bias", "velocity")
 
 _STEP = 1e-4  # of the solver's one-sided differences, as a share of a parameter's scale
 _FINE_STEP = 1e-5  # of those of second order
+_DOUBTFUL = 1e-3  # share of the largest singular value below which a combination is looked at again
+_LOOKS = 2  # each squares the share by which a combination without effect seems to have one
 _PHASES = np.linspace(0, 2 * np.pi, 400)
 
 
@@ -113,12 +115,24 @@ class FreeRunResiduals:
     def by_log(self, scaled: NDArray[np.float64]) -> list[LogResiduals]:
         """Return residuals and Jacobian of each log, the latter by differences of second order.
 
-        Only these tell columns that the data cannot tell apart from columns that they can hardly.
+        Combinations that the data tell little about are differentiated once more as a whole: only
+        this tells columns that the data cannot tell apart from columns that they can hardly.
         """
         values = scaled * self.scale
-        return self._over_logs(
+        logs = self._over_logs(
             lambda k: LogResiduals(self._errors(k, values), self._differentiate_well(k, values))
         )
+        for _ in range(_LOOKS):
+            jacobian = np.concatenate([log.jacobian for log in logs])
+            for direction, share in self._doubtful(jacobian, values):
+                slopes = self._slopes_along(direction, values)
+                logs = [
+                    replace(
+                        log, jacobian=log.jacobian + np.outer(s - log.jacobian @ direction, share)
+                    )
+                    for log, s in zip(logs, slopes, strict=True)
+                ]
+        return logs
 
     def _over_logs(self, work: Callable[[int], _T]) -> list[_T]:
         with ThreadPoolExecutor(self._workers) as pool:
@@ -169,6 +183,41 @@ class FreeRunResiduals:
                 beyond = self._moved(index, values, k, 2 * h)
                 jacobian[:, k] = (4 * above - beyond - 3 * residuals) / (2 * h)
         return jacobian
+
+    def _doubtful(
+        self, jacobian: NDArray[np.float64], values: NDArray[np.float64]
+    ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Return the directions, in scaled parameters, along which a Jacobian is small.
+
+        Each with the (n,) vector that reads its share off a move; parameters on a bound stay.
+        """
+        free = values / self.scale - _STEP >= self.lower
+        size = np.linalg.norm(jacobian, axis=0)
+        size[size == 0] = 1.0
+        columns = jacobian[:, free] / size[free]
+        _, singular, right = np.linalg.svd(columns, full_matrices=False)
+        found = []
+        for row in right[singular < _DOUBTFUL * singular[0]]:
+            direction, share = np.zeros(free.size), np.zeros(free.size)
+            direction[free], share[free] = row / size[free], row * size[free]
+            longest = float(np.abs(direction).max())
+            found.append((direction / longest, share * longest))
+        return found
+
+    def _slopes_along(
+        self, direction: NDArray[np.float64], values: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return the derivative of each log's residuals along a direction, by central differences.
+
+        Differences along the axes leave 1e-6 to 1e-5 of their columns, where a reversal moves from
+        one step of the simulation to the next; along a combination without effect nothing moves.
+        """
+        step = _STEP * self.scale * direction
+        return self._over_logs(
+            lambda k: (
+                (self._errors(k, values + step) - self._errors(k, values - step)) / (2 * _STEP)
+            )
+        )
 
     def _columns(self, log: Log) -> list[int]:
         """Numbers of the parameters that concern one log."""

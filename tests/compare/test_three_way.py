@@ -1,0 +1,69 @@
+"""MuJoCo, the grey box and a log of known parameters side by side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.compare.three_way import compare_three
+from butterfly.identify.data import DataSet
+from butterfly.identify.estimators import HarmonicBalance
+from tests.conftest import MASSES
+from tests.identify.simulated import ROBOT, SWINGS, steady
+
+ZERO = 0.4
+
+
+@pytest.fixture(scope="module")
+def data():
+    logs = [log for log in steady(ROBOT, SWINGS) if log.excitation.omega != 3.0]
+    return DataSet.of([replace(log, angle=log.angle + ZERO) for log in logs])
+
+
+@pytest.fixture(scope="module")
+def estimate(data):
+    return HarmonicBalance(check=False)(data)
+
+
+def test_both_simulators_follow_the_robot_and_each_other(data, estimate):
+    for way in compare_three(data, estimate, [0, 5]):
+        assert way.log in data.logs
+        assert way.zero == pytest.approx(ZERO, abs=2e-3)
+        assert way.fits["MuJoCo"] > 97
+        assert way.fits["grey box"] > 97
+        assert way.difference < 5e-3
+        assert way.difference == np.abs(way.mujoco - way.greybox).max()
+        for gain in way.gains.values():
+            assert gain == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_an_estimate_found_for_a_log_reaches_both_simulators(data, estimate):
+    """A bias that only one log has, and a drive that is late and compressed, are in both."""
+    log = data.logs[0]
+    biased = replace(estimate, local={log.name: {"bias": 6e-3, "zero": ZERO}})
+    (plain,) = compare_three(data, estimate, [0])
+    (way,) = compare_three(data, biased, [0])
+    assert way.parameters.bias == 6e-3
+    moved = way.mujoco - plain.mujoco, way.greybox - plain.greybox
+    for each in moved:
+        assert np.mean(each) > 0.05
+    assert way.difference < 5e-3
+
+
+def test_gains_over_the_log_say_what_the_parameters_get_wrong(data, estimate):
+    doubled = estimate.with_gain(1.1 * estimate.parameters.p4)
+    number = next(k for k, log in enumerate(data.logs) if log.excitation.omega == 8.5)
+    assert data.logs[number].added_mass == MASSES[0]
+    (way,) = compare_three(data, doubled, [number])
+    for gain in way.gains.values():  # far above the resonance the response is p4 over -p1 w^2
+        assert abs(gain) == pytest.approx(1.1, abs=0.02)
+    assert way.residual.torque.size
+
+
+def test_a_log_without_a_sine_has_no_gain(data, estimate):
+    free = DataSet.of([replace(log, excitation=None) for log in data.logs[:1]])
+    (way,) = compare_three(free, replace(estimate, local={None: {"zero": ZERO}}), [0])
+    assert way.gains == {}
+    assert way.fits["MuJoCo"] > 97

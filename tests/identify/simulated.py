@@ -1,0 +1,67 @@
+"""Logs of a simulated robot, short and coarse, for the tests of estimators."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
+from butterfly.model.greybox import simulate
+from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.parameters import LumpedParameters
+from tests.conftest import MASSES
+
+ROBOT = LumpedParameters(p1=0.003, p2=1e-3, p3=0.04, p4=0.5, coulomb=8e-4)
+TONES = (1.7, 2.9, 4.3, 6.1, 8.3)
+SWINGS = {2.0: 0.2, 3.0: 0.6, 4.4: 0.3, 7.5: 0.15, 8.5: 0.5}
+SLOW = {1.5: 0.4, 2.2: 0.5, 8.5: 0.3, 9.0: 0.1, 14.0: 0.03, 16.0: 0.012, 20.0: 0.006}
+"""Frequencies in rad/s and swings in rad; slow ones for friction that is lost in fast ones."""
+
+STEP = 2.5e-3
+
+
+def simulated(robot, mass, signal, duration, *, start=0.0, sine=None):
+    time = np.arange(0, duration, STEP)
+    late = np.column_stack([time[:-1], time[:-1] + STEP / 2, time[1:]]) - robot.delay
+    inputs = signal(np.maximum(late, 0.0))
+    inputs /= 1 + robot.compression * np.abs(inputs)
+    angle, _ = simulate(robot.with_added_mass(mass), time, inputs, start)
+    return Log(
+        time=time,
+        input=signal(time),
+        angle=angle,
+        input_kind=InputKind.TORQUE,
+        intersample=Intersample.FIRST_ORDER_HOLD,
+        added_mass=mass,
+        excitation=sine,
+    )
+
+
+def wild(robot, masses=MASSES, duration=24.0):
+    """Logs of sums of sines, which need not settle; gentle ones where friction is lost in speed."""
+    gentle = 0.25 if robot.stribeck else 1.0
+
+    def tones(seed):
+        phases = np.random.default_rng(seed).uniform(0, 2 * math.pi, len(TONES))
+        return lambda t: (
+            0.02
+            * gentle
+            * sum(np.sin(w * t + p) - np.sin(p) for w, p in zip(TONES, phases, strict=True))
+        )
+
+    return [
+        simulated(robot, mass, tones(k), duration, start=0.5 * gentle)
+        for k, mass in enumerate(masses)
+    ]
+
+
+def steady(robot, swings):
+    """Logs of sines that have settled."""
+    logs = []
+    for mass, (omega, swing) in product(MASSES, swings.items()):
+        gain = abs(complex(quasi_linear_response(robot.with_added_mass(mass), omega, swing)))
+        sine = Sine(omega=omega, amplitude=swing / gain)
+        logs.append(simulated(robot, mass, sine.sample, 60.0, sine=sine))
+    return logs

@@ -1,0 +1,44 @@
+"""What a data set refuses, and what it reads off its logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import InputError
+from butterfly.identify.data import DataSet
+from butterfly.logs.log import InputKind
+from tests.conftest import MASSES
+
+
+def test_no_logs_are_refused_by_the_name_of_the_data_set():
+    with pytest.raises(InputError, match=r"bench.*at least one log"):
+        DataSet.of([], name="bench")
+
+
+def test_logs_of_different_kinds_of_input_are_refused(sine_log):
+    other = replace(sine_log, input_kind=InputKind.TORQUE)
+    with pytest.raises(InputError, match="torque and voltage"):
+        DataSet.of([sine_log, other])
+
+
+def test_logs_get_names_of_their_own_and_can_be_taken_by_number(sine_log):
+    heavy = replace(sine_log, added_mass=MASSES[2])
+    data = DataSet.of([sine_log, heavy, sine_log])
+    names = [log.name for log in data.logs]
+    assert len(set(names)) == 3
+    assert data.masses == [MASSES[1], MASSES[2]]
+    part = data.take([2, 1])
+    assert [log.name for log in part.logs] == [names[2], names[1]]
+    assert part.points[1] is data.points[1]
+
+
+def test_the_rest_angle_of_a_mass_is_the_median_of_its_logs_means(sine_log):
+    logs = [replace(sine_log, angle=sine_log.angle + zero) for zero in (0.1, 0.2, 0.9)]
+    logs.append(replace(sine_log, excitation=None, added_mass=MASSES[0], angle=sine_log.angle - 1))
+    data = DataSet.of(logs)
+    assert data.equilibria[MASSES[1]] == pytest.approx(0.2, abs=1e-6)
+    assert data.equilibria[MASSES[0]] == pytest.approx(np.mean(sine_log.angle) - 1, abs=1e-12)
+    assert len(data.sines) == 3

@@ -1,0 +1,120 @@
+"""Every estimator recovers every term that it offers, size and sign, from simulated logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identify.data import DataSet
+from butterfly.identify.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identify.findings import FindingKind
+from butterfly.model.terms import TERMS, offered
+from butterfly.orbit.options import RecalibrationOptions
+from butterfly.orbit.recalibration import recalibrate
+from tests.conftest import MASSES
+from tests.identify.simulated import ROBOT, SLOW, SWINGS, steady, wild
+
+PRESENT = {
+    "coulomb": {"coulomb": 1.2e-3},
+    "drag": {"drag": 8e-4},
+    "load": {"load": 1.5e-3},
+    "bias": {"bias": -2e-3},
+    "p3_offset": {"p3_offset": -3e-3},
+    "stribeck": {"stribeck": 5e-4, "coulomb": 2e-4},
+    "stribeck_velocity": {"stribeck": 5e-4, "coulomb": 2e-4, "stribeck_velocity": 0.25},
+    "tilt": {"tilt": -0.5},
+    "cogging": {"cogging": -2e-3, "cogging_periods": 3.0},
+    "cogging_cosine": {"cogging_cosine": 2e-3, "cogging_periods": 3.0},
+    "compression": {"compression": 4.0},
+}
+"""What the robot has of each term: several per cent of the torque of its motor."""
+
+TOLERANCE = {"harmonic-balance": 0.06, "weak-form": 0.04, "output-error": 0.01}
+"""Relative, where the interval is not to be asked: each method leaves out something of its own."""
+
+
+def _value(names, values, term):
+    return float(values[names.index(term)])
+
+
+def _assert_recovered(found, term, truth, tolerance):
+    value = _value(found.names, found.values, term)
+    at = found.names.index(term)
+    inside = found.lower[at] <= truth <= found.upper[at]
+    assert np.sign(value) == np.sign(truth)
+    assert inside or value == pytest.approx(truth, rel=tolerance)
+    assert value == pytest.approx(truth, rel=3 * tolerance)
+
+
+@pytest.mark.parametrize("term", offered("harmonic-balance"))
+def test_harmonic_balance_recovers_a_term(term):
+    robot = replace(ROBOT, **PRESENT[term])
+    found = HarmonicBalance(terms=(term,), check=False)(
+        DataSet.of(steady(robot, SLOW if term == "stribeck" else SWINGS))
+    )
+    _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["harmonic-balance"])
+
+
+@pytest.mark.parametrize("term", [t for t in offered("weak-form") if t != "cogging"])
+def test_the_weak_form_recovers_a_term(term):
+    robot = replace(ROBOT, **{**PRESENT[term], "cogging_periods": 1.0})
+    zeros = dict.fromkeys(MASSES, 0.0)
+    found = WeakForm(terms=(term,), check=False).of_logs(wild(robot), zeros)
+    _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["weak-form"])
+
+
+@pytest.mark.parametrize("term", [t for t in offered("output-error") if t != "tilt"])
+def test_output_error_recovers_a_term(term):
+    robot = replace(ROBOT, **PRESENT[term])
+    terms = ("stribeck", term) if term == "stribeck_velocity" else (term,)
+    held = {n: v for n, v in PRESENT[term].items() if n == "cogging_periods"}
+    start = replace(ROBOT, **held, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
+    found = OutputError(terms=terms, check=False, workers=1).of_logs(
+        wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
+    )
+    _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["output-error"])
+
+
+def test_output_error_recovers_the_size_of_a_tilt_and_says_that_its_sign_is_unknown():
+    start = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
+    robot = replace(ROBOT, **PRESENT["tilt"])
+    found = OutputError(terms=("tilt",), check=False, workers=1).of_logs(
+        wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
+    )
+    assert _value(found.names, found.values, "tilt") == pytest.approx(0.5, rel=0.01)
+    (said,) = [each for each in found.findings if each.kind is FindingKind.SIGN_UNKNOWN]
+    assert said.parameters == ("tilt",)
+
+
+@pytest.mark.parametrize("term", offered("re-calibration"))
+@pytest.mark.parametrize("absolute", [True, False])
+def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
+    robot = replace(ROBOT, coulomb=0.0)
+    robot = replace(robot, **PRESENT[term])
+    masses = MASSES if absolute else MASSES[1:2] * 3
+    besides = {"cogging_cosine": ("cogging",), "stribeck": ("coulomb",)}.get(term, ())
+    options = RecalibrationOptions(
+        candidates=(*besides, term), cogging_periods=robot.cogging_periods
+    )
+    found = recalibrate(wild(robot, masses), 0.0, options)
+    loaded = robot.with_added_mass(masses[0])
+    ratio = found.is_ratio(term)
+    assert absolute is found.is_absolute
+    assert ratio is (not absolute and not TERMS[term].of_gain)
+    truth = PRESENT[term][term] / (loaded.p1 if ratio else 1.0)
+    _assert_recovered(found.estimate, term, truth, 0.03)
+
+
+def test_cogging_of_one_period_a_turn_is_refused_since_it_is_what_p3_is():
+    robot = replace(ROBOT, cogging=-2e-3)
+    zeros = dict.fromkeys(MASSES, 0.0)
+    logs = wild(robot, duration=8.0)
+    for estimator, arguments in (
+        (WeakForm(terms=("cogging",), check=False), (logs, zeros)),
+        (OutputError(terms=("cogging",), check=False, workers=1), (logs, ROBOT, zeros)),
+    ):
+        with pytest.raises(IdentifiabilityError, match="p3 and cogging"):
+            estimator.of_logs(*arguments)

@@ -1,0 +1,75 @@
+"""The commands that put things side by side, and the drawing of the robot."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from butterfly.plant.picture import Painter, RenderingError
+from butterfly.plant.twin import MASS, twin
+from tests.conftest import MASSES, ROBOT
+
+
+@pytest.fixture
+def data(butterfly, quick, tmp_path):
+    """A small simulated data set."""
+    assert butterfly("simulate", quick, "--out", tmp_path / "data")[0] == 0
+    return tmp_path / "data"
+
+
+def test_both_simulators_are_compared_with_the_logs_and_reported(butterfly, data, tmp_path):
+    report = tmp_path / "compare.html"
+    code, out, err = butterfly("compare", data, "--logs", "0,3", "--report", report)
+    assert code == 0, err
+    assert "MuJoCo" in out
+    assert "grey box" in out
+    assert f"Report: {report}" in out
+    assert "residual torque" in report.read_text(encoding="utf-8").lower()
+
+
+@pytest.mark.parametrize("numbers", ["0,99", "-1", "x"])
+def test_a_log_that_is_not_there_is_one_line(butterfly, data, numbers):
+    code, _, err = butterfly("compare", data, "--logs", numbers)
+    assert code == 2
+    assert "numbers from 0 to 11" in err
+    assert err.count("\n") == 1
+
+
+def test_estimators_are_ranked_over_data_sets(butterfly, data, tmp_path):
+    report = tmp_path / "board.html"
+    told = ("--methods", "harmonic-balance, linear", "--report", report)
+    code, out, err = butterfly("leaderboard", data, *told)
+    assert code == 0, err
+    best = re.search(r"(\S+) predicts added masses", out)
+    assert best.group(1) == "harmonic-balance"
+    assert report.stat().st_size > 1e5
+
+
+def test_an_estimator_that_is_none_is_one_line(butterfly, data):
+    code, _, err = butterfly("leaderboard", data, "--methods", "weekform")
+    assert code == 2
+    assert "did you mean" in err
+    assert err.count("\n") == 1
+
+
+def test_the_robot_is_drawn_and_turns_with_its_angle(butterfly, tmp_path):
+    try:
+        with Painter(twin(ROBOT, MASS), MASSES[1], 32):
+            pass
+    except RenderingError as missing:
+        pytest.skip(str(missing))
+    pictures = []
+    for name, angle in (("one", 0.0), ("same", 0.0), ("other", 1.2)):
+        out = tmp_path / f"{name}.png"
+        told = ("--angle", angle, "--size", 96, "--added-mass", 0.05, "--out", out)
+        code, said, err = butterfly("model", "render", "quickstart", *told)
+        assert code == 0, err
+        assert f"Picture: {out}" in said
+        pictures.append(np.asarray(Image.open(out).convert("RGB"), dtype=float))
+    one, same, other = pictures
+    assert one.shape == (96, 96, 3)
+    np.testing.assert_array_equal(one, same)
+    assert np.abs(other - one).mean() > 0.5
