@@ -10,6 +10,10 @@ import pytest
 from butterfly.compare.three_way import compare_three
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance
+from butterfly.identify.predict import Predictor
+from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
+from butterfly.plant.replay import replay_input
+from butterfly.plant.twin import twin
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, SWINGS, steady
 
@@ -67,3 +71,18 @@ def test_a_log_without_a_sine_has_no_gain(data, estimate):
     (way,) = compare_three(free, replace(estimate, local={None: {"zero": ZERO}}), [0])
     assert way.gains == {}
     assert way.fits["MuJoCo"] > 97
+
+
+@pytest.mark.parametrize("number", [9, 13, 19, 40])
+def test_the_three_ways_to_simulate_a_real_log_agree(real, number):
+    """MuJoCo's Coulomb friction, which creeps at rest, is what is left."""
+    setting = Predictor(real.data).setting(number, real.estimate)
+    log, p = real.data.logs[number], setting.parameters
+    start = float(log.angle[0]) - setting.zero
+    mujoco, grey = (
+        replay_input(kind(twin(p), log.added_mass, angle=start), log, p.delay) + setting.zero
+        for kind in (MujocoJoint, GreyBoxJoint)
+    )
+    run = Predictor(real.data).run_with(number, setting).simulated
+    assert np.abs(grey - run).max() < 2e-4
+    assert np.abs(mujoco - run).max() < 3e-3

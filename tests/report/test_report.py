@@ -10,6 +10,8 @@ import pytest
 
 from butterfly.experiment.perform import perform
 from butterfly.experiment.reading import read_experiment
+from butterfly.identify.estimators import Linear
+from butterfly.identify.identification import identify
 from butterfly.logs.health import examine
 from butterfly.report.format import interval, with_error
 from butterfly.report.identification import parameter_rows, summary, write_report
@@ -65,6 +67,21 @@ def test_a_name_with_markup_is_shown_and_not_obeyed(simulated, tmp_path):
     hostile = dataclasses.replace(result, data=data)
     write_report(hostile, tmp_path / "r.html")
     assert "<script>alert(1)</script>" not in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_it(
+    simulated, tmp_path
+):
+    result, truth = simulated
+    linear = identify(result.data, Linear(check=False), against={"truth": truth})
+    write_report(linear, tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    row = re.search(r"<tr><td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]
+    cells = re.findall(r"<td>(.*?)</td>", row)
+    assert cells[4] == "–"
+    assert cells[5:] == [
+        f"{v:.1f}" for v in (linear.summary.median, linear.summary.mean, linear.summary.worst)
+    ]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
