@@ -44,7 +44,7 @@ def test_both_simulators_follow_the_robot_and_each_other(data, estimate):
 
 
 def test_what_an_estimate_found_for_a_log_reaches_both_simulators(data, estimate):
-    """A bias that only one log has, and a drive that is late and compressed, are in both."""
+    """A bias that only one log has is in both."""
     log = data.logs[0]
     biased = replace(estimate, local={log.name: {"bias": 6e-3, "zero": ZERO}})
     (plain,) = compare_three(data, estimate, [0])
@@ -54,6 +54,18 @@ def test_what_an_estimate_found_for_a_log_reaches_both_simulators(data, estimate
     for each in moved:
         assert np.mean(each) > 0.05
     assert way.difference < 5e-3
+
+
+def test_a_drive_that_is_late_and_compressed_is_so_in_both_simulators(data, estimate):
+    (plain,) = compare_three(data, estimate, [0])
+    late = np.where(np.array(estimate.names) == "delay", 0.15, estimate.values)
+    compressed = {"names": (*estimate.names, "compression"), "values": [*estimate.values, 20.0]}
+    changed = compressed | {"values": np.array(compressed["values"])}
+    for each in (replace(estimate, values=late), replace(estimate, **changed)):
+        (way,) = compare_three(data, each, [0])
+        assert np.abs(way.mujoco - plain.mujoco).max() > 0.02
+        assert np.abs(way.greybox - plain.greybox).max() > 0.02
+        assert way.difference < 5e-3
 
 
 def test_gains_over_the_log_say_what_the_parameters_get_wrong(data, estimate):

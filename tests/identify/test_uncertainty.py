@@ -11,6 +11,7 @@ from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.identify.findings import FindingKind
 from butterfly.identify.predict import Predictor
+from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, SWINGS, steady, wild
 
@@ -37,6 +38,32 @@ def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_leng
     spread = np.std([fit.values for fit in fits], axis=0)
     claimed = np.sqrt(np.mean([fit.standard_errors**2 for fit in fits], axis=0))
     np.testing.assert_allclose(claimed / spread, 1.0, atol=0.15)
+
+
+def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
+    """The sum over logs of rows times residuals vanishes, each over its squared inertial torque."""
+    rng = np.random.default_rng(2)
+    logs = [
+        replace(log, angle=log.angle + 2e-3 * rng.standard_normal(log.time.size))
+        for log in wild(ROBOT, MASSES, 16.0)
+    ]
+    logs = [logs[0].take(np.arange(1200)), *logs[1:]]
+    found = WeakForm(terms=(), check=False).of_logs(logs, ZEROS)
+    values = dict(zip(found.names, found.values, strict=True))
+    known = Known(zero=0.0, delay=values.pop("delay"))
+    parts = {True: 0.0, False: 0.0}
+    for log in logs:
+        signals = weak_signals(log, tuple(values), known, HALF_WIDTH)
+        columns = {name: signals.mean[name][signals.moving] for name in values}
+        rows = np.column_stack(list(columns.values()))
+        carried = log.added_mass.inertia * columns["p1"]
+        carried = carried + log.added_mass.gravity_moment * columns["p3"]
+        score = rows.T @ (rows @ np.array(list(values.values())) + carried)
+        size = columns["p1"] @ columns["p1"]
+        parts[True] = parts[True] + score / size
+        parts[False] = parts[False] + score / 1e3
+    assert np.abs(parts[True]).max() < 1e-8
+    assert np.abs(parts[False]).max() > 1e-6
 
 
 def test_a_robust_loss_has_a_robust_standard_error():

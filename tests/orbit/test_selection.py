@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from butterfly.identify.regression import Regression
 from butterfly.orbit.options import BASE, RecalibrationOptions
-from butterfly.orbit.selection import SEGMENT, Selection
+from butterfly.orbit.selection import FOLDS, SEGMENT, Selection
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, wild
 
@@ -56,3 +57,20 @@ def test_stretches_are_ten_test_functions_of_one_run():
         own = np.unique(cluster[run == number])
         assert counts[own][:-1].tolist() == [SEGMENT] * (own.size - 1)
     assert all(np.unique(run[cluster == k]).size == 1 for k in np.unique(cluster))
+
+
+def test_every_stretch_is_judged_by_a_fit_that_has_not_seen_it(monkeypatch):
+    solve, seen = Regression.solve, []
+
+    def spy(self, use=slice(None)):
+        if isinstance(use, np.ndarray):
+            seen.append((self.cluster, use))
+        return solve(self, use)
+
+    monkeypatch.setattr(Regression, "solve", spy)
+    _selection(ROBOT, 0, duration=12.0).select(BASE, ("drag",))
+    assert len(seen) >= 2 * FOLDS
+    for cluster, use in seen:
+        assert not set(cluster[use]) & set(cluster[~use])
+    left_out = np.sum([~use for _, use in seen[:FOLDS]], axis=0)
+    assert (left_out == 1).all()
