@@ -99,6 +99,8 @@ class ParameterEstimate:
         (n, n); NaN where the method has no statement to make.
     lower, upper
         (n,) limits of the intervals at `butterfly.identify.intervals.CONFIDENCE`.
+    held
+        Parameters that were held at values other than the model's defaults.
     left_out
         (n,) estimates with the logs of one added mass (or one run) left out; empty if there are
         too few.
@@ -129,6 +131,7 @@ class ParameterEstimate:
     on_bound: tuple[str, ...]
     ending: Ending
     findings: tuple[Finding, ...]
+    held: dict[str, float] = field(default_factory=dict)
     resonances: dict[AddedMass, float] = field(default_factory=dict)
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
 
@@ -141,6 +144,7 @@ class ParameterEstimate:
         left_out: Mapping[Hashable, NDArray[np.float64]],
         shared: int | None = None,
         findings: Sequence[Finding] = (),
+        held: dict[str, float] | None = None,
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
     ) -> ParameterEstimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
@@ -155,7 +159,7 @@ class ParameterEstimate:
             (n,) values from parts of the data, which widen the intervals.
         shared
             How many values, from the first on, are parameters of the robot; all if not given.
-        findings, local
+        findings, held, local
             As the estimate has them; the findings come after those on the values.
 
         Raises
@@ -191,13 +195,15 @@ class ParameterEstimate:
                 *_of_signs(names),
                 *findings,
             ),
+            held=held or {},
             local=local or {},
         )
 
     @property
     def parameters(self) -> LumpedParameters:
         """The estimate as parameters of the model."""
-        return LumpedParameters(**dict(zip(self.names, self.values.tolist(), strict=True)))
+        found = dict(zip(self.names, self.values.tolist(), strict=True))
+        return LumpedParameters(**self.held | found)
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:

@@ -58,11 +58,13 @@ def test_harmonic_balance_recovers_a_term(term):
     _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["harmonic-balance"])
 
 
-@pytest.mark.parametrize("term", [t for t in offered("weak-form") if t != "cogging"])
+@pytest.mark.parametrize("term", offered("weak-form"))
 def test_the_weak_form_recovers_a_term(term):
-    robot = replace(ROBOT, **{**PRESENT[term], "cogging_periods": 1.0})
+    robot = replace(ROBOT, **PRESENT[term])
     zeros = dict.fromkeys(MASSES, 0.0)
-    found = WeakForm(terms=(term,), check=False).of_logs(wild(robot), zeros)
+    estimator = WeakForm(terms=(term,), cogging_periods=robot.cogging_periods, check=False)
+    found = estimator.of_logs(wild(robot), zeros)
+    assert found.parameters.cogging_periods == robot.cogging_periods
     _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["weak-form"])
 
 
@@ -70,11 +72,12 @@ def test_the_weak_form_recovers_a_term(term):
 def test_output_error_recovers_a_term(term):
     robot = replace(ROBOT, **PRESENT[term])
     terms = ("stribeck", term) if term == "stribeck_velocity" else (term,)
-    held = {n: v for n, v in PRESENT[term].items() if n == "cogging_periods"}
-    start = replace(ROBOT, **held, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
-    found = OutputError(terms=terms, check=False, workers=1).of_logs(
-        wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
+    start = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
+    estimator = OutputError(
+        terms=terms, cogging_periods=robot.cogging_periods, check=False, workers=1
     )
+    found = estimator.of_logs(wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0))
+    assert found.parameters.cogging_periods == robot.cogging_periods
     _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["output-error"])
 
 
@@ -106,6 +109,16 @@ def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
     assert ratio is (not absolute and not TERMS[term].of_gain)
     truth = PRESENT[term][term] / (loaded.p1 if ratio else 1.0)
     _assert_recovered(found.estimate, term, truth, 0.03)
+
+
+def test_a_parameter_that_was_held_is_part_of_the_estimate():
+    logs, zeros = wild(ROBOT, duration=8.0), dict.fromkeys(MASSES, 0.0)
+    start = replace(ROBOT, p1=0.0031, coulomb=1e-3)
+    estimator = OutputError(terms=(), fixed=("p4", "p3"), check=False, workers=1)
+    found = estimator.of_logs(logs, start, zeros)
+    assert not {"p3", "p4"} & set(found.names)
+    assert (found.parameters.p3, found.parameters.p4) == (ROBOT.p3, ROBOT.p4)
+    assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=1e-3)
 
 
 def test_cogging_of_one_period_a_turn_is_refused_since_it_is_what_p3_is():

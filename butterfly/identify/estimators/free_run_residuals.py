@@ -90,7 +90,7 @@ class FreeRunResiduals:
         zeros: Mapping[AddedMass, float],
         choice: Choice,
     ) -> None:
-        self.logs, self._start, self._zeros = logs, start, zeros
+        self.logs, self.start, self._zeros = logs, start, zeros
         self._workers = choice.workers
         self.names = choice.shared
         self.keys = [*((name, None) for name in self.names), *_local_keys(logs, choice)]
@@ -140,7 +140,7 @@ class FreeRunResiduals:
 
     def _first_guess(self, name: str, whose: AddedMass | str | None) -> float:
         if name != "zero":
-            guess = float(getattr(self._start, name, 0.0))
+            guess = float(getattr(self.start, name, 0.0))
             lost = guess == 0 and name in TERMS and not TERMS[name].sign_observable
             # Where the sign does not show the derivative is 0 at 0: the fit would stay there.
             return self.scale[self.keys.index((name, whose))] if lost else guess
@@ -153,7 +153,7 @@ class FreeRunResiduals:
         errors = self._trajectories[index].errors(
             zero=own.pop("zero"),
             velocity=own.pop("velocity", 0.0),
-            parameters=replace(self._start, **own),
+            parameters=replace(self.start, **own),
         )
         return np.asarray(errors / (self._motion[index] * errors.size**0.5))
 

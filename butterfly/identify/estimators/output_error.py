@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from butterfly.errors import InputError, require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
-from butterfly.identify.estimators.base import Estimator, require_names
+from butterfly.identify.estimators.base import Estimator, require_names, require_periods
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
 from butterfly.identify.estimators.starts import closed_form_start
 from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
@@ -111,6 +111,8 @@ class OutputError(Estimator):
         depends on how it came to rest. Logs of other inputs count from their start.
     loss
         How residuals count; all but linear are robust.
+    cogging_periods
+        Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
     check
         Whether to fit again without each added mass.
     workers
@@ -124,6 +126,7 @@ class OutputError(Estimator):
     per_log: tuple[str, ...] = ()
     window: float = STEADY_SECONDS
     loss: Loss = Loss.LINEAR
+    cogging_periods: float = 1.0
     check: bool = True
     workers: int = 0
 
@@ -136,6 +139,7 @@ class OutputError(Estimator):
         require_names(self.method, "per_mass", self.per_mass, LOCAL)
         require_names(self.method, "per_log", self.per_log, LOCAL)
         require_number(self.method, positive=True, unit="s", window=self.window)
+        require_periods(self.method, self.cogging_periods)
         if self.workers < 0:
             raise InputError(self.method, "workers", self.workers, "0 or more")
 
@@ -184,6 +188,7 @@ class OutputError(Estimator):
             left_out=left_out,
             shared=shared,
             findings=said,
+            held={name: getattr(problem.start, name) for name in (*self.fixed, "cogging_periods")},
             local=_local(list(known.items())[shared:]),
         )
 
@@ -217,7 +222,8 @@ class OutputError(Estimator):
             window=self.window,
             workers=self.workers or os.cpu_count() or 1,
         )
-        return FreeRunResiduals(logs, start, zeros, choice)
+        turning = replace(start, cogging_periods=self.cogging_periods)
+        return FreeRunResiduals(logs, turning, zeros, choice)
 
     def _minimise(self, problem: FreeRunResiduals, initial: NDArray[np.float64]) -> _End:
         lower = problem.lower

@@ -21,12 +21,13 @@ import numpy as np
 
 from butterfly.errors import require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
-from butterfly.identify.estimators.base import Estimator, names_of
+from butterfly.identify.estimators.base import Estimator, names_of, require_periods
 from butterfly.identify.findings import Finding, FindingKind, Severity
 from butterfly.identify.identifiability import refuse_one_mass
 from butterfly.identify.intervals import without_each_mass
 from butterfly.identify.regression import Regression
 from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
+from butterfly.model.terms import FrictionTerms
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -47,7 +48,7 @@ class WeakForm(Estimator):
 
     Of at least two different added masses (none counts as one). The covariance is the
     cluster-robust one over logs; the intervals are widened to hold the estimates that leave one
-    added mass out. Stribeck velocity and cogging periods are held.
+    added mass out. Stribeck velocity is held.
 
     Parameters
     ----------
@@ -55,6 +56,8 @@ class WeakForm(Estimator):
         Fitted besides p1..p4, Coulomb torque and delay.
     half_width
         Of the test functions in s; a sine's logs use at most a quarter period.
+    cogging_periods
+        Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
     check
         Whether to fit again without each added mass.
     """
@@ -62,6 +65,7 @@ class WeakForm(Estimator):
     method: Literal["weak-form"] = "weak-form"
     terms: tuple[str, ...] = ("drag",)
     half_width: float = HALF_WIDTH
+    cogging_periods: float = 1.0
     check: bool = True
 
     summary: ClassVar[str] = "linear fit against test functions, for any input"
@@ -69,6 +73,7 @@ class WeakForm(Estimator):
     def __post_init__(self) -> None:
         names_of(self.method, self.terms)
         require_number(self.method, positive=True, unit="s", half_width=self.half_width)
+        require_periods(self.method, self.cogging_periods)
 
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
@@ -94,7 +99,11 @@ class WeakForm(Estimator):
             (log.added_mass for log in logs), without, asked=self.check
         )
         return ParameterEstimate.from_rows(
-            solved, method="weak form", left_out=left_out, findings=said
+            solved,
+            method="weak form",
+            left_out=left_out,
+            findings=said,
+            held={"cogging_periods": self.cogging_periods},
         )
 
     def _solve(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> Solved:
@@ -135,7 +144,8 @@ class WeakForm(Estimator):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """One log's (m, n) regressors and (m,) targets, its rms inertial term being 1/sqrt(m)."""
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
-        known = Known(zero=zero, delay=delay)
+        settings = FrictionTerms(cogging_periods=self.cogging_periods)
+        known = Known(zero=zero, delay=delay, settings=settings)
         signals = weak_signals(log, names, known, min(self.half_width, period / 4))
         rows = np.column_stack([signals.mean[name][signals.moving] for name in names])
         inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
