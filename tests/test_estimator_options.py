@@ -17,7 +17,7 @@ OWN = {
     for method, kind in ESTIMATORS.items()
 }
 SAID = {
-    "cogging_periods": ("3", 3.0),
+    "cogging_periods": (3.0, 3.0),
     "terms": ("drag, stribeck", ("drag", "stribeck")),
     "fixed": ("p2,delay", ("p2", "delay")),
     "per_mass": ("bias", ("bias",)),
