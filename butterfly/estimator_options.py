@@ -13,7 +13,7 @@ import typer
 
 from butterfly.arguments import parse_terms
 from butterfly.errors import InputError, nearest
-from butterfly.identify.estimators import ESTIMATORS, Estimator
+from butterfly.identify.estimators import DEFAULT_METHOD, ESTIMATORS, Estimator
 from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
@@ -25,11 +25,9 @@ _NAMES = {name.replace("-", "_").upper(): name for name in ESTIMATORS}
 Method = StrEnum("Method", _NAMES)  # type: ignore[misc]
 """Names of the estimators."""
 
-_DEFAULT = "harmonic-balance"
-
 
 def takes_estimator(
-    default: str = _DEFAULT, *, leave_out: tuple[str, ...] = ()
+    default: str = DEFAULT_METHOD, *, leave_out: tuple[str, ...] = ()
 ) -> Callable[..., Any]:
     """Give a command ``--method`` and every estimator's options, for its argument ``estimator``.
 

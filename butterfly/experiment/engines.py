@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Work = Callable[[Task, Tables], Outcome]
 
 _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they take
+_ANSWER = "20s"  # in which a scheduler has to answer
 _ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
 _CONTEXT = multiprocessing.get_context("spawn")  # simulators and compilers have threads
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -193,7 +194,7 @@ class DaskEngine:
                 cluster = LocalCluster(n_workers=self._jobs, threads_per_worker=1, **loopback)
             with cluster as target:
                 try:
-                    client = Client(target, timeout="20s")
+                    client = Client(target, timeout=_ANSWER)
                 except (OSError, ValueError) as error:
                     expected = f"one that answers ({error})"
                     raise InputError("butterfly run", "--scheduler", target, expected) from None

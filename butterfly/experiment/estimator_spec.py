@@ -10,10 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from butterfly.errors import InputError, nearest
-from butterfly.identify.estimators import ESTIMATORS, Estimator
-
-DEFAULT = "harmonic-balance"
-"""Method of an estimator that does not name one."""
+from butterfly.identify.estimators import DEFAULT_METHOD, ESTIMATORS, Estimator
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
@@ -26,7 +23,7 @@ def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
     """
     if not isinstance(estimator, dict):
         return estimator
-    told = {"method": DEFAULT} | estimator
+    told = {"method": DEFAULT_METHOD} | estimator
     kind = ESTIMATORS.get(str(told["method"]))
     if kind is None:
         expected = nearest(str(told["method"]), ESTIMATORS)

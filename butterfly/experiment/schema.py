@@ -15,11 +15,11 @@ from pydantic import (
 
 from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
-from butterfly.experiment.estimator_spec import DEFAULT, AnyEstimator, MethodName
+from butterfly.experiment.estimator_spec import AnyEstimator, MethodName
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
-from butterfly.identify.estimators import ESTIMATORS, Estimator
+from butterfly.identify.estimators import DEFAULT_METHOD, ESTIMATORS, Estimator
 from butterfly.identify.validation import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
@@ -203,7 +203,7 @@ class Experiment(StrictModel):
     excitations: tuple[Sine, ...] = ()
     signals: tuple[SignalSpec, ...] = ()
     duration: Annotated[float, Field(gt=0)]
-    method: MethodName = DEFAULT
+    method: MethodName = DEFAULT_METHOD
     terms: tuple[str, ...] | None = None
     estimators: tuple[AnyEstimator, ...] = ()
     validation: ValidationSpec | None = None

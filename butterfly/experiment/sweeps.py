@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
-from scipy.stats import norm
-from scipy.stats.qmc import LatinHypercube
+from scipy.special import ndtri
 
 from butterfly.errors import InputError
 from butterfly.experiment.oneof import OneOf
@@ -59,7 +58,8 @@ class Distribution(OneOf):
             low, high = (math.log(limit) for limit in self.log_uniform)
             return math.exp(low + share * (high - low))
         assert self.normal is not None  # noqa: S101 - exactly one is
-        return float(norm.ppf(share, *self.normal))
+        mean, deviation = self.normal
+        return float(mean + deviation * ndtri(share))
 
 
 class RandomSpec(StrictModel):
@@ -174,6 +174,8 @@ def _random(spec: RandomSpec | None, seed: np.random.SeedSequence) -> list[Overr
 def _hypercube(spec: RandomSpec | None, seed: np.random.SeedSequence) -> list[Overrides]:
     if spec is None:
         return [{}]
+    from scipy.stats.qmc import LatinHypercube  # noqa: PLC0415 - slow to import
+
     sampler = LatinHypercube(len(spec.fields), rng=np.random.default_rng(seed))
     return _drawn(spec, sampler.random(spec.count).tolist())
 

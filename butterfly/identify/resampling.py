@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtri
 
 from butterfly.errors import IdentifiabilityError, InputError, nearest
 from butterfly.identify.estimators.output_error import OutputError
@@ -165,7 +165,7 @@ def profile(
         for value in track(values, f"Profiling {name}")
     ]
     freedom = max(2 * len(data.logs) - len(estimate.names), 1)
-    threshold = 1 + fisher.ppf(CONFIDENCE, 1, freedom) / freedom
+    threshold = 1 + fdtri(1, freedom, CONFIDENCE) / freedom
     return Profile(
         name=name, values=np.array(values), costs=np.array(costs), threshold=float(threshold)
     )

@@ -170,7 +170,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
     (p1, p2, p3), jacobian = fit_resonances(resonances)
     values = np.array([p1, p2, p3, np.nan, 0.0, 0.0])
     unknown = np.full(values.size, np.nan)
-    condition = Conditioning.of(jacobian, PARAMETERS[:3]).number
+    conditioning = Conditioning.of(jacobian, PARAMETERS[:3])
     bounds = zip(PARAMETERS, (p1, p2, p3), UPPER_BOUNDS, strict=False)
     on_bound = tuple(n for n, value, top in bounds if value > 0.999 * top or value < 1e-9 * top)
     return ParameterEstimate(
@@ -181,15 +181,17 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
         lower=unknown,
         upper=unknown,
         left_out={},
-        condition=condition,
+        condition=conditioning.number,
         on_bound=on_bound,
         ending=Ending.CONVERGED,
-        findings=_findings(len(resonances), on_bound),
+        findings=_findings(len(resonances), conditioning, on_bound),
         resonances=resonances,
     )
 
 
-def _findings(count: int, on_bound: tuple[str, ...]) -> tuple[Finding, ...]:
+def _findings(
+    count: int, conditioning: Conditioning, on_bound: tuple[str, ...]
+) -> tuple[Finding, ...]:
     care = Severity.CARE
     found = [
         Finding(
@@ -201,6 +203,7 @@ def _findings(count: int, on_bound: tuple[str, ...]) -> tuple[Finding, ...]:
             number=count,
             severity=care,
         ),
+        conditioning.finding,
     ]
     if on_bound:
         warning = Severity.WARNING

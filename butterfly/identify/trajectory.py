@@ -6,7 +6,6 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -73,7 +72,9 @@ class Trajectory:
     ) -> NDArray[np.float64]:
         """Return the simulated angles at the log's own stamps (see `simulate`)."""
         angle, speed = self.simulate(parameters, zero, velocity)
-        return np.asarray(CubicHermiteSpline(self.grid, angle, speed)(self.log.time))
+        begin, weights = self._at_stamps
+        ends = (angle[begin], speed[begin], angle[begin + 1], speed[begin + 1])
+        return sum(weight * end for weight, end in zip(weights, ends, strict=True))  # type: ignore[return-value]
 
     def errors(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
@@ -108,18 +109,32 @@ class Trajectory:
         (m,) numbers of the intervals that hold samples, and (5, m) weights of angle and velocity at
         both ends, and mean measured angle.
         """
-        time, angle = self.log.time[self._first :], self.log.angle[self._first :]
+        cell, weights = self._hermite(self.log.time[self._first :])
+        values = np.vstack([weights, self.log.angle[self._first :]])
+        starts = np.flatnonzero(np.diff(cell, prepend=-1))
+        counts = np.diff(starts, append=cell.size)
+        return cell[starts], np.add.reduceat(values, starts, axis=1) / counts
+
+    @cached_property
+    def _at_stamps(self) -> tuple[NDArray[np.intp], Samples]:
+        """The weights of `_hermite` at the log's own stamps."""
+        return self._hermite(self.log.time)
+
+    def _hermite(self, time: Samples) -> tuple[NDArray[np.intp], Samples]:
+        """Interpolate between the instants of the grid by cubic Hermite polynomials.
+
+        Returns
+        -------
+        (n,) numbers of the intervals that hold (n,) instants, and (4, n) weights of angle and
+        velocity at their start and their end.
+        """
         cell = np.searchsorted(self.grid, time, "right") - 1
         cell = np.minimum(cell, self.grid.size - 2)
         length = np.diff(self.grid)[cell]
         s = (time - self.grid[cell]) / length
         r = 1 - s
-        values = np.array(
-            [(1 + 2 * s) * r**2, s * r**2 * length, (1 + 2 * r) * s**2, -r * s**2 * length, angle]
-        )
-        starts = np.flatnonzero(np.diff(cell, prepend=-1))
-        counts = np.diff(starts, append=cell.size)
-        return cell[starts], np.add.reduceat(values, starts, axis=1) / counts
+        weights = [(1 + 2 * s) * r**2, s * r**2 * length, (1 + 2 * r) * s**2, -r * s**2 * length]
+        return cell, np.array(weights)
 
     def _delivered(self, delay: float, compression: float) -> NDArray[np.float64]:
         """(n - 1, 3) delivered input at start, middle and end of each interval, ``delay`` s late.

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.signal import savgol_filter
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
@@ -156,6 +155,8 @@ def weak_signals(
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
+    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
+
     width = 2 * max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1) + 1
     width = min(width, angle.size - 1 + angle.size % 2)
     return np.asarray(savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step))

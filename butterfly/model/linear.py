@@ -93,11 +93,15 @@ class Linearisation:
         """Frequency in rad/s at which |G(jw)| peaks (73), (77), (79); 0 where it has no peak.
 
         With x = w^2 the square of the denominator is (k - c x)^2 + x (a - b x)^2; its slope
-        vanishes at a root of a quadratic, the largest of which is the peak.
+        vanishes at a root of a quadratic, the largest of which is the peak. Without the armature's
+        lag, b = 0, there is one root.
         """
         b = self.time_constant * self.inertia
         c = self.inertia + self.time_constant * self.damping
         a = self.damping + self.back_emf + self.time_constant * self.stiffness
+        if b == 0:
+            squared = (2 * c * self.stiffness - a**2) / (2 * c**2)
+            return math.sqrt(max(squared, 0.0))
         roots = np.roots([3 * b**2, 2 * c**2 - 4 * a * b, a**2 - 2 * c * self.stiffness])
         squares = [float(root.real) for root in roots if root.imag == 0 and root.real > 0]
         return math.sqrt(max(squares, default=0.0))

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.signal import savgol_filter
 
 from butterfly.model.energy import Orbit
 from butterfly.signals.resample import resample, uniform_grid
@@ -61,6 +60,8 @@ def minimise_index(
     -------
     (3,) p1, p3, p4 at the minimum.
     """
+    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
+
     grid = uniform_grid(log.time)
     step = float(grid[1] - grid[0])
     angle = resample(log.time, log.angle, grid) - zero

@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import chirp, max_len_seq
 
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import Sine
@@ -160,6 +159,8 @@ class Chirp:
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
+        from scipy.signal import chirp  # noqa: PLC0415 - slow to import, and seldom wanted
+
         start, stop = self.start / math.tau, self.stop / math.tau
         return np.asarray(self.amplitude * chirp(time, start, self.duration, stop, phi=-90))
 
@@ -189,6 +190,8 @@ class Prbs:
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
+        from scipy.signal import max_len_seq  # noqa: PLC0415 - slow to import, and seldom wanted
+
         bits = max_len_seq(self.register)[0]
         index = np.floor(time / self.bit * (1 + 1e-12)).astype(np.intp) % bits.size
         return np.asarray(self.amplitude * (2.0 * bits[index] - 1.0))

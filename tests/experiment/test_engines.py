@@ -149,8 +149,9 @@ class _KillsAfter:
             yield outcome
 
 
-def test_a_scheduler_that_is_not_there_is_one_error(butterfly, folder):
+def test_a_scheduler_that_is_not_there_is_one_error(butterfly, folder, monkeypatch):
     pytest.importorskip("distributed")
+    monkeypatch.setattr("butterfly.experiment.engines._ANSWER", "1s")
     small_plan(folder)
     code, _, err = butterfly(
         *("run", folder / "small.yaml", "--out", folder / "none", "--engine", "dask"),

@@ -42,8 +42,10 @@ def _written(experiment, folder):
 
 
 def test_the_quick_start_recovers_the_simulated_robot_within_one_percent():
+    """With every third of its sines; the wheel is tried on all of them."""
     experiment = read_experiment(QUICKSTART)
-    result = _identified(experiment)
+    few = {"excitations": experiment.excitations[::3]}
+    result = _identified(experiment.model_copy(update=few))
     truth = experiment.plant.robot.lumped
     found = result.estimate.parameters
     for name in ("p1", "p2", "p3", "p4"):

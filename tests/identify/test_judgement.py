@@ -11,11 +11,12 @@ from scipy.stats import t as student
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.design import rank_experiments
-from butterfly.identify.estimators import HarmonicBalance, OutputError, Thesis
+from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.findings import FindingKind
 from butterfly.identify.input_kind import judge_input
 from butterfly.identify.resampling import bootstrap, profile
 from butterfly.identify.residual import residual_torque
+from butterfly.identify.thesis import fit_thesis
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -236,6 +237,6 @@ def test_the_best_candidate_brings_what_was_promised():
 
 
 def test_an_estimate_without_covariance_cannot_be_improved_on(real):
-    thesis = Thesis()(real.data)
+    thesis = fit_thesis(real.data.recorded)
     with pytest.raises(IdentifiabilityError, match="no covariance"):
         rank_experiments(thesis, real.data.masses, 0.1)

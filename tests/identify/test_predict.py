@@ -5,8 +5,8 @@ import pytest
 
 from butterfly.identify.comparison import compare
 from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import Thesis
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor, Setting, free_run
+from butterfly.identify.thesis import fit_thesis
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -92,7 +92,7 @@ def test_table_5_follows_the_same_logs_far_worse(real):
     ("decimation", "published"), [(25, "4.1915 5.7650 6.2847"), (5, "4.1889 5.7606 6.2810")]
 )
 def test_thesis_mode_prints_the_published_resonances(real, decimation, published):
-    estimate = Thesis(decimation=decimation)(real.data)
+    estimate = fit_thesis(real.data.recorded, decimation)
     assert " ".join(f"{omega:.4f}" for omega in estimate.resonances.values()) == published
     assert "p2" in estimate.on_bound
     assert np.isnan(estimate.standard_errors).all()

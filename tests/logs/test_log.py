@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.identify.data import DataSet, read_data_set
-from butterfly.logs.log import held_impulses, with_unique_names
+from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 
@@ -61,11 +61,3 @@ def test_a_name_survives_repairs(sine_log):
 def test_columns_of_different_lengths_are_refused(sine_log):
     with pytest.raises(InputError, match=r"sine: angle: got shape \(3,\)"):
         replace(sine_log, angle=np.zeros(3))
-
-
-def test_the_pieces_of_a_held_input_add_up_to_its_integral():
-    time = np.array([0.0, 0.3, 0.4, 1.0])
-    values = np.array([1.0, -2.0, 3.0, 5.0])
-    edges = np.sort(np.random.default_rng(0).uniform(-1, 2, 50))
-    edges[[0, -1]] = -1.0, 2.0
-    assert held_impulses(time, values, edges).sum() == pytest.approx(0.3 - 0.2 + 1.8)

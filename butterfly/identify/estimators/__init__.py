@@ -12,3 +12,6 @@ from butterfly.identify.estimators.weak_form import WeakForm as WeakForm
 
 ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimator.__subclasses__()}
 """All estimators by the name of their method; a further one is its file and its line above."""
+
+DEFAULT_METHOD = HarmonicBalance.method
+"""The estimator where none is named."""

@@ -27,9 +27,8 @@ _T = TypeVar("_T")
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
-_STEP = 1e-4  # of the solver's one-sided differences, as a share of a parameter's scale
-_FINE_STEP = 1e-5  # of those of second order
-_DOUBTFUL = 1e-3  # share of the largest singular value below which a combination is looked at again
+_STEP = 1e-4  # of the differences, as a share of a parameter's scale
+_DOUBTFUL = 5e-3  # share of the largest singular value below which a combination is looked at again
 _LOOKS = 2  # each squares the share by which a combination without effect seems to have one
 _PHASES = np.linspace(0, 2 * np.pi, 400)
 
@@ -113,14 +112,14 @@ class FreeRunResiduals:
         return np.concatenate(self._over_logs(lambda k: self._differentiate(k, values)))
 
     def by_log(self, scaled: NDArray[np.float64]) -> list[LogResiduals]:
-        """Return residuals and Jacobian of each log, the latter by differences of second order.
+        """Return residuals and Jacobian of each log.
 
         Combinations that the data tell little about are differentiated once more as a whole: only
         this tells columns that the data cannot tell apart from columns that they can hardly.
         """
         values = scaled * self.scale
         logs = self._over_logs(
-            lambda k: LogResiduals(self._errors(k, values), self._differentiate_well(k, values))
+            lambda k: LogResiduals(self._errors(k, values), self._differentiate(k, values))
         )
         for _ in range(_LOOKS):
             jacobian = np.concatenate([log.jacobian for log in logs])
@@ -169,19 +168,6 @@ class FreeRunResiduals:
         jacobian = np.zeros((residuals.size, len(self.keys)))
         for k in self._columns(self.logs[index]):
             jacobian[:, k] = (self._moved(index, values, k, _STEP) - residuals) / _STEP
-        return jacobian
-
-    def _differentiate_well(self, index: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `_differentiate`, by central differences, or three-point ones at a bound."""
-        residuals = self._errors(index, values)
-        jacobian, h = np.zeros((residuals.size, len(self.keys))), _FINE_STEP
-        for k in self._columns(self.logs[index]):
-            above = self._moved(index, values, k, h)
-            if values[k] / self.scale[k] - h >= self.lower[k]:
-                jacobian[:, k] = (above - self._moved(index, values, k, -h)) / (2 * h)
-            else:
-                beyond = self._moved(index, values, k, 2 * h)
-                jacobian[:, k] = (4 * above - beyond - 3 * residuals) / (2 * h)
         return jacobian
 
     def _doubtful(
