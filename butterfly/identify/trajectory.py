@@ -74,7 +74,7 @@ class Trajectory:
         angle, speed = self.simulate(parameters, zero, velocity)
         begin, weights = self._at_stamps
         ends = (angle[begin], speed[begin], angle[begin + 1], speed[begin + 1])
-        return sum(weight * end for weight, end in zip(weights, ends, strict=True))  # type: ignore[return-value]
+        return np.asarray(sum(w * end for w, end in zip(weights, ends, strict=True)))
 
     def errors(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
