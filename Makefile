@@ -9,7 +9,7 @@ demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
 
 test: $(VENV)/.development
-	$(BIN)/pytest -n auto --ignore=tests/benchmarks
+	$(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .
