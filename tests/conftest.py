@@ -13,6 +13,8 @@ from hypothesis import HealthCheck, settings
 
 import butterfly.plant
 from butterfly.cli import main
+from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
@@ -87,11 +89,23 @@ def butterfly(monkeypatch, capsys):
     return run
 
 
+def _brief_quickstart(folder):
+    content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
+    content.update(duration=12.0, excitations=content["excitations"][::2])
+    path = folder / "quick.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
 @pytest.fixture
 def quick(tmp_path):
     """The quick start on fewer logs, short but steady enough to fit."""
-    content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
-    content.update(duration=12.0, excitations=content["excitations"][::2])
-    path = tmp_path / "quick.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
+    return _brief_quickstart(tmp_path)
+
+
+@pytest.fixture(scope="session")
+def quick_data(tmp_path_factory):
+    """Its data set, as `butterfly simulate` writes it; only to be read."""
+    folder = tmp_path_factory.mktemp("quick")
+    experiment = read_experiment(_brief_quickstart(folder))
+    return write_logs(experiment, simulate(experiment), folder / "data").parent

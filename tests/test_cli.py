@@ -133,9 +133,8 @@ def test_a_missing_file_is_one_line_and_exit_code_2(butterfly, arguments):
         ("p1=1,p2=1,p3=1,mass=2", "unknown parameter"),
     ],
 )
-def test_a_slip_in_against_is_named(butterfly, quick, tmp_path, text, part):
-    butterfly("simulate", quick, "--out", tmp_path / "logs")
-    _assert_one_line_error(butterfly("identify", tmp_path / "logs", "--against", text), part)
+def test_a_slip_in_against_is_named(butterfly, quick_data, text, part):
+    _assert_one_line_error(butterfly("identify", quick_data, "--against", text), part)
 
 
 def test_one_added_mass_alone_is_refused_in_one_line(butterfly, quick, tmp_path):
@@ -168,9 +167,10 @@ def test_the_model_of_an_experiment_is_shown_and_exported(butterfly, tmp_path):
     assert model.dof_damping[0] == 2e-4
 
 
-def test_the_twin_of_a_data_set_is_exported_and_moves_as_identified(butterfly, quick, tmp_path):
-    butterfly("simulate", quick, "--out", tmp_path / "logs")
-    assert butterfly("model", "export", tmp_path / "logs", "--out", tmp_path / "t.xml")[0] == 0
+def test_the_twin_of_a_data_set_is_exported_and_moves_as_identified(
+    butterfly, quick_data, tmp_path
+):
+    assert butterfly("model", "export", quick_data, "--out", tmp_path / "t.xml")[0] == 0
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     data = mujoco.MjData(model)
     data.qpos[0], data.ctrl[0] = 0.5, 1.0

@@ -13,16 +13,9 @@ from butterfly.plant.twin import MASS, twin
 from tests.conftest import MASSES, ROBOT
 
 
-@pytest.fixture
-def data(butterfly, quick, tmp_path):
-    """A small simulated data set."""
-    assert butterfly("simulate", quick, "--out", tmp_path / "data")[0] == 0
-    return tmp_path / "data"
-
-
-def test_both_simulators_are_compared_with_the_logs_and_reported(butterfly, data, tmp_path):
+def test_both_simulators_are_compared_with_the_logs_and_reported(butterfly, quick_data, tmp_path):
     report = tmp_path / "compare.html"
-    code, out, err = butterfly("compare", data, "--logs", "0,3", "--report", report)
+    code, out, err = butterfly("compare", quick_data, "--logs", "0,3", "--report", report)
     assert code == 0, err
     assert "MuJoCo" in out
     assert "grey box" in out
@@ -31,25 +24,25 @@ def test_both_simulators_are_compared_with_the_logs_and_reported(butterfly, data
 
 
 @pytest.mark.parametrize("numbers", ["0,99", "-1", "x"])
-def test_a_log_that_is_not_there_is_one_line(butterfly, data, numbers):
-    code, _, err = butterfly("compare", data, "--logs", numbers)
+def test_a_log_that_is_not_there_is_one_line(butterfly, quick_data, numbers):
+    code, _, err = butterfly("compare", quick_data, "--logs", numbers)
     assert code == 2
     assert "numbers from 0 to 11" in err
     assert err.count("\n") == 1
 
 
-def test_estimators_are_ranked_over_data_sets(butterfly, data, tmp_path):
+def test_estimators_are_ranked_over_data_sets(butterfly, quick_data, tmp_path):
     report = tmp_path / "board.html"
     told = ("--methods", "harmonic-balance, linear", "--report", report)
-    code, out, err = butterfly("leaderboard", data, *told)
+    code, out, err = butterfly("leaderboard", quick_data, *told)
     assert code == 0, err
     best = re.search(r"(\S+) predicts added masses", out)
     assert best.group(1) == "harmonic-balance"
     assert report.stat().st_size > 1e5
 
 
-def test_an_estimator_that_is_none_is_one_line(butterfly, data):
-    code, _, err = butterfly("leaderboard", data, "--methods", "weekform")
+def test_an_estimator_that_is_none_is_one_line(butterfly, quick_data):
+    code, _, err = butterfly("leaderboard", quick_data, "--methods", "weekform")
     assert code == 2
     assert "did you mean" in err
     assert err.count("\n") == 1
