@@ -26,7 +26,7 @@ SCHEMA = 2
 OK, REFUSED, FAILED = "ok", "refused", "failed"
 """A run's status: done, refused for good (bad input, unidentifiable), or failed unexpectedly."""
 
-_Record = TypeVar("_Record")
+_Record = TypeVar("_Record", "RunRecord", "SweepRecord")
 _CONFIG = ConfigDict(ser_json_inf_nan="strings")  # JSON has no NaN
 
 
@@ -85,8 +85,7 @@ class RunRecord:
     @classmethod
     def from_json(cls, text: str) -> RunRecord | None:
         """Read the content of a file; None if it is no record, or one of another schema."""
-        record = _from_json(_RUN, text)
-        return record if record is not None and record.schema == SCHEMA else None
+        return _from_json(_RUN, text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,8 +152,7 @@ class SweepRecord:
     @classmethod
     def from_json(cls, text: str) -> SweepRecord | None:
         """Read the content of a file; None if it is no record, or one of another schema."""
-        record = _from_json(_SWEEP, text)
-        return record if record is not None and record.schema == SCHEMA else None
+        return _from_json(_SWEEP, text)
 
 
 _RUN, _SWEEP = TypeAdapter(RunRecord), TypeAdapter(SweepRecord)
@@ -166,6 +164,7 @@ def _to_json(adapter: TypeAdapter[_Record], record: _Record) -> str:
 
 def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
     try:
-        return adapter.validate_json(text)
+        record = adapter.validate_json(text)
     except ValidationError:
         return None
+    return record if record.schema == SCHEMA else None

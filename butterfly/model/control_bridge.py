@@ -122,7 +122,7 @@ def nonlinear_system(
         v = now["velocity"]
         motion = Motion.of(p, now["angle"], v)._replace(direction=math.tanh(v / smoothing))
         back_emf = p.back_emf * v if lagging else 0.0
-        drive = p.p4 * float(compressed(np.ravel(command)[:1], p.compression)[0]) - back_emf
+        drive = p.p4 * compressed(float(np.ravel(command)[0]), p.compression) - back_emf
         torque = back_emf - torque_of(p, motion, sliding)
         rates = [v, 0.0]
         if lagging:

@@ -29,9 +29,14 @@ class Friction(FrictionTerms):
                 require_number("Friction", **{name: value})
             elif not math.isfinite(value):
                 raise InputError("Friction", name, value, "a finite number")
-        if not (self.cogging_periods >= 1 and float(self.cogging_periods).is_integer()):
-            raise InputError("Friction", "cogging_periods", self.cogging_periods, "1, 2, 3, ...")
+        require_periods("Friction", self.cogging_periods)
         if self.bristle_stiffness > 0 and not self.coulomb > 0:
             raise InputError(
                 "Friction", "coulomb", self.coulomb, "more than 0, for bristles to bend"
             )
+
+
+def require_periods(source: str, periods: float) -> None:
+    """Raise InputError unless periods of cogging in a turn are 1, 2, 3, and so on."""
+    if not (periods >= 1 and float(periods).is_integer()):
+        raise InputError(source, "cogging_periods", periods, "1, 2, 3, ...")

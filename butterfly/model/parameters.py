@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, TypeVar
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.friction import Friction
 from butterfly.model.terms import FrictionTerms
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
 GRAVITY = 9.81
 """Acceleration due to gravity in m/s^2, the thesis's value (61)."""
+
+_Inputs = TypeVar("_Inputs", float, "NDArray[np.float64]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,9 +231,9 @@ class LumpedParameters(FrictionTerms):
         )
 
 
-def compressed(inputs: NDArray[np.float64], compression: float) -> NDArray[np.float64]:
-    """Return (n,) inputs as a drive whose gain falls with them delivers them, v/(1 + c |v|)."""
-    return inputs / (1 + compression * np.abs(inputs))
+def compressed(inputs: _Inputs, compression: float) -> _Inputs:
+    """Return one input, or (n,), as a drive whose gain falls with it delivers it, v/(1 + c |v|)."""
+    return inputs / (1 + compression * abs(inputs))
 
 
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:

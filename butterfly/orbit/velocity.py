@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from butterfly.errors import require_number
 from butterfly.model.motion import Motion
+from butterfly.model.parameters import compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class Observer:
             motion = Motion.of(p, self._angle, self._velocity)
             if abs(self._velocity) <= _STANDSTILL:
                 motion = motion._replace(direction=0.0)
-            delivered = command / (1 + p.compression * abs(command))
+            delivered = compressed(command, p.compression)
             torque = p.p4 * delivered - torque_of(p, motion, _STATIC)
             rate = torque / p.p1 + self._gains[1] * error
             self._angle += step * (self._velocity + 0.5 * step * rate + self._gains[0] * error)

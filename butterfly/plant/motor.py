@@ -180,7 +180,7 @@ class SimulatedMotor:
     def command(self, value: float) -> float:
         """Set the command; see `Motor`."""
         value = self._path.shape(value)
-        delivered = value / (1 + self._path.compression * abs(value))
+        delivered = compressed(value, self._path.compression)
         if self._path.delay > 0:
             self._pending.append((self._time + self._path.delay, delivered))
         else:

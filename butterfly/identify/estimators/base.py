@@ -94,12 +94,6 @@ def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[
             raise InputError(method, field, f"{name} twice", "each name once")
 
 
-def require_periods(method: str, periods: float) -> None:
-    """Raise InputError unless periods of cogging in a turn are 1, 2, 3, and so on."""
-    if not (periods >= 1 and float(periods).is_integer()):
-        raise InputError(method, "cogging_periods", periods, "1, 2, 3, ...")
-
-
 def _parts(name: str, value: Any) -> list[str]:  # noqa: ANN401 - any option
     """Name what an option was set to, as briefly as can be."""
     if name == "terms":

@@ -156,18 +156,13 @@ class FreeRunResiduals:
         )
         return np.asarray(errors / (self._motion[index] * errors.size**0.5))
 
-    def _moved(
-        self, index: int, values: NDArray[np.float64], k: int, step: float
-    ) -> NDArray[np.float64]:
-        moved = values.copy()
-        moved[k] += step * self.scale[k]
-        return self._errors(index, moved)
-
     def _differentiate(self, index: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
         residuals = self._errors(index, values)
         jacobian = np.zeros((residuals.size, len(self.keys)))
         for k in self._columns(self.logs[index]):
-            jacobian[:, k] = (self._moved(index, values, k, _STEP) - residuals) / _STEP
+            moved = values.copy()
+            moved[k] += _STEP * self.scale[k]
+            jacobian[:, k] = (self._errors(index, moved) - residuals) / _STEP
         return jacobian
 
     def _doubtful(
