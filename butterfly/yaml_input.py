@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
@@ -24,6 +25,10 @@ _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 _LONGEST = 120  # characters of a value that a message repeats
 _ONE_LINE = 1_000_000  # characters: nothing is wrapped
 _DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
+
+_WORDS = re.compile(
+    r"[^\W\d]([\w ./-]*[\w./-])?"
+)  # what needs no quotes, unless it reads as a value
 
 _NOWHERE = object()
 
@@ -288,8 +293,16 @@ _PlainValues.yaml_constructors = {
 }
 
 
-class _Numbers(SafeRepresenter):
-    """Writes numbers so that readers of YAML 1.1 see numbers too: 1.0e-05, not 1e-05."""
+class _PlainWriter(SafeRepresenter):
+    """Writes numbers and texts so that every reader sees the same.
+
+    Readers of YAML 1.1 see numbers in 1.0e-05, not in 1e-05. Texts other than words are quoted:
+    ruamel.yaml 0.19 would write the text ``: 1`` bare in braces.
+    """
+
+    def represent_str(self, data: str) -> ScalarNode:
+        style = None if _WORDS.fullmatch(data) else '"'
+        return self.represent_scalar(_TAG + "str", data, style=style)
 
     def represent_float(self, data: float) -> ScalarNode:
         node = super().represent_float(data)
@@ -298,12 +311,13 @@ class _Numbers(SafeRepresenter):
         return node
 
 
-_Numbers.add_representer(float, _Numbers.represent_float)
+_PlainWriter.add_representer(str, _PlainWriter.represent_str)
+_PlainWriter.add_representer(float, _PlainWriter.represent_float)
 
 
 def _plain_yaml() -> YAML:
     yaml = YAML(typ="safe", pure=True)  # pure: the C parser knows YAML 1.1 only
-    yaml.Constructor, yaml.Representer = _PlainValues, _Numbers
+    yaml.Constructor, yaml.Representer = _PlainValues, _PlainWriter
     yaml.max_depth = _DEEPEST
     return yaml
 

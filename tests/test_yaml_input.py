@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import Field
 
@@ -136,13 +136,20 @@ def test_a_merged_mapping_gives_its_values_and_lines(tmp_path):
 
 
 VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text("ab1e-.: '"),
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False)
+    | (st.text("ab1e-.: '") | st.text()),
     lambda below: st.lists(below, max_size=3) | st.dictionaries(st.text("ab1."), below, max_size=3),
     max_leaves=6,
 )
 
 
-@given(content=st.dictionaries(st.text("abn1-. "), VALUES, max_size=4), flow=st.booleans())
+@given(content=st.dictionaries(st.text('abn1-. :"{#&'), VALUES, max_size=4), flow=st.booleans())
+@example(content={"": ": 1"}, flow=True)
+@example(content={"": [": '"]}, flow=True)
+@example(content={"a\n": " \u2028#", "yes": "no", "- a": "1e3"}, flow=True)
 def test_written_values_read_back_the_same_in_their_order(tmp_path_factory, content, flow):
     path = tmp_path_factory.mktemp("yaml") / "a.yaml"
     path.write_text(yaml_text(content, flow=flow), encoding="utf-8")
