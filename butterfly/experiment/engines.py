@@ -19,6 +19,7 @@ from butterfly.errors import ButterflyError, InputError
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
     from concurrent.futures import Future
+    from multiprocessing.context import BaseContext
 
     from butterfly.experiment.plan import Task
     from butterfly.experiment.record import Outcome
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they take
 _ANSWER = "20s"  # in which a scheduler has to answer
 _ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
-_CONTEXT = multiprocessing.get_context("spawn")  # simulators and compilers have threads
+_NEEDED = ["butterfly.experiment.perform"]  # modules that workers need, read once for all of them
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _NO_TABLES: Tables = MappingProxyType({})
 
@@ -102,7 +103,7 @@ class LocalEngine:
             min(self._jobs, len(pending)),
             initializer=_keep_tables,
             initargs=(tables,),
-            context=_CONTEXT,
+            context=_context(),
         )
         try:
             while pending or running:
@@ -122,6 +123,18 @@ class LocalEngine:
         finally:
             pool.stop()  # type: ignore[no-untyped-call]
             pool.join()
+
+
+def _context() -> BaseContext:
+    """Return how workers start: never as copies of this process, whose libraries have threads.
+
+    Where the system can, they are copies of one that has read the modules and has no threads.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(_NEEDED)
+    return context
 
 
 _tables: Tables = {}

@@ -7,12 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import pytest
 
 from butterfly.errors import ButterflyError
 from butterfly.experiment.columns import RUNS
 from butterfly.experiment.engines import DaskEngine, LocalEngine
+from butterfly.experiment.perform import execute
 from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
@@ -68,8 +70,8 @@ def test_a_task_whose_worker_dies_is_given_up_after_three_attempts_and_tried_aga
     folder, monkeypatch, undisturbed
 ):
     plan = small_plan(folder)
-    monkeypatch.setenv("BUTTERFLY_TEST_DIES_AT", plan.tasks[2].key)
-    monkeypatch.setattr("butterfly.experiment.sweep_runner.execute", _dies_or_executes)
+    work = partial(_dies_or_executes, plan.tasks[2].key)
+    monkeypatch.setattr("butterfly.experiment.sweep_runner.execute", work)
     summary = run_sweep(plan, folder / "dying", LocalEngine(2))
     assert summary.unsuccessful == 1
     rows = ResultStore(folder / "dying").table(RUNS).to_pylist()
@@ -80,10 +82,8 @@ def test_a_task_whose_worker_dies_is_given_up_after_three_attempts_and_tried_aga
     assert tables_of(folder / "dying") == undisturbed
 
 
-def _dies_or_executes(task, tables):
-    from butterfly.experiment.perform import execute  # noqa: PLC0415 - not the patched one
-
-    if task.key == os.environ["BUTTERFLY_TEST_DIES_AT"]:
+def _dies_or_executes(key, task, tables):
+    if task.key == key:
         os.kill(os.getpid(), signal.SIGKILL)
     return execute(task, tables)
 
