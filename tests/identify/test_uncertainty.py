@@ -29,7 +29,7 @@ def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_leng
     rng = np.random.default_rng(0)
     estimator = WeakForm(terms=(), check=False)
     fits = []
-    for _ in range(160):
+    for _ in range(120):
         logs = [
             replace(log, angle=log.angle + 5e-4 * rng.standard_normal(log.time.size))
             for log in clean

