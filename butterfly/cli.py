@@ -22,7 +22,7 @@ from butterfly.estimator_options import takes_estimator
 from butterfly.identify.data import read_data_set
 from butterfly.identify.estimators import Estimator  # noqa: TC001 - typer reads annotations
 from butterfly.identify.identification import identify
-from butterfly.identify.resonance_regression import INSEPARABLE, PendulumEstimate, physical_hand
+from butterfly.identify.physical import INSEPARABLE, PendulumEstimate, physical_hand
 from butterfly.logs.formats import ENDINGS, read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair, examine
 from butterfly.logs.log import InputKind, Intersample

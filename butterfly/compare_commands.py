@@ -17,7 +17,8 @@ from butterfly.compare.three_way import compare_three
 from butterfly.console import read_data, show_page, show_progress
 from butterfly.errors import InputError, nearest
 from butterfly.estimator_options import takes_estimator
-from butterfly.identify.estimators import ESTIMATORS, Estimator
+from butterfly.experiment.methods import ESTIMATORS
+from butterfly.identify.estimators import Estimator  # noqa: TC001 - typer reads annotations
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.page import Page, write_page

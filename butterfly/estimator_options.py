@@ -13,12 +13,14 @@ import typer
 
 from butterfly.arguments import parse_terms
 from butterfly.errors import InputError, nearest
-from butterfly.identify.estimators import DEFAULT_METHOD, ESTIMATORS, Estimator
+from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS
 from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from dataclasses import Field
+
+    from butterfly.identify.estimators import Estimator
 
 _NAMES = {name.replace("-", "_").upper(): name for name in ESTIMATORS}
 

@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from butterfly.console import show_pairs
-from butterfly.experiment.twin import export, robot_of
+from butterfly.experiment.named_robot import export, robot_of
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.plant.picture import render
 from butterfly.plant.twin import MASS
+from butterfly.plant.watch.picture import render
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -12,21 +12,23 @@ from butterfly.arguments import DataArgument, RootOption, parse_terms
 from butterfly.console import CONSOLE, new_table, read_data, show_page, show_progress
 from butterfly.errors import InputError
 from butterfly.estimator_options import takes_estimator
-from butterfly.experiment.figure_data import write_figure_data
 from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.reading import read_experiment
-from butterfly.experiment.reproduction import has_real_logs, reproduce
+from butterfly.experiment.thesis_robot import thesis_robot
 from butterfly.identify.design import LARGEST_SWING, rank_experiments
 from butterfly.identify.estimators import Estimator  # noqa: TC001 - typer reads annotations
+from butterfly.identify.judgement.bootstrap import bootstrap
+from butterfly.identify.judgement.residual_torque import residual_torque
+from butterfly.identify.judgement.term_selection import select_terms
+from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
-from butterfly.identify.resampling import bootstrap
-from butterfly.identify.residual import residual_torque
-from butterfly.identify.validation import Split, hold_out, select_terms
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
-from butterfly.report.residual import write_residual
+from butterfly.report.residual_torque import write_residual
 from butterfly.resources import locate
+from butterfly.thesis.figure_data import write_figure_data
+from butterfly.thesis.tables import has_real_logs, reproduce
 
 
 def register(app: typer.Typer) -> None:
@@ -194,7 +196,8 @@ def reproduce_command(
     """
     if what != "thesis":
         raise InputError("butterfly reproduce", "what", what, "thesis")
-    rows = reproduce(root)
+    synthetic = thesis_robot()
+    rows = reproduce(synthetic, root)
     table = new_table("The thesis, published against obtained", "figures", "published", "obtained")
     table.add_column("same")
     table.add_column("right")
@@ -208,7 +211,7 @@ def reproduce_command(
     if not has_real_logs(root):
         typer.echo("Tables 4 and 5 need the real logs: give --root, or set BUTTERFLY_LOGS.")
     if out is not None:
-        for path in write_figure_data(out, root):
+        for path in write_figure_data(out, synthetic, root):
             typer.echo(f"Figure data: {path}")
 
 

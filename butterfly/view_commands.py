@@ -12,8 +12,8 @@ from butterfly.arguments import ExperimentArgument  # noqa: TC001 - typer reads 
 from butterfly.console import show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.reading import read_experiment
-from butterfly.plant.sweep import sweep
-from butterfly.plant.viewing import film, watch
+from butterfly.plant.rollout import simulate_runs
+from butterfly.plant.watch.show import film, watch
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def video_command(
     """
     plan = read_experiment(locate(experiment))
     run, seed = _chosen(plan, number, experiment)
-    (log,) = sweep(plan.plant.setup, [run], plan.duration, [seed])
+    (log,) = simulate_runs(plan.plant.setup, [run], plan.duration, [seed])
     shown = log.take(log.time <= log.time[0] + seconds)
     film(
         plan.plant.robot,

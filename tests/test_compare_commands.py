@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from butterfly.plant.picture import Painter, RenderingError
 from butterfly.plant.twin import MASS, twin
+from butterfly.plant.watch.picture import Painter, RenderingError
 from tests.conftest import MASSES, ROBOT
 
 

@@ -3,7 +3,7 @@
 from dataclasses import fields
 from pathlib import Path
 
-from butterfly.identify.estimators import ESTIMATORS
+from butterfly.experiment.methods import ESTIMATORS
 from butterfly.model.terms import TERMS, FrictionTerms, offered
 
 DOCS = Path(__file__).parents[1] / "docs"

@@ -10,7 +10,8 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.estimator_options import built, described, takes_estimator
-from butterfly.identify.estimators import ESTIMATORS, Loss, OutputError, WeakForm
+from butterfly.experiment.methods import ESTIMATORS
+from butterfly.identify.estimators import Loss, OutputError, WeakForm
 
 OWN = {
     method: [each for each in fields(kind) if each.name != "method"]

@@ -9,9 +9,9 @@ from PIL import Image
 from scipy.io import loadmat
 
 from butterfly.model.parameters import AddedMass
-from butterfly.plant import viewing
-from butterfly.plant.picture import Painter, RenderingError
 from butterfly.plant.twin import twin
+from butterfly.plant.watch import show as viewing
+from butterfly.plant.watch.picture import Painter, RenderingError
 from tests.conftest import ROBOT
 
 

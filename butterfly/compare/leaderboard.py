@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.errors import ButterflyError
+from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
-from butterfly.identify.validation import Split, hold_out
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.judgement.residual_torque import ResidualTorque, residual_torque
 from butterfly.identify.predict import FreeRun, Predictor
-from butterfly.identify.residual import ResidualTorque, residual_torque
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.replay import replay_input
 from butterfly.plant.twin import MASS, twin

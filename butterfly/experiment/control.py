@@ -11,7 +11,7 @@ from butterfly.experiment.oneof import OneOf
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters  # noqa: TC001 - pydantic reads annotations
 from butterfly.orbit.loop import Plan, Schedule
-from butterfly.orbit.options import RecalibrationOptions
+from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.velocity import FilteredDifference, Observer, VelocityEstimator
 from butterfly.yaml_input import StrictModel
 

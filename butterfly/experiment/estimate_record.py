@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from butterfly.identify.findings import Ending, Finding
+from butterfly.identify.judgement.findings import Ending, Finding
 from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from butterfly.errors import InputError, nearest
-from butterfly.identify.estimators import DEFAULT_METHOD, ESTIMATORS, Estimator
+from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
@@ -36,6 +36,8 @@ def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
 
 
 if TYPE_CHECKING:
+    from butterfly.identify.estimators import Estimator
+
     MethodName = str
     AnyEstimator = Estimator
 else:

@@ -23,9 +23,9 @@ from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import packed, simulate
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import OutputError
-from butterfly.identify.findings import Ending
 from butterfly.identify.identification import Identification, identify
-from butterfly.identify.validation import hold_out
+from butterfly.identify.judgement.findings import Ending
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:

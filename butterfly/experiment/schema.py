@@ -16,11 +16,11 @@ from pydantic import (
 from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.estimator_spec import AnyEstimator, MethodName
+from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
-from butterfly.identify.estimators import DEFAULT_METHOD, ESTIMATORS, Estimator
-from butterfly.identify.validation import Split
+from butterfly.identify.judgement.validation import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
@@ -50,6 +50,8 @@ from butterfly.yaml_input import StrictModel
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from butterfly.identify.estimators import Estimator
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""

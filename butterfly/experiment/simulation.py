@@ -15,7 +15,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
-from butterfly.plant.sweep import sweep
+from butterfly.plant.rollout import simulate_runs
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def simulate(
         If a simulation diverges.
     """
     setup, runs, seeds = experiment.plant.setup, experiment.runs(), experiment.seeds()
-    for log in sweep(setup, runs, experiment.duration, seeds, threads=threads, track=track):
+    for log in simulate_runs(setup, runs, experiment.duration, seeds, threads=threads, track=track):
         yield replace(log, source=log.name)
 
 

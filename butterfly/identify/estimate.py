@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.covariance import cluster_covariance, compress_all
-from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identify.identifiability import Conditioning, sort_by_precision
-from butterfly.identify.intervals import honest_limits
+from butterfly.identify.judgement.covariance import cluster_covariance, compress_all
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.identifiability import Conditioning, sort_by_precision
+from butterfly.identify.judgement.intervals import honest_limits
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.comparison import Comparison, compare
 from butterfly.identify.estimators import Estimator, HarmonicBalance
-from butterfly.identify.input_kind import judge_input
+from butterfly.identify.judgement.input_kind import judge_input
+from butterfly.identify.other_parameters import OtherParameters, try_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor
 from butterfly.progress import Track, untracked
 
@@ -43,7 +43,7 @@ class Identification:
     data: DataSet
     estimate: ParameterEstimate
     free_runs: tuple[FreeRun, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[OtherParameters, ...]
 
     @property
     def fits(self) -> NDArray[np.float64]:
@@ -92,7 +92,7 @@ def identify(
         estimate=found,
         free_runs=tuple(predictor.run(number, found) for number in numbers),
         comparisons=tuple(
-            compare(name, parameters, predictor, track=track)
+            try_parameters(name, parameters, predictor, track=track)
             for name, parameters in against.items()
         ),
     )

@@ -11,8 +11,8 @@ from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.analysis import swing
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
-from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.recalibration import Recalibration, recalibrate
+from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.velocity import FilteredDifference
 from butterfly.progress import Track, untracked
 

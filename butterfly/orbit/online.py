@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identify.findings import Finding, FindingKind
+from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.regression import Regression
 from butterfly.identify.weak_signals import SPACING, weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.orbit.controller import gain_for
-from butterfly.orbit.options import BASE, LEAST, RecalibrationOptions
 from butterfly.orbit.recalibration import estimate_of, from_ratios
+from butterfly.orbit.recalibration_options import BASE, LEAST, RecalibrationOptions
 from butterfly.orbit.selection import SEGMENT, Equations
 from butterfly.plant.motor import CommandPath
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import ParameterEstimate, Solved
-from butterfly.identify.findings import Finding, FindingKind
-from butterfly.identify.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identify.judgement.findings import Finding, FindingKind
+from butterfly.identify.judgement.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
-from butterfly.orbit.options import BASE, RecalibrationOptions
+from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions
 from butterfly.orbit.selection import FOLDS, Selection
 
 if TYPE_CHECKING:

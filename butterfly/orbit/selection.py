@@ -10,7 +10,7 @@ import numpy as np
 
 from butterfly.identify.regression import Regression, Solution
 from butterfly.identify.weak_signals import WeakSignals, weak_signals
-from butterfly.orbit.options import BASE, LEAST
+from butterfly.orbit.recalibration_options import BASE, LEAST
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
-    from butterfly.orbit.options import RecalibrationOptions
+    from butterfly.orbit.recalibration_options import RecalibrationOptions
 
 FOLDS = 5
 """Parts that are held out in turn when terms are chosen."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.loop import Calibration, Plan, Rig
-    from butterfly.orbit.options import RecalibrationOptions
+    from butterfly.orbit.recalibration_options import RecalibrationOptions
 
 PERIODS = 5
 """Length of the free runs that are compared, in periods of the orbit."""

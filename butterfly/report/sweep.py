@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.experiment.columns import MISSING
 from butterfly.experiment.record import OK
-from butterfly.identify.findings import Ending
+from butterfly.identify.judgement.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.page import Link, Page, Section, Table
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from butterfly.identify.findings import FindingKind, Severity
+from butterfly.identify.judgement.findings import FindingKind, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.findings import Finding
+    from butterfly.identify.judgement.findings import Finding
 
     Values = Mapping[str, float]
 

@@ -14,9 +14,9 @@ from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.setup import Setup
-from butterfly.plant.sweep import sweep
 from tests.benchmarks.bars import at_least, at_most
 
 sysid = pytest.importorskip("mujoco.sysid", reason="the extra 'sysid' is not installed")
@@ -37,7 +37,7 @@ def logs():
     setup = Setup(robot=ROBOT, clock=Clock(step=STEP), encoder=Encoder(steps=32768, noise=2e-4))
     runs = [(mass, Sine(omega=w, amplitude=0.15)) for mass in MASSES for w in (3.5, 5.5)]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
-    return list(sweep(setup, runs, 70.0, seeds))
+    return list(simulate_runs(setup, runs, 70.0, seeds))
 
 
 def _peer(logs):

@@ -23,8 +23,8 @@ from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Reading
 from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.setup import Setup
-from butterfly.plant.sweep import sweep
 from tests.benchmarks.bars import at_least, at_most
 
 
@@ -107,7 +107,7 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
 
     def swept():
         seeds = np.random.SeedSequence(0).spawn(39)
-        list(sweep(Setup(robot=ROBOT), runs, duration, seeds, threads=threads))
+        list(simulate_runs(Setup(robot=ROBOT), runs, duration, seeds, threads=threads))
 
     ratio = _seconds(bare) / _seconds(swept)
     print(f"\nsweep of 39 runs: {ratio:.2f} of the speed of a bare rollout on {threads} threads")

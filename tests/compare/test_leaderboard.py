@@ -10,8 +10,8 @@ import pytest
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Linear, WeakForm
+from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import Predictor
-from butterfly.identify.validation import Split, hold_out
 from butterfly.report.leaderboard import leaderboard_page
 from tests.identify.simulated import ROBOT, SWINGS, steady
 

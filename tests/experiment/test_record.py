@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
 from butterfly.experiment.record import PlannedRun, RunRecord, SweepRecord
-from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.predict import FitSummary
 
 PARAMETER = ParameterRecord(

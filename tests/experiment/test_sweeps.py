@@ -15,16 +15,11 @@ from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
-from butterfly.identify.estimators import (
-    HarmonicBalance,
-    Loss,
-    OutputError,
-    Thesis,
-    WeakForm,
-)
+from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.plant.joints import Simulator
-from butterfly.plant.sweep import sweep as sweep_logs
+from butterfly.plant.rollout import simulate_runs
 from butterfly.resources import shipped, shipped_experiments
+from butterfly.thesis.method import Thesis
 
 
 def _write(path, **content):
@@ -230,7 +225,7 @@ def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
         experiment = read_experiment(_write(tmp_path / "l.yaml", **base, plant=plant))
         assert experiment.plant.robot.lumped.p3 == pytest.approx(0.05)
         seeds = np.random.SeedSequence(0).spawn(1)
-        (logs[simulator],) = sweep_logs(
+        (logs[simulator],) = simulate_runs(
             experiment.plant.setup, experiment.runs(), experiment.duration, seeds
         )
     both = [log.angle for log in logs.values()]

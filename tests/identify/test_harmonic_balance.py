@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimators import HarmonicBalance
-from butterfly.identify.findings import Ending
+from butterfly.identify.judgement.findings import Ending
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS

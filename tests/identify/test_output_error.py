@@ -6,7 +6,7 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError
-from butterfly.identify.findings import Ending
+from butterfly.identify.judgement.findings import Ending
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate

@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identify.comparison import compare
 from butterfly.identify.data import DataSet
+from butterfly.identify.other_parameters import try_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor, Setting, free_run
-from butterfly.identify.thesis import fit_thesis
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
+from butterfly.thesis.scripts import fit_thesis
 from tests.conftest import ROBOT
 
 
@@ -58,9 +58,9 @@ def test_the_fit_is_the_formula_s():
 def test_wrong_parameters_follow_worse_and_a_missing_gain_is_found(sine_log):
     log = _simulated(sine_log, Intersample.ZERO_ORDER_HOLD, swing=0.0)
     data = Predictor(DataSet.of([log]))
-    own = compare("own", ROBOT, data)
-    blind = compare("no gain", replace(ROBOT, p4=float("nan")), data)
-    wrong = compare("heavy", replace(ROBOT, p1=1.1 * ROBOT.p1), data)
+    own = try_parameters("own", ROBOT, data)
+    blind = try_parameters("no gain", replace(ROBOT, p4=float("nan")), data)
+    wrong = try_parameters("heavy", replace(ROBOT, p1=1.1 * ROBOT.p1), data)
     assert blind.gain_fitted
     assert blind.parameters.p4 == pytest.approx(ROBOT.p4, rel=2e-3)
     assert blind.summary.median == pytest.approx(own.summary.median, abs=0.3)
@@ -81,7 +81,7 @@ def test_the_real_robot_s_linearised_resonances_are_the_known_ones(real):
 
 def test_table_5_follows_the_same_logs_far_worse(real):
     table_5 = LumpedParameters(p1=0.0028, p2=0.0188, p3=0.0583, p4=float("nan"))
-    other = compare("Table 5", table_5, Predictor(real.data))
+    other = try_parameters("Table 5", table_5, Predictor(real.data))
     known = FitSummary(median=37.4, mean=35.4, worst=2.8)
     assert other.summary.median == pytest.approx(known.median, abs=1.0)
     assert other.summary.mean == pytest.approx(known.mean, abs=1.0)

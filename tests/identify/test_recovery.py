@@ -10,10 +10,10 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identify.findings import FindingKind
+from butterfly.identify.judgement.findings import FindingKind
 from butterfly.model.terms import TERMS, offered
-from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.recalibration import recalibrate
+from butterfly.orbit.recalibration_options import RecalibrationOptions
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, SLOW, SWINGS, steady, wild
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import nnls
 
 from butterfly.identify.estimate import ParameterEstimate, Solved
-from butterfly.identify.findings import FindingKind
+from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.regression import Regression
 
 NAMES = ("p3", "p4", "compression")

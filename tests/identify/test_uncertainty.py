@@ -9,7 +9,7 @@ import pytest
 
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError, WeakForm
-from butterfly.identify.findings import FindingKind
+from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.predict import Predictor
 from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
 from tests.conftest import MASSES

@@ -14,7 +14,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.loop import Plan
 from butterfly.plant.joints import Simulator
-from butterfly.plant.sweep import sweep
+from butterfly.plant.rollout import simulate_runs
 from butterfly.signals.frequency_response import response_point
 
 SIXTY = math.radians(60)
@@ -68,7 +68,7 @@ def generic(spec, amplitudes):
     sines = [Sine(omega=w, amplitude=1e-5 * a) for w, a in zip(omegas, amplitudes, strict=True)]
     jobs = [(mass, sine) for mass in (NO_ADDED_MASS, KNOWN) for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(jobs))
-    logs = sweep(spec.setup, jobs, 60.0, seeds)
+    logs = simulate_runs(spec.setup, jobs, 60.0, seeds)
     return Linear().of_points([response_point(log) for log in logs]).parameters
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.findings import FindingKind
+from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.weak_signals import HALF_WIDTH, SPACING, weak_signals
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration
-from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.recalibration import recalibrate
+from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.plant.motor import Reading
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, STEP, wild

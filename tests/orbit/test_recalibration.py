@@ -14,12 +14,12 @@ from butterfly.orbit.analysis import swing
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
 from butterfly.orbit.loop import calibrate
 from butterfly.orbit.online import OnlineRecalibration, SelfTuning
-from butterfly.orbit.options import RecalibrationOptions
 from butterfly.orbit.recalibration import recalibrate
+from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
-from butterfly.orbit.thesis_index import Index, minimise_index
 from butterfly.plant.motor import CommandPath
 from butterfly.report.words import sentences
+from butterfly.thesis.index_118 import Index, minimise_index
 from tests.orbit.setting import (
     AGAINST_COULOMB,
     EFFECTS,

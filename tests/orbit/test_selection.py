@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.identify.regression import Regression
-from butterfly.orbit.options import BASE, RecalibrationOptions
+from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions
 from butterfly.orbit.selection import FOLDS, SEGMENT, Selection
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, wild

@@ -12,10 +12,10 @@ from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.plant.mjcf import compile_model, mjcf, mount
 from butterfly.plant.motor import CommandPath
-from butterfly.plant.picture import Painter, RenderingError, render
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder
 from butterfly.plant.setup import Setup
+from butterfly.plant.watch.picture import Painter, RenderingError, render
 from butterfly.resources import shipped
 
 ROBOT = Robot(

@@ -8,14 +8,14 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
-from butterfly.plant import sweep as sweep_module
+from butterfly.plant import rollout as rollout_module
 from butterfly.plant.excitations import FreeDecay
 from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.robot import Clutch, Robot
+from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.plant.setup import Setup
-from butterfly.plant.sweep import sweep
 
 ROBOT = Robot(
     hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
@@ -54,16 +54,16 @@ NOT_NEEDING_IT = {
 
 def _logs(setup, duration=0.3):
     runs = [(ADDED, SINE), (AddedMass(), FreeDecay(angle=0.3))]
-    return runs, list(sweep(setup, runs, duration, np.random.SeedSequence(3).spawn(2)))
+    return runs, list(simulate_runs(setup, runs, duration, np.random.SeedSequence(3).spawn(2)))
 
 
 @pytest.mark.parametrize("name", NEEDING_THE_WRAPPER | NOT_NEEDING_IT)
 def test_the_compiled_loop_runs_what_it_can_and_gives_the_log_of_the_bench(name, monkeypatch):
     setup = (NEEDING_THE_WRAPPER | NOT_NEEDING_IT)[name]
     loops = []
-    compiled = sweep_module._CompiledLoop  # noqa: SLF001
+    compiled = rollout_module._CompiledLoop  # noqa: SLF001
     monkeypatch.setattr(
-        sweep_module, "_CompiledLoop", lambda *parts: loops.append(1) or compiled(*parts)
+        rollout_module, "_CompiledLoop", lambda *parts: loops.append(1) or compiled(*parts)
     )
     runs, logs = _logs(setup)
     assert bool(loops) == setup.runs_open_loop == (name in NOT_NEEDING_IT)

@@ -16,21 +16,22 @@ from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import HarmonicBalance, Linear, Thesis
-from butterfly.identify.findings import Ending
+from butterfly.identify.estimators import HarmonicBalance, Linear
+from butterfly.identify.judgement.findings import Ending
 from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
-from butterfly.orbit.options import RecalibrationOptions
+from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
+from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.setup import Setup
-from butterfly.plant.sweep import sweep
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
 from butterfly.report.still import draw
 from butterfly.report.sweep import sweep_page
 from butterfly.report.three_way import three_way_page
+from butterfly.thesis.method import Thesis
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -51,7 +52,7 @@ def data():
     runs = [(mass, sine) for mass in masses for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
     setup = Setup(robot=ROUGH.robot, encoder=ROUGH.encoder)
-    return DataSet.of(list(sweep(setup, runs, 40.0, seeds)), name="six sines")
+    return DataSet.of(list(simulate_runs(setup, runs, 40.0, seeds)), name="six sines")
 
 
 @pytest.fixture(scope="module")

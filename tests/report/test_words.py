@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identify.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.report.words import sentences
 
 NUMBERS = {

@@ -7,11 +7,4 @@ from butterfly.identify.estimators.harmonic_balance import HarmonicBalance as Ha
 from butterfly.identify.estimators.harmonic_balance import Linear as Linear
 from butterfly.identify.estimators.output_error import Loss as Loss
 from butterfly.identify.estimators.output_error import OutputError as OutputError
-from butterfly.identify.estimators.thesis import Thesis as Thesis
 from butterfly.identify.estimators.weak_form import WeakForm as WeakForm
-
-ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimator.__subclasses__()}
-"""All estimators by the name of their method; a further one is its file and its line above."""
-
-DEFAULT_METHOD = HarmonicBalance.method
-"""The estimator where none is named."""

@@ -26,9 +26,9 @@ from scipy.optimize import brentq
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, names_of
-from butterfly.identify.findings import Finding, FindingKind, Severity
-from butterfly.identify.identifiability import refuse_one_mass
-from butterfly.identify.intervals import without_each_mass
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.identifiability import refuse_one_mass
+from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.phasors import Phasors
 from butterfly.identify.regression import Regression
 

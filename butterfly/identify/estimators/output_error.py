@@ -22,9 +22,9 @@ from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, require_names
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
 from butterfly.identify.estimators.starts import closed_form_start
-from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identify.identifiability import refuse_one_mass
-from butterfly.identify.intervals import without_each_mass
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.identifiability import refuse_one_mass
+from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.model.friction import require_periods
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS

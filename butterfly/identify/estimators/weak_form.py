@@ -22,9 +22,9 @@ import numpy as np
 from butterfly.errors import require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, names_of
-from butterfly.identify.findings import Finding, FindingKind, Severity
-from butterfly.identify.identifiability import refuse_one_mass
-from butterfly.identify.intervals import without_each_mass
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.identifiability import refuse_one_mass
+from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.regression import Regression
 from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
 from butterfly.model.friction import require_periods

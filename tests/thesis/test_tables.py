@@ -1,23 +1,23 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from butterfly.experiment.figure_data import write_figure_data
-from butterfly.experiment.reading import read_experiment
-from butterfly.experiment.reproduction import (
-    SYNTHETIC,
-    _scripted_resonance,
-    reproduce,
-    scripted_point,
-    synthetic_log,
-)
+from butterfly.experiment.thesis_robot import thesis_robot
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.sensors import Clock
-from butterfly.resources import shipped
+from butterfly.thesis.figure_data import write_figure_data
+from butterfly.thesis.synthetic import synthetic_log
+from butterfly.thesis.tables import (
+    _scripted_resonance,
+    reproduce,
+    scripted_point,
+)
 
 
 def test_every_published_digit_is_obtained_but_table_5_s(logs_folder):
-    rows = {row.what.split(":")[0]: row for row in reproduce(logs_folder)}
+    rows = {row.what.split(":")[0]: row for row in reproduce(thesis_robot(), logs_folder)}
     table_5 = rows.pop("Table 5, p1 p2 p3")
     assert all(row.agrees for row in rows.values())
     assert len(rows) == 7
@@ -31,18 +31,18 @@ def test_every_published_digit_is_obtained_but_table_5_s(logs_folder):
 
 
 def test_without_simulink_s_noise_table_1_has_the_digits_of_the_errata():
-    experiment = read_experiment(shipped(SYNTHETIC))
+    robot = thesis_robot()
     found = []
-    for added in experiment.added_masses[:2]:
-        logs = [synthetic_log(experiment, added, s, noise=False) for s in experiment.excitations]
+    for added in robot.added_masses[:2]:
+        logs = [synthetic_log(robot, added, s, noise=False) for s in robot.sines]
         found.append(f"{_scripted_resonance([scripted_point(log) for log in logs]):.4f}")
     assert found == ["3.7739", "3.7704"]
 
 
 def test_a_synthetic_log_lasts_as_long_as_the_experiment_says_whatever_its_clock():
-    experiment = read_experiment(shipped(SYNTHETIC))
-    fast = experiment.plant.model_copy(update={"clock": Clock(step=0.004)})
-    changed = experiment.model_copy(update={"plant": fast, "duration": 2.0})
+    robot = thesis_robot()
+    fast = replace(robot.setup, clock=Clock(step=0.004))
+    changed = replace(robot, setup=fast, duration=2.0)
     log = synthetic_log(changed, AddedMass(), Sine(omega=3.0, amplitude=1e-4), noise=False)
     assert log.time[-1] == pytest.approx(2.0)
     np.testing.assert_allclose(np.diff(log.time), 0.004, rtol=1e-9)
@@ -50,11 +50,11 @@ def test_a_synthetic_log_lasts_as_long_as_the_experiment_says_whatever_its_clock
 
 def test_the_synthetic_tables_need_no_real_logs(monkeypatch):
     monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
-    assert [row.what for row in reproduce()][-1].startswith("Table 2")
+    assert [row.what for row in reproduce(thesis_robot())][-1].startswith("Table 2")
 
 
 def test_the_data_of_every_figure_is_written(logs_folder, tmp_path):
-    paths = write_figure_data(tmp_path, logs_folder)
+    paths = write_figure_data(tmp_path, thesis_robot(), logs_folder)
     assert [path.name for path in paths] == [f"figure_{k:02d}.csv" for k in range(3, 13)]
     tables = {int(path.stem[-2:]): np.genfromtxt(path, delimiter=",", names=True) for path in paths}
     spectrum = tables[6]

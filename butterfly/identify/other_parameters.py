@@ -24,7 +24,7 @@ _GRID = 41
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+class OtherParameters:
     """How well given parameters move like the robot.
 
     Parameters
@@ -50,9 +50,9 @@ class Comparison:
         return FitSummary.of(self.fits)
 
 
-def compare(
+def try_parameters(
     name: str, parameters: LumpedParameters, predictor: Predictor, *, track: Track = untracked
-) -> Comparison:
+) -> OtherParameters:
     """Simulate every log with ``parameters``; a p4 that is NaN is replaced by the best one.
 
     Parameters
@@ -70,13 +70,13 @@ def compare(
     if gain_fitted:
         parameters = replace(parameters, p4=best_gain(parameters, predictor, track=track))
     fits = predictor.fits_with(parameters)
-    return Comparison(name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits)
+    return OtherParameters(name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits)
 
 
 def best_gain(
     parameters: LumpedParameters, predictor: Predictor, *, track: Track = untracked
 ) -> float:
-    """Return the p4 with the highest median FIT, the other parameters held (see `compare`)."""
+    """Return the p4 with the highest median FIT, the others held (see `try_parameters`)."""
     unit = replace(parameters, p4=1.0)
     ratios = [
         abs(

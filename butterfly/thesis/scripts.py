@@ -16,8 +16,8 @@ from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
 from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identify.identifiability import Conditioning
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.identifiability import Conditioning
 from butterfly.model.terms import PARAMETERS
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid

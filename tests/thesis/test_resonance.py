@@ -11,7 +11,13 @@ from scipy import signal
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.estimators import Linear
-from butterfly.identify.resonance import (
+from butterfly.identify.physical import PendulumEstimate, physical_hand
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
+from butterfly.model.linear import frequency_response, resonance_frequency
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.frequency_response import ResponsePoint, response_point
+from butterfly.signals.sine_fit import SineFit
+from butterfly.thesis.resonance import (
     Resonance,
     complex_fit,
     from_curvature,
@@ -21,18 +27,7 @@ from butterfly.identify.resonance import (
     transient_fit,
     two_largest,
 )
-from butterfly.identify.resonance_regression import (
-    PendulumEstimate,
-    fit_multiplied_out,
-    fit_orthogonal,
-    fit_ratio,
-    physical_hand,
-)
-from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.model.linear import frequency_response, resonance_frequency
-from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.frequency_response import ResponsePoint, response_point
-from butterfly.signals.sine_fit import SineFit
+from butterfly.thesis.resonance_regression import fit_multiplied_out, fit_orthogonal, fit_ratio
 
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
 MASSES = [AddedMass(mass=0.05 * k, arm=0.005 * k) for k in range(5)]

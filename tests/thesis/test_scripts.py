@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.identify.thesis import (
+from butterfly.logs.log import Sine
+from butterfly.model.parameters import AddedMass
+from butterfly.thesis.scripts import (
     ScriptedAmplitude,
     fit_resonances,
     fit_thesis,
     scripted_amplitude,
     scripted_resonance,
 )
-from butterfly.logs.log import Sine
-from butterfly.model.parameters import AddedMass
 
 STEP_5 = dict(
     zip(

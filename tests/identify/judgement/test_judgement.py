@@ -12,16 +12,17 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.design import rank_experiments
 from butterfly.identify.estimators import HarmonicBalance, OutputError
-from butterfly.identify.findings import FindingKind
-from butterfly.identify.input_kind import judge_input
-from butterfly.identify.resampling import bootstrap, profile
-from butterfly.identify.residual import residual_torque
-from butterfly.identify.thesis import fit_thesis
+from butterfly.identify.judgement.bootstrap import bootstrap
+from butterfly.identify.judgement.findings import FindingKind
+from butterfly.identify.judgement.input_kind import judge_input
+from butterfly.identify.judgement.profile_likelihood import profile
+from butterfly.identify.judgement.residual_torque import residual_torque
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.report.words import sentences
+from butterfly.thesis.scripts import fit_thesis
 from tests.conftest import MASSES
 from tests.identify.simulated import wild
 

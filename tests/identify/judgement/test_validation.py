@@ -6,8 +6,9 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, OutputError
+from butterfly.identify.judgement.term_selection import select_terms
+from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
-from butterfly.identify.validation import Split, hold_out, select_terms
 from tests.identify.simulated import ROBOT, SLOW, steady
 
 BALANCE = HarmonicBalance(check=False)

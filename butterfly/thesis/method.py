@@ -1,4 +1,4 @@
-"""The thesis's method as an estimator; the formulas stand in `butterfly.identify.thesis`."""
+"""The thesis's method as an estimator; the formulas stand in `butterfly.thesis.scripts`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from butterfly.errors import InputError
-from butterfly.identify.comparison import best_gain
 from butterfly.identify.estimators.base import Estimator
+from butterfly.identify.other_parameters import best_gain
 from butterfly.identify.predict import Predictor
-from butterfly.identify.thesis import DECIMATION, fit_thesis
+from butterfly.thesis.scripts import DECIMATION, fit_thesis
 
 if TYPE_CHECKING:
     from butterfly.identify.data import DataSet

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from butterfly.identify import predict
-from butterfly.identify.comparison import best_gain, compare
 from butterfly.identify.data import DataSet
+from butterfly.identify.other_parameters import best_gain, try_parameters
 from butterfly.identify.predict import Predictor
 from butterfly.identify.trajectory import Trajectory
 from tests.identify.simulated import ROBOT, SWINGS, steady
@@ -42,8 +42,8 @@ def test_the_best_gain_is_the_true_one_and_each_trajectory_is_built_once(data, b
 
 def test_comparisons_share_the_trajectories_and_say_whether_the_gain_was_fitted(data, built):
     predictor = Predictor(data)
-    fitted = compare("sheet", replace(ROBOT, p4=math.nan), predictor)
-    given = compare("table", replace(ROBOT, p1=1.2 * ROBOT.p1), predictor)
+    fitted = try_parameters("sheet", replace(ROBOT, p4=math.nan), predictor)
+    given = try_parameters("table", replace(ROBOT, p1=1.2 * ROBOT.p1), predictor)
     assert (fitted.gain_fitted, given.gain_fitted) == (True, False)
     assert fitted.summary.worst > 99
     assert given.summary.median < fitted.summary.median - 5

@@ -14,7 +14,7 @@ from butterfly.report.figures import PALETTE
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from butterfly.identify.residual import ResidualTorque
+    from butterfly.identify.judgement.residual_torque import ResidualTorque
 
 
 def write_residual(residual: ResidualTorque, label: str, path: Path) -> None:

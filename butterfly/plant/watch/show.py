@@ -12,8 +12,8 @@ from PIL import Image
 from butterfly.errors import InputError
 from butterfly.files import replacing
 from butterfly.plant import has_display
-from butterfly.plant.live import LiveRun, RealTime
-from butterfly.plant.picture import Painter, RenderingError
+from butterfly.plant.watch.live import LiveRun, RealTime
+from butterfly.plant.watch.picture import Painter, RenderingError
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def watch(
     if not web:
         _run_in_window(run, pace)
         return
-    from butterfly.plant import browser  # noqa: PLC0415 - slow to import, and seldom wanted
+    from butterfly.plant.watch import browser  # noqa: PLC0415 - slow to import, and seldom wanted
 
     def advance() -> None:
         time.sleep(_FRAME)

@@ -15,10 +15,10 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
-from butterfly.plant.picture import Painter, RenderingError
 from butterfly.plant.robot import Robot
 from butterfly.plant.setup import Setup
-from butterfly.plant.viewing import film, watch
+from butterfly.plant.watch.picture import Painter, RenderingError
+from butterfly.plant.watch.show import film, watch
 
 ROBOT = Robot(
     hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),

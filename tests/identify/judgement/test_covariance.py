@@ -3,7 +3,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from butterfly.identify.covariance import cluster_covariance
+from butterfly.identify.judgement.covariance import cluster_covariance
 
 
 def _regression(rng, clusters, size):

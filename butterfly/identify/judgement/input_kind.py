@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from butterfly.identify.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.logs.log import InputKind
 
 if TYPE_CHECKING:

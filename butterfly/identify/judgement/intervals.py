@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.findings import Finding, FindingKind, Severity
-from butterfly.identify.identifiability import refuse_one_mass
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.identifiability import refuse_one_mass
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable

@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.experiment.reading import read_experiment
-from butterfly.experiment.reproduction import (
-    COARSE,
-    SYNTHETIC,
-    has_real_logs,
-    scripted_point,
-    synthetic_log,
-)
 from butterfly.files import replacing
-from butterfly.identify.thesis import scripted_amplitude
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.model.discrete import HeldSystem
 from butterfly.model.linear import frequency_response
@@ -24,6 +15,13 @@ from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.resources import shipped
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
+from butterfly.thesis.scripts import scripted_amplitude
+from butterfly.thesis.synthetic import synthetic_log
+from butterfly.thesis.tables import (
+    COARSE,
+    has_real_logs,
+    scripted_point,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -31,8 +29,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from butterfly.experiment.schema import Experiment
     from butterfly.logs.log import Log
+    from butterfly.thesis.synthetic import Synthetic
 
     Columns = dict[str, NDArray[np.float64]]
 
@@ -41,13 +39,15 @@ _REAL_STEP = 0.04  # s, to which Figures 9 and 11 are resampled
 _REAL_MASS, _REAL_OMEGA = 0.154, 14.0  # of Figures 9 to 11
 
 
-def write_figure_data(folder: Path, root: Path | None = None) -> list[Path]:
+def write_figure_data(folder: Path, synthetic: Synthetic, root: Path | None = None) -> list[Path]:
     """Write ``figure_03.csv`` to ``figure_12.csv``, units in the headers.
 
     Parameters
     ----------
     folder
         Made if need be.
+    synthetic
+        What Figures 3 to 8 rest on.
     root
         Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS. Figures 9 to 12 are left out
         without them.
@@ -61,7 +61,7 @@ def write_figure_data(folder: Path, root: Path | None = None) -> list[Path]:
     InputError
         If a log cannot be read, or a file not be written.
     """
-    figures = _synthetic(read_experiment(shipped(SYNTHETIC)))
+    figures = _synthetic(synthetic)
     if has_real_logs(root):
         figures |= _real(root)
     paths = []
@@ -78,18 +78,18 @@ def write_figure_data(folder: Path, root: Path | None = None) -> list[Path]:
     return paths
 
 
-def _synthetic(experiment: Experiment) -> dict[int, Columns]:
-    sines = {sine.omega: sine for sine in experiment.excitations}
+def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
+    sines = {sine.omega: sine for sine in synthetic.sines}
     clean = {
-        omega: synthetic_log(experiment, NO_ADDED_MASS, sine, noise=False)
+        omega: synthetic_log(synthetic, NO_ADDED_MASS, sine, noise=False)
         for omega, sine in sines.items()
     }
-    noisy = [synthetic_log(experiment, NO_ADDED_MASS, s, noise=True) for s in sines.values()]
+    noisy = [synthetic_log(synthetic, NO_ADDED_MASS, s, noise=True) for s in sines.values()]
     slow = clean[4.0]
     coarse = COARSE * slow.mean_step
     frequency, power = periodogram(slow.angle[::COARSE][-math.floor(_WINDOW / coarse) :], coarse)
     omega = np.array(list(sines))
-    linear = experiment.plant.robot.lumped
+    linear = synthetic.setup.robot.lumped
     curve = np.linspace(0.5, 8.0, 400)
     held = HeldSystem.of(linear, coarse)
 

@@ -1,4 +1,4 @@
-"""Open-loop sweeps: many runs of one robot in MuJoCo."""
+"""Many open-loop runs of one robot, in MuJoCo's compiled loop where it can do them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
 _BATCH = 16  # runs simulated between two reports of progress, which bounds the memory they take
 
 
-def sweep(
+def simulate_runs(
     setup: Setup,
     runs: Sequence[tuple[AddedMass, Excitation]],
     duration: float,

@@ -1,4 +1,4 @@
-"""Uncertainty without formulas: bootstrap over logs, and profile likelihood."""
+"""How the fit worsens when one parameter is held, without formulas: profile likelihood."""
 
 from __future__ import annotations
 
@@ -8,80 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import fdtri
 
-from butterfly.errors import IdentifiabilityError, InputError, nearest
+from butterfly.errors import InputError, nearest
 from butterfly.identify.estimators.output_error import OutputError
-from butterfly.identify.intervals import CONFIDENCE
+from butterfly.identify.judgement.intervals import CONFIDENCE
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-
-_LEAST_REPETITIONS = 20
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Bootstrap:
-    """Estimates from resampled logs.
-
-    Parameters
-    ----------
-    values
-        (repetitions, n) estimates.
-    lower, upper
-        (n,) limits of the percentile intervals at `CONFIDENCE`.
-    """
-
-    values: NDArray[np.float64]
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-
-
-def bootstrap(
-    data: DataSet,
-    estimator: Callable[[DataSet], ParameterEstimate],
-    *,
-    repetitions: int = 200,
-    seed: int = 0,
-    track: Track = untracked,
-) -> Bootstrap:
-    """Draw whole logs with replacement, within each added mass, and estimate anew.
-
-    Logs are the blocks: within one, errors are correlated. (Efron & Tibshirani, An Introduction to
-    the Bootstrap, 1993, ch. 8.) Draws that cannot determine the parameters are drawn again.
-
-    Raises
-    ------
-    InputError
-        If fewer than 20 repetitions are asked for.
-    IdentifiabilityError
-        If hardly any draw determines the parameters.
-    """
-    if repetitions < _LEAST_REPETITIONS:
-        raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
-    rng = np.random.default_rng(seed)
-    groups = [
-        [k for k, log in enumerate(data.logs) if log.added_mass == mass] for mass in data.masses
-    ]
-    values: list[NDArray[np.float64]] = []
-    failures = 0
-    for _ in track(range(repetitions), "Bootstrap"):
-        while True:
-            rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
-            try:
-                values.append(estimator(data.take(rows)).values)
-                break
-            except IdentifiabilityError:
-                failures += 1
-                if failures > repetitions:
-                    raise
-    tails = 100 * np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    lower, upper = np.percentile(values, tails, axis=0)
-    return Bootstrap(values=np.array(values), lower=lower, upper=upper)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

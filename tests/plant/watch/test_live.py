@@ -9,11 +9,11 @@ import pytest
 from butterfly.logs.log import Sine
 from butterfly.plant.excitations import FreeDecay
 from butterfly.plant.joints import Simulator
-from butterfly.plant.live import LiveRun, RealTime
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.setup import Setup
-from butterfly.plant.sweep import sweep
+from butterfly.plant.watch.live import LiveRun, RealTime
 from tests.plant.test_setup import ADDED, ROBOT, SINE, STIFF
 
 ROUGH = Setup(
@@ -61,7 +61,7 @@ def _watched(setup, excitation=SINE, duration=0.5):
 @pytest.mark.parametrize("excitation", [SINE, FreeDecay(angle=0.5)])
 def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation):
     setup = replace(ROUGH, simulator=simulator)
-    (log,) = sweep(setup, [(ADDED, excitation)], 0.5, [SEED])
+    (log,) = simulate_runs(setup, [(ADDED, excitation)], 0.5, [SEED])
     seen, shown = _watched(setup, excitation)
     count = len(seen)
     assert count > 0.85 * log.time.size
@@ -74,7 +74,7 @@ def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation
 
 def test_a_watched_run_is_that_of_the_compiled_loop_too():
     setup = Setup(robot=ROBOT, encoder=Encoder(steps=2**40), path=CommandPath(limit=0.02))
-    (log,) = sweep(setup, [(ADDED, SINE)], 0.5, [SEED])
+    (log,) = simulate_runs(setup, [(ADDED, SINE)], 0.5, [SEED])
     assert setup.runs_open_loop
     seen, shown = _watched(setup)
     np.testing.assert_allclose(seen[:, 2], log.angle[: len(seen)], atol=1e-10)

@@ -9,33 +9,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.experiment.reading import read_experiment
 from butterfly.identify.data import read_data_set
 from butterfly.identify.estimators import HarmonicBalance
-from butterfly.identify.resonance import complex_fit
-from butterfly.identify.thesis import ScriptedAmplitude, fit_resonances, fit_thesis
-from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.discrete import HeldSystem
-from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.resources import shipped
 from butterfly.signals.frequency_response import response_point
+from butterfly.thesis.resonance import complex_fit
+from butterfly.thesis.scripts import ScriptedAmplitude, fit_resonances, fit_thesis
+from butterfly.thesis.synthetic import synthetic_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from butterfly.experiment.schema import Experiment
+    from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
-
-SYNTHETIC = "experiments/thesis/synthetic.yaml"
-"""What Tables 1 and 2 rest on."""
+    from butterfly.thesis.synthetic import Synthetic
 
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
 
-_START = 0.01  # rad, at which the Simulink model starts
 _WINDOW = 45.0  # s at the end of a record that the first script uses
 _TABLE_1_PRINTED = ("3.8788 4.0671 4.4156 4.8812 5.4194", "3.7740 3.7705 4.0492 4.4680 5.0265")
 _TABLE_2_PRINTED = ("0.0033 0.0453", "0.0033 0.0100 0.0606")
@@ -69,11 +64,13 @@ class Row:
         return self.published == self.obtained
 
 
-def reproduce(root: Path | None = None) -> list[Row]:
+def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
     """Compute Tables 1, 2, 4 and 5 and (63), (66) the thesis's way, and the right way beside it.
 
     Parameters
     ----------
+    synthetic
+        What Tables 1 and 2 rest on.
     root
         Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS. Tables 4 and 5 rest on them,
         and are left out without them.
@@ -83,11 +80,10 @@ def reproduce(root: Path | None = None) -> list[Row]:
     InputError
         If a log cannot be read.
     """
-    experiment = read_experiment(shipped(SYNTHETIC))
-    scripted, right = _table_1(experiment)
+    scripted, right = _table_1(synthetic)
     return [
-        *_linearisation(experiment),
-        *_table_1_rows(experiment, scripted, right),
+        *_linearisation(synthetic),
+        *_table_1_rows(synthetic, scripted, right),
         *_table_2_rows(scripted, right),
         *(_real_rows(root) if has_real_logs(root) else []),
     ]
@@ -96,29 +92,6 @@ def reproduce(root: Path | None = None) -> list[Row]:
 def has_real_logs(root: Path | None) -> bool:
     """Whether somebody said where the real logs are."""
     return root is not None or bool(os.environ.get("BUTTERFLY_LOGS"))
-
-
-def synthetic_log(experiment: Experiment, added: AddedMass, sine: Sine, *, noise: bool) -> Log:
-    """Simulate one response of the thesis's synthetic robot to a continuous sine."""
-    clock = experiment.plant.clock
-    step = clock.step
-    time = step * np.arange(clock.count(experiment.duration) + 1, dtype=np.float64)
-    instants = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]])
-    loaded = experiment.plant.robot.lumped.with_added_mass(added)
-    angle, _ = simulate(loaded, time, sine.sample(instants), _START)
-    source = experiment.plant.encoder.band_limited
-    if noise and source is not None:
-        angle = angle + source.sample(time)
-    return Log(
-        time=time,
-        input=sine.sample(time),
-        angle=angle,
-        input_kind=InputKind.TORQUE,
-        intersample=Intersample.FIRST_ORDER_HOLD,
-        added_mass=added,
-        excitation=sine,
-        source="synthetic",
-    )
 
 
 def scripted_point(log: Log) -> ScriptedAmplitude:
@@ -146,22 +119,20 @@ def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
 
 
 def _table_1(
-    experiment: Experiment,
+    synthetic: Synthetic,
 ) -> tuple[dict[AddedMass, float], dict[AddedMass, float]]:
     """Return the resonances by the script's (100), and by the complex fit of the same data."""
     scripted, right = {}, {}
-    for added in experiment.added_masses:
-        logs = [
-            synthetic_log(experiment, added, sine, noise=True) for sine in experiment.excitations
-        ]
+    for added in synthetic.added_masses:
+        logs = [synthetic_log(synthetic, added, sine, noise=True) for sine in synthetic.sines]
         scripted[added] = _scripted_resonance([scripted_point(log) for log in logs])
         right[added] = complex_fit([response_point(log) for log in logs]).omega
     return scripted, right
 
 
-def _linearisation(experiment: Experiment) -> list[Row]:
-    p = experiment.plant.robot.lumped
-    held = HeldSystem.of(p, COARSE * experiment.plant.clock.step)
+def _linearisation(synthetic: Synthetic) -> list[Row]:
+    p = synthetic.setup.robot.lumped
+    held = HeldSystem.of(p, COARSE * synthetic.setup.clock.step)
     return [
         Row(
             what="(63) a1 a0 b0",
@@ -177,15 +148,15 @@ def _linearisation(experiment: Experiment) -> list[Row]:
 
 
 def _table_1_rows(
-    experiment: Experiment, scripted: dict[AddedMass, float], right: dict[AddedMass, float]
+    synthetic: Synthetic, scripted: dict[AddedMass, float], right: dict[AddedMass, float]
 ) -> list[Row]:
-    p = experiment.plant.robot.lumped
-    nearest = experiment.added_masses[1].arm
+    p = synthetic.setup.robot.lumped
+    nearest = synthetic.added_masses[1].arm
     twice = [
         resonance_frequency(p.with_added_mass(m).with_added_mass(replace(m, arm=nearest)))
-        for m in experiment.added_masses
+        for m in synthetic.added_masses
     ]
-    once = [resonance_frequency(p.with_added_mass(m)) for m in experiment.added_masses]
+    once = [resonance_frequency(p.with_added_mass(m)) for m in synthetic.added_masses]
     return [
         Row(
             what="Table 1, column 3: (79)",

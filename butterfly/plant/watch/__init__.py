@@ -1,0 +1,1 @@
+"""Watch the robot: MuJoCo's window, a browser, pictures and films."""
