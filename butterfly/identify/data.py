@@ -29,6 +29,8 @@ class DataSet:
     ----------
     name, description
         Of the data set.
+    source
+        Where it was read, as the user named it; empty if it was not.
     input_kind
         What its input commands.
     recorded
@@ -41,6 +43,7 @@ class DataSet:
 
     name: str
     description: str
+    source: str = ""
     input_kind: InputKind
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
@@ -54,6 +57,7 @@ class DataSet:
         *,
         name: str = "logs",
         description: str = "",
+        source: str = "",
         repairs: frozenset[Repair] = DEFAULT_REPAIRS,
         track: Track = untracked,
     ) -> DataSet:
@@ -75,6 +79,7 @@ class DataSet:
         return cls(
             name=name,
             description=description,
+            source=source,
             input_kind=recorded[0].input_kind,
             recorded=tuple(recorded),
             logs=tuple(logs),
@@ -109,6 +114,7 @@ class DataSet:
         return DataSet(
             name=self.name,
             description=self.description,
+            source=self.source,
             input_kind=self.input_kind,
             recorded=tuple(self.recorded[k] for k in rows),
             logs=tuple(self.logs[k] for k in rows),
@@ -117,8 +123,8 @@ class DataSet:
         )
 
 
-def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
-    """Read every log of a manifest (see `DataSet.of`).
+def read_data_set(manifest: Manifest, track: Track = untracked, *, source: str = "") -> DataSet:
+    """Read every log of a manifest, read at ``source`` (see `DataSet.of`).
 
     Raises
     ------
@@ -130,6 +136,7 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         recorded,
         name=manifest.name,
         description=manifest.description,
+        source=source,
         repairs=frozenset(manifest.repair),
         track=track,
     )

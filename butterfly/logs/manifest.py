@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path, PurePath
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, field_validator, model_validator
 
@@ -16,6 +16,9 @@ from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.yaml_input import StrictModel, read_yaml, yaml_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
@@ -141,20 +144,12 @@ def manifest_from_names(
         raise InputError(folder, "path", "no such folder", "a folder of logs")
     entries = []
     for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in FORMATS):
-        match = _THESIS_NAME.fullmatch(path.stem)
-        if match is None:
+        entry = _entry_by_name(path, folder)
+        if entry is None:
             raise InputError(
                 path, "file name", path.stem, "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
             )
-        grams, omega, digits = match.groups()
-        entries.append(
-            LogEntry(
-                file=path.relative_to(folder).as_posix(),
-                added_mass=float(grams.replace("_", ".")) / 1e3,
-                omega=float(omega.replace("_", ".")),
-                amplitude=float(f"0.{digits}"),
-            )
-        )
+        entries.append(entry)
     if not entries:
         raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
     entries.sort(key=lambda entry: (entry.added_mass, entry.omega or 0.0))
@@ -165,6 +160,46 @@ def manifest_from_names(
         intersample=intersample,
         arm=arm,
         logs=entries,
+    )
+
+
+def manifest_of_log(
+    path: Path,
+    *,
+    arm: float | None,
+    input_kind: InputKind,
+    intersample: Intersample,
+    columns: Mapping[str, str] | None = None,
+) -> Manifest:
+    """Generate the manifest of one log; its name tells mass and sine, where it follows the pattern.
+
+    Without an arm the added mass is not placed, and left out.
+    """
+    entry = _entry_by_name(path, path.parent) or LogEntry(file=path.name, added_mass=0.0)
+    if arm is None:
+        entry = entry.model_copy(update={"added_mass": 0.0})
+    return Manifest(
+        name=path.name,
+        root=str(path.parent.resolve()),
+        input=input_kind,
+        intersample=intersample,
+        arm=arm or 0.0,
+        columns=None if columns is None else dict(columns),
+        logs=[entry],
+    )
+
+
+def _entry_by_name(path: Path, folder: Path) -> LogEntry | None:
+    """Read added mass and sine off a file name as the thesis forms it; None if it is another."""
+    match = _THESIS_NAME.fullmatch(path.stem)
+    if match is None:
+        return None
+    grams, omega, digits = match.groups()
+    return LogEntry(
+        file=path.relative_to(folder).as_posix(),
+        added_mass=float(grams.replace("_", ".")) / 1e3,
+        omega=float(omega.replace("_", ".")),
+        amplitude=float(f"0.{digits}"),
     )
 
 

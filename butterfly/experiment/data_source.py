@@ -1,0 +1,120 @@
+"""Whatever a user names as data: a log, a folder, a manifest, a shipped name, a result."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from butterfly.errors import InputError
+from butterfly.experiment.store import SWEEP
+from butterfly.identify.data import DataSet, read_data_set
+from butterfly.logs.formats import FORMATS
+from butterfly.logs.log import InputKind, Intersample
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    Manifest,
+    manifest_from_names,
+    manifest_of_log,
+    read_manifest,
+)
+from butterfly.progress import Track, untracked
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_RESULT = ".json"
+
+
+def named_data(
+    source: Path,
+    *,
+    root: Path | None = None,
+    arm: float | None = None,
+    input_kind: InputKind = InputKind.VOLTAGE,
+    intersample: Intersample = Intersample.ZERO_ORDER_HOLD,
+    columns: Mapping[str, str] | None = None,
+    track: Track = untracked,
+) -> DataSet:
+    """Read the data that a user named (see `manifest_of`)."""
+    about = {"arm": arm, "input_kind": input_kind, "intersample": intersample, "columns": columns}
+    manifest = manifest_of(source, root=root, **about)  # type: ignore[arg-type]
+    return read_data_set(manifest, track, source=str(source))
+
+
+def manifest_of(
+    source: Path,
+    *,
+    root: Path | None = None,
+    arm: float | None = None,
+    input_kind: InputKind = InputKind.VOLTAGE,
+    intersample: Intersample = Intersample.ZERO_ORDER_HOLD,
+    columns: Mapping[str, str] | None = None,
+) -> Manifest:
+    """Describe the data that a user named, as a manifest.
+
+    Parameters
+    ----------
+    source
+        A manifest; a folder with one, or with logs named like Data_52__8__002.mat; a log; a saved
+        result; or the name of a shipped data set.
+    root
+        Folder of the logs, if not the one that the manifest names.
+    arm
+        Pivot to added mass in m, where no manifest says it.
+    input_kind, intersample, columns
+        What the input commands, how it is held, and the columns of a .csv file, where no manifest
+        says so.
+
+    Raises
+    ------
+    InputError
+        If ``source`` is none of these, or cannot be read.
+    """
+    path = locate(source)
+    if path.is_dir():
+        if (path / MANIFEST_NAME).exists():
+            return read_manifest(path / MANIFEST_NAME, root)
+        _refuse_sweep(path)
+        if arm is None:
+            expected = "a manifest, or --arm and files named like Data_52__8__002.mat"
+            raise InputError(path, MANIFEST_NAME, "no such file", expected)
+        return manifest_from_names(path, arm=arm, input_kind=input_kind, intersample=intersample)
+    if path.suffix.lower() in FORMATS:
+        beside = path.parent / MANIFEST_NAME
+        listed = _entry_of(path, beside, root) if columns is None and beside.exists() else None
+        return listed or manifest_of_log(
+            path, arm=arm, input_kind=input_kind, intersample=intersample, columns=columns
+        )
+    if path.suffix == _RESULT:
+        return manifest_of(_source_of(path), root=root)
+    return read_manifest(path, root)
+
+
+def _entry_of(path: Path, beside: Path, root: Path | None) -> Manifest | None:
+    """Return the part of a manifest that describes one of its files, if it does."""
+    manifest = read_manifest(beside, root)
+    own = [entry for entry in manifest.logs if (Path(manifest.root) / entry.file).samefile(path)]
+    return manifest.model_copy(update={"logs": own[:1], "name": path.name}) if own else None
+
+
+def _refuse_sweep(folder: Path) -> None:
+    if (folder / SWEEP).exists():
+        logs = sorted(path.parent for path in folder.glob(f"runs/*/*/{MANIFEST_NAME}"))
+        which = f"the logs of one run, as {logs[0]}" if logs else "results with keep_signals: true"
+        raise InputError(folder, "data", "the results of a sweep", which)
+
+
+def _source_of(path: Path) -> Path:
+    """Return where the data of a saved identification came from."""
+    expected = "an identification saved by butterfly that knows where its logs are"
+    try:
+        source = json.loads(path.read_text(encoding="utf-8"))["data"]["source"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(path, "data.source", "no such key", expected) from None
+    if not isinstance(source, str) or not source or source.endswith(_RESULT):
+        raise InputError(path, "data.source", source, expected)
+    given = Path(source)
+    beside = path.parent / given
+    return beside if not given.is_absolute() and beside.exists() else given
