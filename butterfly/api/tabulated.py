@@ -215,12 +215,18 @@ class TablePlots:
     def ranking(self, count: int = 12) -> Figure:
         """Draw the mean of what is left of the standard errors, for the first candidates."""
         rows = self.result.rows()[:count]
-        names = [f"{row['input']}, {row['added mass']}" for row in rows]
-        bars = Bar(y=names[::-1], x=[row["mean"] for row in rows][::-1], orientation="h")
+        bars = Bar(
+            x=[str(rank) for rank in range(1, len(rows) + 1)],
+            y=[row["mean"] for row in rows],
+            text=[f"{row['input']}, {row['added mass']}" for row in rows],
+            textposition="none",
+            hovertemplate="%{text}: %{y:.2f}<extra></extra>",
+            marker={"color": PALETTE[0]},
+        )
         figure = Figure(bars)
-        figure.update_traces(marker={"color": PALETTE[0]})
-        figure.update_xaxes(title="standard errors after, over those now", rangemode="tozero")
-        figure.update_layout(height=140 + 28 * len(rows), margin={"l": 320})
+        figure.update_xaxes(title="candidate, in the order of the table")
+        figure.update_yaxes(title="standard errors after, over those now")
+        figure.update_layout(height=420)
         return figure
 
 
