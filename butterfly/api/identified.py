@@ -20,7 +20,7 @@ from butterfly.identify.identification import Identification, simulated
 from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import InputKind
 from butterfly.report.figures import frequency_response_figure, time_figure
-from butterfly.report.identification import summary, unit_of, write_report
+from butterfly.report.identification import rows_of, summary, unit_of, write_report
 from butterfly.report.words import sentences
 
 if TYPE_CHECKING:
@@ -126,6 +126,20 @@ class Identified(Result):
                 "unit": unit_of(each.parameter, kind),
             }
             for each in records
+        ]
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the table of parameters with the digits that their errors leave."""
+        records = ParameterRecord.all_of(self.estimate)
+        return [
+            {
+                "parameter": row.symbol,
+                "value": row.value,
+                "standard error": row.error,
+                "95 % interval": row.interval,
+                "unit": row.unit,
+            }
+            for row in rows_of(records, InputKind(self.about["input"]))
         ]
 
     def __repr__(self) -> str:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from plotly.graph_objects import Figure
 
-_SIGNIFICANT = 5
+_SIGNIFICANT = 4
 
 
 class Result(ABC):
@@ -45,6 +45,10 @@ class Result(ABC):
     @abstractmethod
     def content(self) -> dict[str, Any]:
         """Return all that is saved, as JSON can hold it."""
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return `rows` as a person reads them."""
+        return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
@@ -96,16 +100,18 @@ class Result(ABC):
 
     def page(self) -> Page:
         """Put together the page of `report`."""
-        rows = self.rows()
+        rows = self.shown_rows()
         headers = tuple(rows[0]) if rows else ()
-        table = Table(headers=headers, rows=[tuple(map(shown, row.values())) for row in rows])
-        section = Section(title=self.title, tables=(table,), figures=self.figures())
+        table = Table(headers=headers, rows=[tuple(row.values()) for row in rows])
         return Page(
             name=self.title,
             description="",
             kind=self.kind,
             summary=list(self.summary),
-            sections=[section],
+            sections=[
+                Section(title="At a glance", figures=self.figures()),
+                Section(title="In numbers", tables=(table,)),
+            ],
             numbers=self.to_dict(),
         )
 
@@ -116,14 +122,14 @@ class Result(ABC):
         return f"<{type(self).__name__}: {self.title}>"
 
     def _repr_html_(self) -> str:
-        return html_of(self.title, self.rows(), self.summary)
+        return html_of(self.title, self.shown_rows(), self.summary)
 
 
-def html_of(title: str, rows: Sequence[dict[str, Any]], sentences: Sequence[str]) -> str:
+def html_of(title: str, rows: Sequence[dict[str, str]], sentences: Sequence[str]) -> str:
     """Return a table and sentences as HTML, as notebooks show it."""
-    head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
+    head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(shown(value))}</td>" for value in row.values()) + "</tr>"
+        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row.values()) + "</tr>"
         for row in rows
     )
     said = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)

@@ -125,7 +125,7 @@ class Designed(Tabulated):
         )
         best = ranked[0]
         return cls(
-            title=f"standard errors after one more run on {data.name!r}, over those now",
+            title=f"Next experiments after {data.name!r}: standard errors over those now",
             summary=(
                 f"Most telling next: {best.what} with {best.added_mass}, which leaves "
                 f"{100 * best.score:.0f} % of the standard errors on average"

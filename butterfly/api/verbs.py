@@ -19,13 +19,13 @@ from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.simulation import write_logs
 from butterfly.identify.data import DataSet
-from butterfly.identify.design import LARGEST_SWING, rank_experiments
+from butterfly.identify.design import LARGEST_SWING, masses_at_hand, rank_experiments
 from butterfly.identify.identification import identify as identify_data
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import Predictor
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import read_entry
-from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.twin import MASS
 from butterfly.resources import locate
 
@@ -211,8 +211,8 @@ def design(
     """
     logs, found = _estimated(data, method, options)
     misfit = 1 - float(np.median(Predictor(logs).fits(found))) / 100
-    masses = sorted({*logs.masses, NO_ADDED_MASS})
-    return Designed.of(logs, found, rank_experiments(found, masses, misfit, largest_swing=swing))
+    ranked = rank_experiments(found, masses_at_hand(logs), misfit, largest_swing=swing)
+    return Designed.of(logs, found, ranked)
 
 
 def compare(

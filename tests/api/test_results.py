@@ -1,6 +1,7 @@
 """Results show, tabulate, save and report themselves; verbs take whatever holds data."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pandas as pd
 import pytest
 
 import butterfly as bf
+from butterfly.identify.design import masses_at_hand
 from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.judgement.validation import Split, hold_out
 
@@ -43,7 +45,7 @@ def test_a_result_is_one_line_a_table_and_sentences(result):
     lower, upper = frame.loc["p1", ["lower", "upper"]]
     assert lower < 0.00325 < upper
     html = replace(result, summary=("<b>",))._repr_html_()
-    assert "<td>p1</td>" in html
+    assert "<td>p₁</td>" in html
     assert "<p>&lt;b&gt;</p>" in html
 
 
@@ -165,3 +167,16 @@ def test_logs_are_made_of_lists_and_frames_alike():
         np.testing.assert_array_equal(column, two.columns()[name])
     assert two.input_kind is bf.InputKind.TORQUE
     assert len(repr(one).splitlines()) == 1
+
+
+def test_without_pandas_a_frame_says_what_to_install(result, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(bf.ButterflyError, match=r"butterfly-testbed\[pandas\]"):
+        result.to_dataframe()
+
+
+def test_the_next_run_is_not_proposed_twice_for_masses_that_load_alike(data):
+    masses = masses_at_hand(data)
+    loads = [(mass.inertia, mass.gravity_moment) for mass in masses]
+    assert (0.0, 0.0) in loads
+    assert len(set(loads)) == len(loads) == 3
