@@ -26,12 +26,13 @@ from butterfly.report.words import sentences
 if TYPE_CHECKING:
     from os import PathLike
 
+    import control
     from numpy.typing import NDArray
     from plotly.graph_objects import Figure
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import LumpedParameters
+    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -182,6 +183,24 @@ class Identified(Result):
             If it is not known where they are, or they cannot be read.
         """
         return self._identification.data
+
+    def measured(self, added_mass: AddedMass | None = None) -> control.FrequencyResponseData:
+        """Return the responses measured with an added mass, to lay over `model.linearised`.
+
+        Parameters
+        ----------
+        added_mass
+            One of ``data.masses``; the lightest if not given.
+
+        Raises
+        ------
+        InputError
+            If no sine was logged with it.
+        """
+        from butterfly.signals.measured_response import measured_response  # noqa: PLC0415 - slow
+
+        mass = self.data.masses[0] if added_mass is None else added_mass
+        return measured_response(self.data.sines, mass)
 
     @property
     def plot(self) -> IdentifiedPlots:

@@ -37,16 +37,32 @@ class IdentifiedModel:
         return self.parameters.with_added_mass(added_mass)
 
     def linearised(
-        self, added_mass: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
+        self,
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        angle: float = 0.0,
+        pade_order: int | None = None,
     ) -> control.StateSpace:
-        """Return the linearisation about rest at an angle in rad, as python-control's object.
+        """Return the linearisation about rest, from command to angle and velocity.
 
         The armature's lag is a state, the delay a Padé approximation; friction that holds the joint
         at rest is left out (see `butterfly.model.control_bridge.linearised`).
-        """
-        from butterfly.model.control_bridge import linearised  # noqa: PLC0415 - slow to import
 
-        return linearised(self.parameters, added_mass, angle=angle)
+        Parameters
+        ----------
+        added_mass
+            What the hand carries.
+        angle
+            Of rest, in rad.
+        pade_order
+            Of the approximation; 4 if not given, and 0, which leaves the delay out, where the
+            estimate is negative: the system is then named ``hand_without_delay``.
+        """
+        from butterfly.model.control_bridge import PADE_ORDER, linearised  # noqa: PLC0415 - slow
+
+        if pade_order is None:
+            pade_order = PADE_ORDER if self.parameters.delay >= 0 else 0
+        return linearised(self.parameters, added_mass, angle=angle, pade_order=pade_order)
 
     def nonlinear(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.NonlinearIOSystem:
         """Return the whole equation as python-control's object, the delay left out."""

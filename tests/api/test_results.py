@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import butterfly as bf
+from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identify.design import masses_at_hand
 from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.judgement.validation import Split, hold_out
@@ -180,3 +181,21 @@ def test_the_next_run_is_not_proposed_twice_for_masses_that_load_alike(data):
     loads = [(mass.inertia, mass.gravity_moment) for mass in masses]
     assert (0.0, 0.0) in loads
     assert len(set(loads)) == len(loads) == 3
+
+
+def test_model_and_measured_response_meet_in_python_control(result, data):
+    mass = data.masses[1]
+    plant, measured = result.model.linearised(mass), result.measured(mass)
+    assert plant.name == ("hand" if result.parameters.delay >= 0 else "hand_without_delay")
+    late = replace(result.parameters, delay=0.005)
+    system = IdentifiedModel(late).linearised(mass)
+    for omega in measured.omega:
+        modelled = system(1j * omega)[0, 0]
+        assert modelled == pytest.approx(
+            complex(IdentifiedModel(late).frequency_response(omega, mass)), rel=1e-6
+        )
+    fast = measured.omega[-1]
+    gain = abs(measured(1j * fast)) / abs(plant(1j * fast)[0, 0])
+    assert gain == pytest.approx(1, abs=0.1)  # Coulomb friction matters least there
+    with pytest.raises(bf.InputError, match="added mass"):
+        result.measured(bf.AddedMass(mass=1.0, arm=1.0))
