@@ -1,0 +1,110 @@
+"""Whatever a user names as data is found, or refused with what was expected."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from butterfly.errors import InputError
+from butterfly.experiment.data_source import manifest_of, named_data
+from butterfly.experiment.engines import LocalEngine
+from butterfly.experiment.store import ResultStore
+from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.logs.log import InputKind
+from butterfly.logs.mat import write_mat
+from tests.experiment.setting import small_plan
+
+THESIS = "Data_52__5__02.mat"
+
+
+def _names(source, **about):
+    return [log.name for log in named_data(source, **about).logs]
+
+
+def test_a_manifest_its_folder_and_what_was_identified_from_it_are_the_same_data(
+    quick_data, tmp_path
+):
+    saved = tmp_path / "result.json"
+    saved.write_text(json.dumps({"data": {"source": str(quick_data)}}))
+    expected = _names(quick_data)
+    assert len(expected) == 12
+    for source in (quick_data / "manifest.yaml", saved):
+        assert _names(source) == expected
+        assert named_data(source).source == str(source)
+
+
+def test_a_result_finds_its_logs_beside_it_wherever_both_are_moved(quick_data, tmp_path):
+    shutil.copytree(quick_data, tmp_path / "there/logs")
+    saved = tmp_path / "there/result.json"
+    saved.write_text(json.dumps({"data": {"source": "logs"}}))
+    assert _names(saved) == _names(quick_data)
+
+
+def test_a_log_is_described_by_the_manifest_beside_it(quick_data):
+    data = named_data(quick_data / "manifest.yaml")
+    for log in (data.logs[0], data.logs[-1]):
+        (one,) = named_data(quick_data / log.name).logs
+        assert (one.name, one.added_mass, one.excitation) == (
+            log.name,
+            log.added_mass,
+            log.excitation,
+        )
+        np.testing.assert_array_equal(one.angle, log.angle)
+
+
+def test_a_log_alone_is_described_by_its_name_and_by_the_user(sine_log, tmp_path):
+    path = tmp_path / THESIS
+    write_mat(sine_log, path)
+    (bare,) = named_data(path).logs
+    assert (bare.added_mass.mass, bare.excitation.omega) == (0.0, 5.0)
+    (told,) = named_data(path, arm=0.1, input_kind=InputKind.TORQUE).logs
+    assert (told.added_mass.mass, told.added_mass.arm) == (0.052, 0.1)
+    assert told.input_kind is InputKind.TORQUE
+    other = tmp_path / "other.mat"
+    write_mat(sine_log, other)
+    (plain,) = named_data(other).logs
+    assert plain.excitation is None
+
+
+def test_a_log_that_the_manifest_beside_it_does_not_list_is_a_log_alone(
+    quick_data, sine_log, tmp_path
+):
+    shutil.copy(quick_data / "manifest.yaml", tmp_path)
+    for entry in manifest_of(quick_data).logs:
+        (tmp_path / entry.file).touch()
+    write_mat(sine_log, tmp_path / THESIS)
+    assert _names(tmp_path / THESIS) == [THESIS]
+
+
+def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
+    write_mat(sine_log, tmp_path / THESIS)
+    with pytest.raises(InputError, match="a manifest, or --arm"):
+        named_data(tmp_path)
+    assert _names(tmp_path, arm=0.1) == [THESIS]
+
+
+def test_a_sweep_s_results_lead_to_the_logs_of_a_run(folder):
+    plan = small_plan(folder, keep_signals=True, sweep={"repetitions": 1})
+    run_sweep(plan, folder / "kept", LocalEngine(1))
+    logs = ResultStore(folder / "kept").files_path(plan.tasks[0].key)
+    with pytest.raises(InputError, match=f"the logs of one run, as {logs}"):
+        named_data(folder / "kept")
+    assert len(named_data(logs).logs) == 2
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"data": 1}', '{"data": {"source": ""}}', '{"data": {"source": 3}}']
+)
+def test_a_json_that_leads_nowhere_is_refused(tmp_path, text):
+    path = tmp_path / "r.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"data\.source"):
+        named_data(path)
+
+
+def test_a_result_that_names_a_result_leads_nowhere(tmp_path):
+    path = tmp_path / "r.json"
+    path.write_text(json.dumps({"data": {"source": str(path)}}))
+    with pytest.raises(InputError, match="where its logs are"):
+        named_data(path)
