@@ -54,11 +54,15 @@ class DelayStates:
             If the delay is not positive, or the order not between 1 and `HIGHEST_ORDER`.
         """
         if not delay > 0:
-            raise InputError("Padé", "delay", delay, "a positive number of s, or pade_order 0")
+            raise InputError("Padé", "delay", delay, "a positive number of s")
         if order not in range(1, HIGHEST_ORDER + 1):
-            raise InputError("Padé", "order", order, f"between 1 and {HIGHEST_ORDER}")
+            raise InputError(
+                "Padé", "order", order, f"a whole number between 1 and {HIGHEST_ORDER}"
+            )
         powers = np.arange(order + 1)
-        size = [math.comb(order, int(k)) * math.perm(2 * order - int(k), order - int(k)) for k in powers]
+        size = [
+            math.comb(order, int(k)) * math.perm(2 * order - int(k), order - int(k)) for k in powers
+        ]
         # In time in units of delay/rate all coefficients are of one size.
         rate = float(size[0]) ** (1 / order)
         below = np.array(size, dtype=np.float64) * rate ** (powers - order)
