@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HIGHEST_ORDER = 10
-"""Above it, rounding in the states takes away what the order gives."""
+"""Of this order a delay of half a turn is exact to rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

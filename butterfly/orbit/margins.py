@@ -24,6 +24,7 @@ _STEPS = 800  # of a period
 _NODES = np.array([0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6])  # Gauss's, of a step
 _SAMPLES = 256  # of a period, in a balance of powers
 _LEVELS = 16  # energies between rest and the orbit's, at which powers are balanced
+_DEEPEST = 0.99  # share of the orbit's energy that the smallest of them is short of
 _RATIO = math.sqrt(2)  # between the gain factors that are looked at
 _LARGEST = 1024.0  # gain factor
 _PARTS = 32  # of a period, between the delays that are looked at
@@ -98,7 +99,7 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     require_number("loop_margins", lag=lag)
     require_number("loop_margins", positive=True, gamma=gamma)
     p = orbit.parameters
-    now = p.delay + p.time_constant + lag
+    now = max(p.delay, 0.0) + p.time_constant + lag
     transverse, swings = _Transverse.of(orbit), _Swings.below(orbit)
 
     def holds(factor: float, more: float) -> bool:
@@ -209,7 +210,8 @@ class _Swings:
         p = orbit.parameters
         middle = np.linspace(orbit.lower, orbit.upper, _SAMPLES)
         depth = orbit.energy - float(energy(p, middle, 0.0).min())
-        missing = depth * np.sin(0.5 * np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS) ** 2
+        shares = np.sin(0.5 * np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS) ** 2
+        missing = _DEEPEST * depth * shares
         swings = [Orbit.of_energy(p, orbit.energy - each) for each in missing.tolist()]
         motions = [
             swing.solution(np.arange(_SAMPLES) / _SAMPLES * swing.period) for swing in swings

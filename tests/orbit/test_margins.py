@@ -78,7 +78,7 @@ def _held(orbit, gamma, delay, duration):
     robot = Robot(
         hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
         drive=TorqueDrive(gain=10.0),
-        friction=Friction(viscous=p.p2),
+        friction=Friction(viscous=p.p2, coulomb=p.coulomb),
     )
     joint = GreyBoxJoint(robot, angle=1.02 * orbit.upper)
 
@@ -111,11 +111,14 @@ def test_the_nonlinear_loop_holds_within_the_margins_and_loses_the_orbit_beyond(
     assert _held(orbit, gamma, lag + 1.1 * margins.delay, 60) > 0.5
 
 
-@pytest.mark.parametrize(("multiplier", "lag"), [(0.5, 0.1), (0.2, 0.05)])
+@pytest.mark.parametrize(
+    ("friction", "multiplier", "lag"),
+    [({"p2": 1e-3}, 0.5, 0.1), ({"p2": 1e-3}, 0.2, 0.05), ({"coulomb": 4e-4}, 0.5, 0.02)],
+)
 def test_with_friction_made_up_for_late_the_hand_swings_on_within_the_margin_and_rests_beyond(
-    multiplier, lag
+    friction, multiplier, lag
 ):
-    orbit = Orbit.of_amplitude(replace(FREE, p2=1e-3), SIXTY)
+    orbit = Orbit.of_amplitude(replace(FREE, **friction), SIXTY)
     gamma = gain_for(orbit, multiplier)
     margins = loop_margins(orbit, gamma, lag=lag + CYCLE / 2)
     assert margins.delay < 0.95 * (orbit.period / 4 - lag)
