@@ -1,7 +1,10 @@
 """The tables in docs/ that list terms and options say what the program has."""
 
+import re
 from dataclasses import fields
 from pathlib import Path
+
+import pytest
 
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.model.terms import TERMS, FrictionTerms, offered
@@ -33,3 +36,10 @@ def test_every_option_of_every_estimator_stands_in_the_docs():
     for kind in ESTIMATORS.values():
         for option in fields(kind):
             assert f"`{option.name}`" in text
+
+
+@pytest.mark.parametrize("title", ["Gain and delay margins", "In python-control"])
+def test_what_the_docs_write_for_control_engineers_runs(title):
+    section = (DOCS / "orbit.md").read_text(encoding="utf-8").split(f"## {title}\n")[1]
+    snippet = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
+    exec(snippet, {})  # noqa: S102 - our own page

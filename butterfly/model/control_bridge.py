@@ -50,13 +50,14 @@ def linearised(
     angle
         In rad, at which some constant input holds it.
     pade_order
-        Of the approximation of the delay; 0 leaves it out. A system whose delay was left out is
-        named ``hand_without_delay``, others ``hand``.
+        Of the approximation of the delay; 0 leaves it out. So is a negative delay, which an
+        estimate may come to and no causal system has. A system whose delay was left out is named
+        ``hand_without_delay``, others ``hand``.
 
     Raises
     ------
     InputError
-        If the delay is negative, as an estimate may be, and is not left out, or the order is none.
+        If there is no approximation of that order.
     """
     loaded = parameters.with_added_mass(added_mass)
     p = Linearisation.of(loaded, angle)
@@ -70,7 +71,8 @@ def linearised(
         b[1:] = 0.0, p.gain / p.time_constant
     count = len(names)
     a, b = a[:count, :count], b[:count]
-    if p.delay != 0 and pade_order != 0:
+    is_late = p.delay > 0 and pade_order != 0
+    if is_late:
         late = DelayStates.of(p.delay, pade_order)
         a = np.block([[a, np.outer(b, late.c)], [np.zeros((pade_order, count)), late.a]])
         b = np.concatenate([b * late.feedthrough, late.b])
@@ -83,7 +85,7 @@ def linearised(
         inputs=["command"],
         outputs=["angle", "velocity"],
         states=names,
-        name="hand_without_delay" if p.delay != 0 and pade_order == 0 else "hand",
+        name="hand" if is_late or p.delay == 0 else "hand_without_delay",
     )
 
 

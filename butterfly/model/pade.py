@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 HIGHEST_ORDER = 10
-"""Above it, rounding in the states takes away what the order gives."""
+"""Of this order a delay of half a turn is exact to rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,9 +54,11 @@ class DelayStates:
             If the delay is not positive, or the order not between 1 and `HIGHEST_ORDER`.
         """
         if not delay > 0:
-            raise InputError("Padé", "delay", delay, "a positive number of s, or pade_order 0")
+            raise InputError("Padé", "delay", delay, "a positive number of s")
         if order not in range(1, HIGHEST_ORDER + 1):
-            raise InputError("Padé", "order", order, f"between 1 and {HIGHEST_ORDER}")
+            raise InputError(
+                "Padé", "order", order, f"a whole number between 1 and {HIGHEST_ORDER}"
+            )
         powers = np.arange(order + 1)
         size = [
             math.comb(order, int(k)) * math.perm(2 * order - int(k), order - int(k)) for k in powers

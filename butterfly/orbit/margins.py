@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import expm
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy, pull, stiffness
@@ -21,10 +20,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _ORDER = 8  # of Padé's approximation; to 6e-8 at the third harmonic of the orbit a quarter late
-_STEPS = 400  # of a period
+_STEPS = 800  # of a period
 _NODES = np.array([0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6])  # Gauss's, of a step
-_SAMPLES = 1024  # of a period, in a balance of powers
+_SAMPLES = 256  # of a period, in a balance of powers
 _LEVELS = 16  # energies between rest and the orbit's, at which powers are balanced
+_DEEPEST = 0.99  # share of the orbit's energy that the smallest of them is short of
 _RATIO = math.sqrt(2)  # between the gain factors that are looked at
 _LARGEST = 1024.0  # gain factor
 _PARTS = 32  # of a period, between the delays that are looked at
@@ -77,8 +77,8 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
 
     - a nontrivial Floquet multiplier leaves the unit circle (`loop_multiplier`), or
     - friction, made up for late, takes more energy from every smaller swing than the feedback
-      gives, so that the hand comes to rest: a balance of powers over a period, good to first order
-      in friction and feedback.
+      gives, so that the hand comes to rest: a balance of powers over a period, in which the
+      swing is the orbit of that energy, slowed by what of the command is in phase with the angle.
 
     Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
     one, and a wrong p4 moves it too (`butterfly.orbit.controller.steady_invariant`).
@@ -99,7 +99,7 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     require_number("loop_margins", lag=lag)
     require_number("loop_margins", positive=True, gamma=gamma)
     p = orbit.parameters
-    now = p.delay + p.time_constant + lag
+    now = max(p.delay, 0.0) + p.time_constant + lag
     transverse, swings = _Transverse.of(orbit), _Swings.below(orbit)
 
     def holds(factor: float, more: float) -> bool:
@@ -114,7 +114,7 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
             f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag",
             "a loop that holds an orbit: with less lag, or another gamma",
         )
-    factors = _RATIO ** np.arange(1, round(math.log(_LARGEST, _RATIO)) + 1)
+    factors = np.geomspace(_RATIO, _LARGEST, round(math.log(_LARGEST, _RATIO)))
     delays = orbit.period * np.arange(1, _PARTS + 1) / _PARTS
     return Margins(
         gain=(
@@ -176,7 +176,7 @@ class _Transverse:
         mean = 0.5 * self.step * (first + second)
         twist = self.step**2 * math.sqrt(3) / 12 * (second @ first - first @ second)
         monodromy = np.eye(size)
-        for part in expm(mean + twist):
+        for part in _exponential(mean + twist):
             monodromy = part @ monodromy
         others = np.delete(np.delete(monodromy, 1, axis=0), 1, axis=1)
         return float(np.abs(np.linalg.eigvals(others)).max())
@@ -188,8 +188,8 @@ class _Swings:
 
     Parameters
     ----------
-    p4
-        Its size, in N m per unit of input.
+    inertia, p4
+        In kg m^2, and N m per unit of input.
     periods
         (n,) in s.
     missing
@@ -198,6 +198,7 @@ class _Swings:
         (n, samples) in rad/s and N m, over a period each.
     """
 
+    inertia: float
     p4: float
     periods: NDArray[np.float64]
     missing: NDArray[np.float64]
@@ -209,12 +210,14 @@ class _Swings:
         p = orbit.parameters
         middle = np.linspace(orbit.lower, orbit.upper, _SAMPLES)
         depth = orbit.energy - float(energy(p, middle, 0.0).min())
-        missing = depth * (np.arange(_LEVELS) + 0.5) / _LEVELS
+        shares = np.sin(0.5 * np.pi * (np.arange(_LEVELS) + 0.5) / _LEVELS) ** 2
+        missing = _DEEPEST * depth * shares
         swings = [Orbit.of_energy(p, orbit.energy - each) for each in missing.tolist()]
         motions = [
             swing.solution(np.arange(_SAMPLES) / _SAMPLES * swing.period) for swing in swings
         ]
         return cls(
+            inertia=p.p1,
             p4=abs(p.p4),
             periods=np.array([swing.period for swing in swings]),
             missing=missing,
@@ -231,18 +234,39 @@ class _Swings:
         )
 
     def carry(self, gamma: float, delay: float) -> bool:
-        """Say whether any of them gains energy."""
+        """Say whether any of them gains energy.
+
+        Made up for late, a command has a part in phase with the angle, which slows the swing:
+        w^2 + w strength/p1 sin(w delay) = (2 pi/period)^2.
+        """
         command = self.friction + self.p4 * gamma * self.missing[:, None] * self.velocity
-        turns = np.fft.rfftfreq(_SAMPLES, 1 / _SAMPLES) * delay / self.periods[:, None]
+        strength = np.mean(command * self.velocity, axis=1) / np.mean(self.velocity**2, axis=1)
+        free = 2 * np.pi / self.periods
+        low, high = np.zeros_like(free), free
+        for _ in range(_HALVINGS):
+            omega = 0.5 * (low + high)
+            slow = omega**2 + omega * strength / self.inertia * np.sin(omega * delay) < free**2
+            low, high = np.where(slow, omega, low), np.where(slow, high, omega)
+        turns = np.arange(_SAMPLES // 2 + 1) * (high * delay / (2 * np.pi))[:, None]
         late = np.fft.irfft(np.fft.rfft(command) * np.exp(-2j * np.pi * turns), _SAMPLES)
         return bool((np.mean((late - self.friction) * self.velocity, axis=1) > 0).any())
+
+
+def _exponential(exponents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Padé's approximation of third order to the exponentials of (n, k, k) matrices.
+
+    SciPy's own goes through them one by one, which takes a hundred times as long.
+    """
+    one, square = np.eye(exponents.shape[-1]), exponents @ exponents
+    even, odd = one + square / 10, exponents @ (one / 2 + square / 120)
+    return np.asarray(np.linalg.solve(even - odd, even + odd))
 
 
 def _edge(
     holds: Callable[[float], bool], inside: float, others: NDArray[np.float64], none: float
 ) -> float:
     """Return where the orbit is first lost going through ``others``, or ``none`` if nowhere."""
-    for other in others.tolist():
+    for other in map(float, others):
         if not holds(other):
             break
         inside = other

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 
 from butterfly.experiment.perform import perform
@@ -13,6 +14,8 @@ from butterfly.experiment.reading import read_experiment
 from butterfly.identify.estimators import Linear
 from butterfly.identify.identification import identify
 from butterfly.logs.health import examine
+from butterfly.model.control_bridge import linearised
+from butterfly.report.figures import frequency_response_figure
 from butterfly.report.format import interval, with_error
 from butterfly.report.identification import parameter_rows, summary, write_report
 from butterfly.report.inspection import health_rows, write_inspection
@@ -82,6 +85,22 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
     assert cells[5:] == [
         f"{v:.1f}" for v in (linear.summary.median, linear.summary.mean, linear.summary.worst)
     ]
+
+
+def test_the_lines_of_the_frequency_response_are_the_state_space_s(simulated):
+    result, _ = simulated
+    parameters = result.estimate.parameters
+    figure = frequency_response_figure(result)
+    drawn = [trace for trace in figure.data if trace.mode == "lines"]
+    assert len(drawn) == 2 * len(result.data.masses)
+    for mass, (gain, phase) in zip(
+        result.data.masses, zip(drawn[::2], drawn[1::2], strict=True), strict=True
+    ):
+        system = linearised(parameters, mass, pade_order=0)["angle", "command"]
+        expected = system(1j * gain.x) * np.exp(-1j * gain.x * parameters.delay)
+        np.testing.assert_allclose(gain.y, np.abs(expected), rtol=1e-8)
+        turn = np.exp(1j * np.radians(phase.y))
+        np.testing.assert_allclose(turn, expected / np.abs(expected), rtol=1e-8)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
