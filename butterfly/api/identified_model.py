@@ -41,7 +41,7 @@ class IdentifiedModel:
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
         angle: float = 0.0,
-        pade_order: int | None = None,
+        pade_order: int = 4,
     ) -> control.StateSpace:
         """Return the linearisation about rest, from command to angle and velocity.
 
@@ -55,13 +55,11 @@ class IdentifiedModel:
         angle
             Of rest, in rad.
         pade_order
-            Of the approximation; 4 if not given, and 0, which leaves the delay out, where the
-            estimate is negative: the system is then named ``hand_without_delay``.
+            Of the approximation; 0 leaves the delay out, as a negative estimate of it is: the
+            system is then named ``hand_without_delay``.
         """
-        from butterfly.model.control_bridge import PADE_ORDER, linearised  # noqa: PLC0415 - slow
+        from butterfly.model.control_bridge import linearised  # noqa: PLC0415 - slow to import
 
-        if pade_order is None:
-            pade_order = PADE_ORDER if self.parameters.delay >= 0 else 0
         return linearised(self.parameters, added_mass, angle=angle, pade_order=pade_order)
 
     def nonlinear(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.NonlinearIOSystem:
