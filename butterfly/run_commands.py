@@ -21,7 +21,6 @@ from butterfly.console import (
 )
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.engines import DaskEngine, LocalEngine
 from butterfly.experiment.perform import outcome_of, perform
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
@@ -30,6 +29,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
+from butterfly.experiment.workers import DaskEngine, LocalEngine
 from butterfly.files import replacing
 from butterfly.logs.manifest import Manifest
 from butterfly.report.identification import write_report
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
     from pydantic import BaseModel
 
-    from butterfly.experiment.engines import Engine
     from butterfly.experiment.plan import SweepPlan
     from butterfly.experiment.record import RunRecord
+    from butterfly.experiment.workers import Engine
 
 EXIT_SOME_FAILED = 1
 """Exit code of a sweep of which some runs gave no result."""

@@ -45,7 +45,7 @@ class Identified(Result):
         Parameters with covariance and findings.
     estimator
         What made it, and what that was told.
-    about
+    origin
         The data: name, description, source, input, number of logs.
     fits
         FIT in per cent of the free run of each log, by its name.
@@ -59,7 +59,7 @@ class Identified(Result):
 
     estimate: ParameterEstimate
     estimator: str
-    about: dict[str, Any]
+    origin: dict[str, Any]
     fits: dict[str, float]
     summary: tuple[str, ...]
     live: Identification | None = None
@@ -71,7 +71,7 @@ class Identified(Result):
         return cls(
             estimate=found.estimate,
             estimator=estimator,
-            about={
+            origin={
                 "name": data.name,
                 "description": data.description,
                 "source": data.source,
@@ -89,7 +89,7 @@ class Identified(Result):
         return cls(
             estimate=estimate_of(content["estimate"]),
             estimator=content["estimator"],
-            about=dict(content["data"]),
+            origin=dict(content["data"]),
             fits={str(name): _number(fit) for name, fit in content["fits"].items()},
             summary=tuple(content["summary"]),
         )
@@ -104,18 +104,18 @@ class Identified(Result):
             "parameters": {row.pop("parameter"): row for row in self.rows()},
             "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
             "fits": self.fits,
-            "data": self.about,
+            "data": self.origin,
             "estimate": estimate_content(self.estimate),
         }
 
     @property
     def title(self) -> str:  # type: ignore[override]
         """Method, data, and the values with their standard errors."""
-        return f"{self.estimator} of {self.about['name']!r}, median FIT {self.fit.median:.1f} %"
+        return f"{self.estimator} of {self.origin['name']!r}, median FIT {self.fit.median:.1f} %"
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: value, standard error, 95 % interval, unit."""
-        kind = InputKind(self.about["input"])
+        kind = InputKind(self.origin["input"])
         records = ParameterRecord.all_of(self.estimate)
         return [
             {
@@ -140,7 +140,7 @@ class Identified(Result):
                 "95 % interval": row.interval,
                 "unit": row.unit,
             }
-            for row in rows_of(records, InputKind(self.about["input"]))
+            for row in rows_of(records, InputKind(self.origin["input"]))
         ]
 
     def __repr__(self) -> str:
@@ -232,7 +232,7 @@ class Identified(Result):
     def _identification(self) -> Identification:
         if self.live is not None:
             return self.live
-        source = self.about["source"]
+        source = self.origin["source"]
         if not source:
             raise InputError(self.title, "source", "nothing", "a result whose logs came from files")
         return simulated(named_data(Path(source)), self.estimate)

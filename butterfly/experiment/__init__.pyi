@@ -1,6 +1,4 @@
 from .data_source import named_data as named_data
-from .engines import DaskEngine as DaskEngine
-from .engines import LocalEngine as LocalEngine
 from .estimator_spec import make_estimator as make_estimator
 from .methods import ESTIMATORS as ESTIMATORS
 from .perform import RunResult as RunResult
@@ -9,3 +7,5 @@ from .reading import Source as Source
 from .reading import read_experiment as read_experiment
 from .schema import Experiment as Experiment
 from .store import ResultStore as ResultStore
+from .workers import DaskEngine as DaskEngine
+from .workers import LocalEngine as LocalEngine

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from butterfly.experiment.engines import Engine
     from butterfly.experiment.plan import SweepPlan, Task
+    from butterfly.experiment.workers import Engine
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.model.harmonic import quasi_linear_response
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS, FrictionTerms
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.trajectory import Trajectory, grid_step
+from butterfly.identify.free_run import Trajectory, grid_step
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import compressed
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.signals import hold
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
-    from butterfly.model.motion import Term
+    from butterfly.model.kinematics import Term
 
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""

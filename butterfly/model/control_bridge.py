@@ -9,8 +9,8 @@ import control
 import numpy as np
 
 from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
+from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
-from butterfly.model.motion import Motion
 from butterfly.model.pade import DelayStates
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from butterfly.errors import InputError
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.terms import CONSERVATIVE, torque_of
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
-from butterfly.model.motion import Motion
 from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:

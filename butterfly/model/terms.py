@@ -25,7 +25,7 @@ from butterfly.model.describing import (
     gravity_describing_function,
     stribeck_describing_function,
 )
-from butterfly.model.motion import Motion, Term
+from butterfly.model.kinematics import Motion, Term
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.terms import DISSIPATIVE, torque_of
 from butterfly.orbit.velocity import FilteredDifference
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy, pull, stiffness
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.pade import DelayStates
 from butterfly.model.terms import DISSIPATIVE, torque_of
 

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from butterfly.errors import require_number
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 

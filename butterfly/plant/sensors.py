@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError, require_number
-from butterfly.plant.noise import BandLimitedNoise  # noqa: TC001 - the schema reads annotations
+from butterfly.plant.simulink_noise import BandLimitedNoise  # noqa: TC001 - the schema reads annotations
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

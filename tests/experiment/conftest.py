@@ -2,8 +2,8 @@
 
 import pytest
 
-from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.workers import LocalEngine
 from tests.experiment.setting import small_plan, tables_of
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import manifest_of, named_data
-from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.workers import LocalEngine
 from butterfly.logs.log import InputKind
 from butterfly.logs.mat import write_mat
 from tests.experiment.setting import small_plan

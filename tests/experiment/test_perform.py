@@ -9,7 +9,6 @@ import yaml
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import orbit
-from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.perform import execute, perform
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
@@ -18,6 +17,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.streams import of_orbit
 from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.workers import LocalEngine
 from tests.experiment.setting import SWEEP, small_plan
 
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"} | {"name": "single"}

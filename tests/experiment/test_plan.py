@@ -8,7 +8,6 @@ import yaml
 
 from butterfly.errors import InputError
 from butterfly.experiment import reading
-from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.fingerprint import computing_sources, fingerprint, hash_of
 from butterfly.experiment.plan import address, plan_sweep
 from butterfly.experiment.reading import Source
@@ -18,6 +17,7 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.streams import of_orbit, of_runs
 from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.sweeps import SweepSpec
+from butterfly.experiment.workers import LocalEngine
 from tests.experiment.setting import SWEEP
 
 ONE = "identify/estimators/output_error.py"

@@ -5,12 +5,12 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS, Columns
-from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
 from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.workers import LocalEngine
 from tests.experiment.setting import small_plan
 
 

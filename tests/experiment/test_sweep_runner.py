@@ -13,12 +13,12 @@ import pytest
 import yaml
 
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.engines import LocalEngine
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.workers import LocalEngine
 from butterfly.identify.data import read_data_set
 from butterfly.logs.manifest import read_manifest
 from tests.experiment.setting import SWEEP, small_plan, tables_of

@@ -9,9 +9,9 @@ import pytest
 
 from butterfly.identify import predict
 from butterfly.identify.data import DataSet
+from butterfly.identify.free_run import Trajectory
 from butterfly.identify.other_parameters import best_gain, try_parameters
 from butterfly.identify.predict import Predictor
-from butterfly.identify.trajectory import Trajectory
 from tests.identify.simulated import ROBOT, SWINGS, steady
 
 

@@ -8,8 +8,8 @@ from scipy.integrate import quad
 
 from butterfly.model.energy import potential, pull, stiffness
 from butterfly.model.greybox import simulate
+from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
-from butterfly.model.motion import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS, torque_of
 

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import Constants, rates
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, compressed
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount

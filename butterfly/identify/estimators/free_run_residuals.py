@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from butterfly.identify.trajectory import Trajectory
-from butterfly.model.motion import Motion
+from butterfly.identify.free_run import Trajectory
+from butterfly.model.kinematics import Motion
 from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 
 if TYPE_CHECKING:

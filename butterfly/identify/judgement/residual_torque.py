@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.weak_signals import Known, weak_signals
-from butterfly.model.motion import Motion
+from butterfly.model.kinematics import Motion
 from butterfly.model.terms import TERMS, FrictionTerms
 
 if TYPE_CHECKING:

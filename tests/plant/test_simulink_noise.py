@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.plant.noise import BandLimitedNoise
 from butterfly.plant.sensors import Encoder, Faults
+from butterfly.plant.simulink_noise import BandLimitedNoise
 
 
 def test_the_noise_is_held_white_and_of_the_power_asked_for():
