@@ -3,6 +3,7 @@
 from dataclasses import fields
 from pathlib import Path
 
+from butterfly.cli.exit_codes import ExitCode
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.model.terms import TERMS, FrictionTerms, offered
 
@@ -33,3 +34,8 @@ def test_every_option_of_every_estimator_stands_in_the_docs():
     for kind in ESTIMATORS.values():
         for option in fields(kind):
             assert f"`{option.name}`" in text
+
+
+def test_the_exit_codes_stand_in_the_docs_with_their_meaning():
+    rows = [row for row in _rows("commands.md") if row.startswith("| `")]
+    assert rows == [f"| `{code:d}` | {code.meaning} |" for code in ExitCode]
