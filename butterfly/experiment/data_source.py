@@ -89,7 +89,14 @@ def manifest_of(
             path, arm=arm, input_kind=input_kind, intersample=intersample, columns=columns
         )
     if path.suffix == RESULT:
-        return manifest_of(_source_of(path), root=root)
+        return manifest_of(
+            _source_of(path),
+            root=root,
+            arm=arm,
+            input_kind=input_kind,
+            intersample=intersample,
+            columns=columns,
+        )
     return read_manifest(path, root)
 
 

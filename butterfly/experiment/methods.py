@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError, nearest
 from butterfly.identify.estimators import Estimator, HarmonicBalance
+from butterfly.thesis.method import Thesis  # noqa: F401 - its being read makes it one of them
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
