@@ -1,1 +1,5 @@
 """MJCF, grey-box model and log side by side; estimators side by side."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,8 +6,9 @@ from functools import reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
+from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of
 
 
@@ -27,6 +28,8 @@ def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
 
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from butterfly.identify.estimators import Estimator
 
     MethodName = str
@@ -37,3 +40,31 @@ else:
         Annotated[reduce(or_, ESTIMATORS.values()), Field(discriminator="method")],
         BeforeValidator(_named),
     ]
+
+
+_ADAPTER: TypeAdapter[Any] = TypeAdapter(AnyEstimator)
+
+
+def make_estimator(method: str | Estimator, options: Mapping[str, Any]) -> Estimator:
+    """Return the estimator of a method with its options; an estimator stays as it is.
+
+    Raises
+    ------
+    InputError
+        If there is no such method, or it has no such option, or a value makes no sense.
+    """
+    if not isinstance(method, str):
+        if options:
+            expected = "none beside an estimator, whose fields they are"
+            raise InputError(method.method, "options", ", ".join(options), expected)
+        return method
+    try:
+        made: Estimator = _ADAPTER.validate_python({"method": method, **options})
+    except ValidationError as error:
+        first = error.errors()[0]
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, InputError):
+            raise cause from None
+        field = next((str(part) for part in first["loc"] if part in options), "options")
+        raise InputError(method, field, repr(first["input"]), first["msg"]) from None
+    return made

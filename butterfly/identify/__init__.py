@@ -1,1 +1,5 @@
 """From frequency responses or logs to parameters, and how far to trust them."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DataSet:
     """Logs and what was read off them.
 
@@ -108,6 +108,12 @@ class DataSet:
             mean = float(np.mean(log.angle)) if point is None else point.angle.offset
             means.setdefault(log.added_mass, []).append(mean)
         return {mass: float(np.median(means[mass])) for mass in sorted(means)}
+
+    def __repr__(self) -> str:
+        return (
+            f"DataSet({self.name!r}: {len(self.logs)} logs with {len(self.masses)} added masses, "
+            f"{self.input_kind})"
+        )
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some logs, by their numbers."""

@@ -18,6 +18,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
@@ -124,6 +126,12 @@ def rank_experiments(
         )
         candidates = list(track(list(found), "Judging candidates"))
     return sorted(candidates, key=lambda c: (bool(c.warning), c.score))
+
+
+def masses_at_hand(data: DataSet) -> list[AddedMass]:
+    """Return the added masses of a data set, and none; those that load alike count once."""
+    different = {(mass.inertia, mass.gravity_moment): mass for mass in data.masses}
+    return sorted({(0.0, 0.0): NO_ADDED_MASS, **different}.values())
 
 
 def _inputs(parameters: LumpedParameters, mass: AddedMass) -> list[_Input]:

@@ -85,12 +85,29 @@ def identify(
     """
     found = (estimator or HarmonicBalance())(data)
     found = found.with_findings(*judge_input(found, data.input_kind))
+    return simulated(data, found, against=against, track=track)
+
+
+def simulated(
+    data: DataSet,
+    estimate: ParameterEstimate,
+    *,
+    against: Mapping[str, LumpedParameters] = MappingProxyType({}),
+    track: Track = untracked,
+) -> Identification:
+    """Simulate the logs of a data set with an estimate, and with other parameters (see `identify`).
+
+    Raises
+    ------
+    InputError
+        If a log cannot be used.
+    """
     predictor = Predictor(data)
     numbers = track(range(len(data.logs)), "Simulating logs")
     return Identification(
         data=data,
-        estimate=found,
-        free_runs=tuple(predictor.run(number, found) for number in numbers),
+        estimate=estimate,
+        free_runs=tuple(predictor.run(number, estimate) for number in numbers),
         comparisons=tuple(
             try_parameters(name, parameters, predictor, track=track)
             for name, parameters in against.items()

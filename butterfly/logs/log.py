@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from enum import StrEnum
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from butterfly.errors import InputError, require_number
+from butterfly.errors import InputError, nearest, require_number
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -55,9 +55,11 @@ class Sine:
         return np.asarray(self.amplitude * np.sin(self.omega * time))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Log:
     """One experiment: what was commanded and what the encoder saw.
+
+    Columns may be anything that NumPy makes arrays of; see `from_frame` for tables.
 
     Parameters
     ----------
@@ -85,7 +87,8 @@ class Log:
     input: NDArray[np.float64]
     angle: NDArray[np.float64]
     velocity: NDArray[np.float64] | None = None
-    input_kind: InputKind
+    _: KW_ONLY
+    input_kind: InputKind = InputKind.VOLTAGE
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
@@ -93,12 +96,78 @@ class Log:
     name: str = ""
 
     def __post_init__(self) -> None:
+        for name in SAMPLED:
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self._column(name))
+        for name, kind in (("input_kind", InputKind), ("intersample", Intersample)):
+            object.__setattr__(self, name, self._choice(name, kind))
         n = np.size(self.time)
         for name, column in self.columns().items():
             if column.shape != (n,):
                 raise InputError(self.source, name, f"shape {column.shape}", f"shape ({n},)")
         if n < MIN_SAMPLES:
             raise InputError(self.source, "time", f"{n} samples", f"at least {MIN_SAMPLES}")
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: Mapping[str, Any],
+        *,
+        time: str = "time",
+        input: str = "input",  # noqa: A002 - the column's name in a log
+        angle: str = "angle",
+        velocity: str | None = None,
+        **properties: Any,  # noqa: ANN401 - the other fields of the class
+    ) -> Log:
+        """Make a log of the columns of a pandas frame, or of anything that has columns by name.
+
+        Parameters
+        ----------
+        frame
+            The table.
+        time, input, angle, velocity
+            Names of its columns; the last may be None.
+        properties
+            The other fields.
+
+        Raises
+        ------
+        InputError
+            If there is no such column, or one holds no numbers.
+        """
+        named = {"time": time, "input": input, "angle": angle, "velocity": velocity}
+        columns = {}
+        for field, name in named.items():
+            if name is None:
+                continue
+            try:
+                columns[field] = frame[name]
+            except (KeyError, IndexError, ValueError):
+                raise InputError("frame", field, name, "the name of a column") from None
+        return cls(**columns, **properties)
+
+    def _column(self, name: str) -> NDArray[np.float64]:
+        try:
+            return np.asarray(getattr(self, name), dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(self.source, name, "values that are no numbers", "numbers") from None
+
+    def _choice(self, name: str, kind: type[StrEnum]) -> StrEnum:
+        try:
+            return kind(getattr(self, name))
+        except ValueError:
+            raise InputError(
+                self.source,
+                name,
+                getattr(self, name),
+                nearest(str(getattr(self, name)), [str(each) for each in kind]),
+            ) from None
+
+    def __repr__(self) -> str:
+        return (
+            f"Log({self.name or self.source!r}, {self.label}: {self.time.size} samples in "
+            f"{self.time[-1] - self.time[0]:.4g} s, {self.input_kind})"
+        )
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """Return the sampled columns that this log has, by name."""

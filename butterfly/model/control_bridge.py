@@ -11,43 +11,79 @@ import numpy as np
 from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
 from butterfly.model.linear import Linearisation
 from butterfly.model.motion import Motion
-from butterfly.model.parameters import compressed
+from butterfly.model.pade import DelayStates
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from butterfly.model.parameters import LumpedParameters
+
+PADE_ORDER = 4
+"""Of the approximation of a delay, if none is wished for."""
 
 
-def state_space(parameters: LumpedParameters, angle: float = 0.0) -> control.StateSpace:
-    """Linearise about rest at ``angle`` rad: states angle and velocity, input the command.
+def linearised(
+    parameters: LumpedParameters,
+    added_mass: AddedMass = NO_ADDED_MASS,
+    *,
+    angle: float = 0.0,
+    pade_order: int = PADE_ORDER,
+) -> control.StateSpace:
+    """Linearise about rest: from the command to the angle and the velocity of the loaded hand.
 
-    With an armature's lag the motor's torque is a third state. What `Linearisation` leaves out is
-    left out, and the delay; see `transfer_function` for that.
+    The input is ``command`` in units of the input, the outputs are the deviations ``angle`` in rad
+    and ``velocity`` in rad/s. States are these, with an armature's lag the motor's ``torque`` in
+    N m, and of the delay ``delay[0]``, ``delay[1]``, ... without a unit of their own. What
+    `Linearisation` leaves out is left out.
+
+    The response is that of `Linearisation` times the error of Padé's approximation (`DelayStates`):
+    of order 4 to 1e-6 up to 1.4/delay rad/s, and to 1e-3 up to 3/delay, that is 140 and 300 rad/s
+    for 10 ms.
+
+    Parameters
+    ----------
+    parameters
+        Of the hand without what it carries.
+    added_mass
+        What it carries.
+    angle
+        In rad, at which some constant input holds it.
+    pade_order
+        Of the approximation of the delay; 0 leaves it out. A system whose delay was left out is
+        named ``hand_without_delay``, others ``hand``.
+
+    Raises
+    ------
+    InputError
+        If the delay is negative, as an estimate may be, and is not left out, or the order is none.
     """
-    p = Linearisation.of(parameters, angle)
-    a = np.array(
-        [
-            [0.0, 1.0, 0.0],
-            [-p.stiffness / p.inertia, -p.damping / p.inertia, 1 / p.inertia],
-            [0.0, 0.0, 0.0],
-        ]
-    )
-    b = np.array([[0.0], [p.gain / p.inertia], [0.0]])
-    count = 2
+    loaded = parameters.with_added_mass(added_mass)
+    p = Linearisation.of(loaded, angle)
+    names = ["angle", "velocity", *["torque"] * (p.time_constant > 0)]
+    a, b = np.zeros((3, 3)), np.zeros(3)
+    a[0, 1] = 1.0
+    a[1] = np.array([-p.stiffness, -p.damping, 1.0]) / p.inertia
+    b[1] = p.gain / p.inertia
     if p.time_constant > 0:
-        count = 3
-        a[2, 1:] = -p.back_emf / p.time_constant, -1 / p.time_constant
-        b[1:, 0] = 0.0, p.gain / p.time_constant
+        a[2, 1:] = np.array([-p.back_emf, -1.0]) / p.time_constant
+        b[1:] = 0.0, p.gain / p.time_constant
+    count = len(names)
+    a, b = a[:count, :count], b[:count]
+    if p.delay != 0 and pade_order != 0:
+        late = DelayStates.of(p.delay, pade_order)
+        a = np.block([[a, np.outer(b, late.c)], [np.zeros((pade_order, count)), late.a]])
+        b = np.concatenate([b * late.feedthrough, late.b])
+        names += [f"delay[{k}]" for k in range(pade_order)]
     return control.ss(
-        a[:count, :count],
-        b[:count],
-        np.eye(2, count),
+        a,
+        b[:, None],
+        np.eye(2, len(names)),
         np.zeros((2, 1)),
         inputs=["command"],
         outputs=["angle", "velocity"],
-        states=["angle", "velocity", "torque"][:count],
+        states=names,
+        name="hand_without_delay" if p.delay != 0 and pade_order == 0 else "hand",
     )
 
 
@@ -74,7 +110,13 @@ def transfer_function(
 def frequency_response_data(omega: ArrayLike, response: ArrayLike) -> control.FrequencyResponseData:
     """Wrap measured responses, in rad per unit of input, at frequencies in rad/s."""
     order = np.argsort(np.asarray(omega))
-    return control.frd(np.asarray(response)[order], np.asarray(omega)[order])
+    return control.frd(
+        np.asarray(response)[order],
+        np.asarray(omega)[order],
+        inputs=["command"],
+        outputs=["angle"],
+        name="measured",
+    )
 
 
 class GravityNonlinearity(control.DescribingFunctionNonlinearity):  # type: ignore[misc]

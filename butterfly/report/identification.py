@@ -54,7 +54,7 @@ def rows_of(parameters: Sequence[ParameterRecord], input_kind: InputKind) -> lis
     return [
         ParameterRow(
             symbol=TERMS[each.parameter].symbol,
-            unit=TERMS[each.parameter].unit.replace("unit", _INPUT_UNITS[input_kind]),
+            unit=unit_of(each.parameter, input_kind),
             value=with_error(each.value, _or_nan(each.standard_error)),
             error="–" if each.standard_error is None else f"{each.standard_error:#.2g}",
             interval=interval(_or_nan(each.lower), _or_nan(each.upper)),
@@ -64,6 +64,11 @@ def rows_of(parameters: Sequence[ParameterRecord], input_kind: InputKind) -> lis
         )
         for each in parameters
     ]
+
+
+def unit_of(parameter: str, input_kind: InputKind) -> str:
+    """Return the unit of a parameter, that of the input filled in."""
+    return TERMS[parameter].unit.replace("unit", _INPUT_UNITS[input_kind])
 
 
 def summary(identification: Identification) -> list[str]:

@@ -125,14 +125,14 @@ def write_beside(path: Path, figures: Mapping[str, Figure], numbers: dict[str, A
     """
     write_stills(figures, path.with_name(f"{path.stem}-figures"))
     with replacing(path.with_suffix(".json")) as draft:
-        text = json.dumps(_finite(numbers), indent=1, allow_nan=False)
+        text = json.dumps(finite(numbers), indent=1, allow_nan=False)
         draft.write_text(text, encoding="utf-8")
 
 
-def _finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
+def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
     """Replace numbers that JSON does not have by null."""
     if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
+        return [finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
-from butterfly.model.control_bridge import nonlinear_system, state_space, transfer_function
+from butterfly.model.control_bridge import linearised, nonlinear_system, transfer_function
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import Linearisation, frequency_response, resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -34,7 +34,7 @@ OMEGA = np.array([0.5, 3.0, 4.5, 9.0, 40.0])
 def test_responses_transfer_function_and_state_space_are_one():
     expected = frequency_response(WHOLE, OMEGA)
     np.testing.assert_allclose(transfer_function(WHOLE)(1j * OMEGA), expected, rtol=1e-10)
-    system = state_space(WHOLE)
+    system = linearised(WHOLE)
     assert system.nstates == 3  # the motor's torque lags
     found = np.array([system(1j * w)[0, 0] for w in OMEGA])
     np.testing.assert_allclose(found, expected, rtol=1e-10)
@@ -43,7 +43,7 @@ def test_responses_transfer_function_and_state_space_are_one():
 @pytest.mark.parametrize("angle", [0.0, 0.8, 3.0])
 def test_it_is_the_slope_of_the_nonlinear_system(angle):
     found = control.linearize(nonlinear_system(WHOLE), [angle, 0.0, 0.0], [0.0])
-    expected = state_space(WHOLE, angle)
+    expected = linearised(WHOLE, angle=angle)
     for one, other in ((found.A, expected.A), (found.B, expected.B), (found.C, expected.C)):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
 

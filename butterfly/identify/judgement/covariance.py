@@ -92,4 +92,7 @@ def _satterthwaite(
     trace = lengths.sum(axis=0) - np.trace(shared, axis1=1, axis2=2)
     squares = (lengths**2 - 2 * lengths * overlap).sum(axis=0)
     squares += np.einsum("pij,pji->p", shared, shared)
-    return np.asarray(trace**2 / squares)
+    # P has no negative eigenvalue, so that these bounds hold but for rounding, which is all that is
+    # left where one cluster alone determines a parameter.
+    squares = np.clip(squares, trace**2 / rows.shape[0], trace**2)
+    return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))

@@ -88,3 +88,17 @@ def test_its_memory_grows_with_the_number_of_clusters_only():
         tracemalloc.stop()
     assert peaks[1] < 5 * peaks[0]
     assert peaks[1] < 20e6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_of_what_one_cluster_alone_determines_the_freedom_is_a_number(seed):
+    """As the encoder's zero of each log is; rounding is all that is left of its sums."""
+    rng = np.random.default_rng(seed)
+    clusters, size = 6, 4
+    own = np.eye(clusters)[:, np.newaxis, :] * rng.standard_normal((clusters, size, 1))
+    rows = np.concatenate([rng.standard_normal((clusters, size, 1)), own], axis=2)
+    flat = rows.reshape(-1, clusters + 1)
+    noise = rng.standard_normal(clusters * size)
+    residuals = noise - flat @ np.linalg.lstsq(flat, noise, rcond=None)[0]
+    _, freedom = cluster_covariance(rows, residuals.reshape(clusters, size))
+    assert np.all((freedom >= 1) & (freedom <= clusters))

@@ -1,0 +1,97 @@
+"""An estimate as JSON, and back."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from butterfly.identify.estimate import ParameterEstimate
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.model.parameters import AddedMass
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+    from numpy.typing import NDArray
+
+
+def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
+    """Return all that `estimate_of` needs, as JSON can hold it once NaN is null."""
+    return {
+        "method": estimate.method,
+        "names": list(estimate.names),
+        "values": estimate.values.tolist(),
+        "covariance": estimate.covariance.tolist(),
+        "lower": estimate.lower.tolist(),
+        "upper": estimate.upper.tolist(),
+        "left_out": [[_key(key), each.tolist()] for key, each in estimate.left_out.items()],
+        "condition": estimate.condition,
+        "on_bound": list(estimate.on_bound),
+        "ending": str(estimate.ending),
+        "findings": [asdict(finding) for finding in estimate.findings],
+        "held": estimate.held,
+        "resonances": [[_key(mass), omega] for mass, omega in estimate.resonances.items()],
+        "local": [[_key(key), values] for key, values in estimate.local.items()],
+    }
+
+
+def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
+    """Return the estimate of which `estimate_content` told.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If something is missing, or not what it should be.
+    """
+    left_out: dict[Hashable, NDArray[np.float64]] = {
+        _keyed(key): _array(values) for key, values in content["left_out"]
+    }
+    names = tuple(str(name) for name in content["names"])
+    values, covariance = _array(content["values"]), _array(content["covariance"])
+    if values.shape != (len(names),) or covariance.shape != (len(names), len(names)):
+        raise ValueError("as many values and rows of the covariance as names")
+    return ParameterEstimate(
+        method=str(content["method"]),
+        names=names,
+        values=values,
+        covariance=covariance,
+        lower=_array(content["lower"]),
+        upper=_array(content["upper"]),
+        left_out=left_out,
+        condition=float(_array(content["condition"])),
+        on_bound=tuple(content["on_bound"]),
+        ending=Ending(content["ending"]),
+        findings=tuple(_finding(**each) for each in content["findings"]),
+        held=dict(content["held"]),
+        resonances={_mass(key): float(omega) for key, omega in content["resonances"]},
+        local={_keyed(key): dict(each) for key, each in content["local"]},
+    )
+
+
+def _finding(*, kind: str, parameters: list[str], number: float | None, severity: str) -> Finding:
+    return Finding(
+        kind=FindingKind(kind),
+        parameters=tuple(parameters),
+        number=number,
+        severity=Severity(severity),
+    )
+
+
+def _array(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - whatever stands in the file
+    """Return numbers as an array; null is NaN."""
+    return np.array(values, dtype=np.float64)
+
+
+def _key(key: object) -> object:
+    """Return what a value belongs to: a log by its name, an added mass by its numbers, or all."""
+    return asdict(key) if isinstance(key, AddedMass) else key
+
+
+def _keyed(key: Any) -> AddedMass | str | None:  # noqa: ANN401 - whatever stands in the file
+    return _mass(key) if isinstance(key, dict) else key
+
+
+def _mass(key: dict[str, float]) -> AddedMass:
+    return AddedMass(**key)

@@ -1,0 +1,284 @@
+"""An identification that shows, saves and reports itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from butterfly import __version__
+from butterfly.api.estimate_json import estimate_content, estimate_of
+from butterfly.api.identified_model import IdentifiedModel
+from butterfly.api.result import Result
+from butterfly.errors import InputError, nearest
+from butterfly.experiment.data_source import named_data
+from butterfly.experiment.estimate_record import ParameterRecord
+from butterfly.identify.identification import Identification, simulated
+from butterfly.identify.predict import FitSummary
+from butterfly.logs.log import InputKind
+from butterfly.report.figures import frequency_response_figure, time_figure
+from butterfly.report.identification import rows_of, summary, unit_of, write_report
+from butterfly.report.words import sentences
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    import control
+    from numpy.typing import NDArray
+    from plotly.graph_objects import Figure
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Identified(Result):
+    """What was learnt from a data set.
+
+    Parameters
+    ----------
+    estimate
+        Parameters with covariance and findings.
+    estimator
+        What made it, and what that was told.
+    about
+        The data: name, description, source, input, number of logs.
+    fits
+        FIT in per cent of the free run of each log, by its name.
+    summary
+        What was found, in words.
+    live
+        The identification with its logs; None for one that was loaded.
+    """
+
+    kind: ClassVar[str] = "identification"
+
+    estimate: ParameterEstimate
+    estimator: str
+    about: dict[str, Any]
+    fits: dict[str, float]
+    summary: tuple[str, ...]
+    live: Identification | None = None
+
+    @classmethod
+    def of(cls, found: Identification, estimator: str) -> Identified:
+        """Wrap an identification made by an estimator of this label."""
+        data = found.data
+        return cls(
+            estimate=found.estimate,
+            estimator=estimator,
+            about={
+                "name": data.name,
+                "description": data.description,
+                "source": data.source,
+                "input": str(data.input_kind),
+                "logs": len(data.logs),
+            },
+            fits={run.log.name: run.fit for run in found.free_runs},
+            summary=tuple(summary(found)),
+            live=found,
+        )
+
+    @classmethod
+    def of_content(cls, content: dict[str, Any]) -> Identified:
+        """Return what `to_dict` told of (see `estimate_of` for what is raised)."""
+        return cls(
+            estimate=estimate_of(content["estimate"]),
+            estimator=content["estimator"],
+            about=dict(content["data"]),
+            fits={str(name): _number(fit) for name, fit in content["fits"].items()},
+            summary=tuple(content["summary"]),
+        )
+
+    def content(self) -> dict[str, Any]:
+        """Return all that is saved."""
+        fit = self.fit
+        return {
+            "butterfly": __version__,
+            "estimator": self.estimator,
+            "summary": list(self.summary),
+            "parameters": {row.pop("parameter"): row for row in self.rows()},
+            "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
+            "fits": self.fits,
+            "data": self.about,
+            "estimate": estimate_content(self.estimate),
+        }
+
+    @property
+    def title(self) -> str:  # type: ignore[override]
+        """Method, data, and the values with their standard errors."""
+        return f"{self.estimator} of {self.about['name']!r}, median FIT {self.fit.median:.1f} %"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: value, standard error, 95 % interval, unit."""
+        kind = InputKind(self.about["input"])
+        records = ParameterRecord.all_of(self.estimate)
+        return [
+            {
+                "parameter": each.parameter,
+                "value": each.value,
+                "standard_error": each.standard_error,
+                "lower": each.lower,
+                "upper": each.upper,
+                "unit": unit_of(each.parameter, kind),
+            }
+            for each in records
+        ]
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the table of parameters with the digits that their errors leave."""
+        records = ParameterRecord.all_of(self.estimate)
+        return [
+            {
+                "parameter": row.symbol,
+                "value": row.value,
+                "standard error": row.error,
+                "95 % interval": row.interval,
+                "unit": row.unit,
+            }
+            for row in rows_of(records, InputKind(self.about["input"]))
+        ]
+
+    def __repr__(self) -> str:
+        pairs = zip(self.estimate.names, self.estimate.values, strict=True)
+        values = ", ".join(f"{name} {value:.4g}" for name, value in pairs)
+        return f"<Identified: {self.title}: {values}>"
+
+    @property
+    def parameters(self) -> LumpedParameters:
+        """The parameters of the bare hand."""
+        return self.estimate.parameters
+
+    @property
+    def model(self) -> IdentifiedModel:
+        """The robot that they make."""
+        return IdentifiedModel(self.parameters)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(n, n), in the order of `rows`."""
+        return self.estimate.covariance
+
+    @property
+    def verdict(self) -> list[str]:
+        """How far to trust the values, in words."""
+        return sentences(self.estimate)
+
+    @property
+    def fit(self) -> FitSummary:
+        """Median, mean and worst FIT in per cent."""
+        return FitSummary.of(np.array(list(self.fits.values())))
+
+    @property
+    def data(self) -> DataSet:
+        """The logs; of a loaded result they are read again from where they were.
+
+        Raises
+        ------
+        InputError
+            If it is not known where they are, or they cannot be read.
+        """
+        return self._identification.data
+
+    def measured(self, added_mass: AddedMass | None = None) -> control.FrequencyResponseData:
+        """Return the responses measured with an added mass, to lay over `model.linearised`.
+
+        Parameters
+        ----------
+        added_mass
+            One of ``data.masses``; the lightest if not given.
+
+        Raises
+        ------
+        InputError
+            If no sine was logged with it.
+        """
+        from butterfly.signals.measured_response import measured_response  # noqa: PLC0415 - slow
+
+        mass = self.data.masses[0] if added_mass is None else added_mass
+        return measured_response(self.data.sines, mass)
+
+    @property
+    def plot(self) -> IdentifiedPlots:
+        """Its figures, as plotly's."""
+        return IdentifiedPlots(self)
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
+
+    def report(self, path: str | PathLike[str], *, truth: LumpedParameters | None = None) -> None:
+        """Write the identification report: one page that opens offline, numbers beside it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        truth
+            True parameters, where they are known.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written, or the logs of a loaded result cannot be read.
+        """
+        write_report(self._identification, Path(path), truth)
+
+    @cached_property
+    def _identification(self) -> Identification:
+        if self.live is not None:
+            return self.live
+        source = self.about["source"]
+        if not source:
+            raise InputError(self.title, "source", "nothing", "a result whose logs came from files")
+        return simulated(named_data(Path(source)), self.estimate)
+
+
+@dataclass(frozen=True)
+class IdentifiedPlots:
+    """Figures of an identification.
+
+    Parameters
+    ----------
+    result
+        The identification.
+    """
+
+    result: Identified
+
+    def frequency_response(self) -> Figure:
+        """Draw gain and phase, measured and modelled, over frequency."""
+        return frequency_response_figure(self.result._identification)  # noqa: SLF001 - its other half
+
+    def time(self, log: str | int | None = None) -> Figure:
+        """Draw measured and simulated angle of a log, by its name or number.
+
+        Parameters
+        ----------
+        log
+            The one with the middle FIT if not given.
+
+        Raises
+        ------
+        InputError
+            If there is no such log.
+        """
+        runs = self.result._identification.free_runs  # noqa: SLF001 - its other half
+        names = [run.log.name for run in runs]
+        if log is None:
+            log = int(np.argsort([run.fit for run in runs])[len(runs) // 2])
+        if isinstance(log, str):
+            if log not in names:
+                raise InputError("plot.time", "log", log, nearest(log, names))
+            log = names.index(log)
+        if not -len(runs) <= log < len(runs):
+            raise InputError("plot.time", "log", log, f"a number below {len(runs)}")
+        return time_figure(runs[log])
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)

@@ -1,0 +1,123 @@
+"""The identified robot as a control engineer uses it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from butterfly.model.linear import Linearisation, resonance_frequency
+from butterfly.model.parameters import NO_ADDED_MASS
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    import control
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+
+
+@dataclass(frozen=True)
+class IdentifiedModel:
+    """p1 thdd + p2 thd + p3 sin th = p4 u and the terms beside, with what the hand carries (78).
+
+    Parameters
+    ----------
+    parameters
+        Of the bare hand, SI units.
+    """
+
+    parameters: LumpedParameters
+
+    def with_added_mass(self, added_mass: AddedMass) -> LumpedParameters:
+        """Return the parameters of the hand with an added mass (78)."""
+        return self.parameters.with_added_mass(added_mass)
+
+    def linearised(
+        self,
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        angle: float = 0.0,
+        pade_order: int | None = None,
+    ) -> control.StateSpace:
+        """Return the linearisation about rest, from command to angle and velocity.
+
+        The armature's lag is a state, the delay a Padé approximation; friction that holds the joint
+        at rest is left out (see `butterfly.model.control_bridge.linearised`).
+
+        Parameters
+        ----------
+        added_mass
+            What the hand carries.
+        angle
+            Of rest, in rad.
+        pade_order
+            Of the approximation; 4 if not given, and 0, which leaves the delay out, where the
+            estimate is negative: the system is then named ``hand_without_delay``.
+        """
+        from butterfly.model.control_bridge import PADE_ORDER, linearised  # noqa: PLC0415 - slow
+
+        if pade_order is None:
+            pade_order = PADE_ORDER if self.parameters.delay >= 0 else 0
+        return linearised(self.parameters, added_mass, angle=angle, pade_order=pade_order)
+
+    def nonlinear(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.NonlinearIOSystem:
+        """Return the whole equation as python-control's object, the delay left out."""
+        from butterfly.model.control_bridge import nonlinear_system  # noqa: PLC0415 - slow to import
+
+        return nonlinear_system(self.with_added_mass(added_mass))
+
+    def frequency_response(
+        self, omega: ArrayLike, added_mass: AddedMass = NO_ADDED_MASS
+    ) -> NDArray[np.complex128]:
+        """G(jw) of the linearisation (13) in rad per unit of input, at frequencies in rad/s."""
+        return Linearisation.of(self.with_added_mass(added_mass)).response(omega)
+
+    def resonance(self, added_mass: AddedMass = NO_ADDED_MASS) -> float:
+        """Return the frequency in rad/s at which the linearisation's gain peaks; 0 if nowhere."""
+        return resonance_frequency(self.with_added_mass(added_mass))
+
+    def simulate(self, log: Log, *, zero: float = 0.0, velocity: float = 0.0) -> Log:
+        """Return a log with its angle simulated from the first sample on, with its own input.
+
+        Parameters
+        ----------
+        log
+            Of any input; its added mass is put on.
+        zero
+            Reading of the encoder in rad where the hand hangs.
+        velocity
+            At the first sample, in rad/s.
+        """
+        from butterfly.identify.predict import Setting, free_run  # noqa: PLC0415 - slow to import
+
+        setting = Setting(parameters=self.parameters, zero=zero, velocity=velocity)
+        run = free_run(log, setting)
+        return replace(log, angle=run.simulated, velocity=None, source="grey-box model")
+
+    def export(
+        self, path: str | PathLike[str], added_mass: AddedMass = NO_ADDED_MASS, *, mass: float = 0.3
+    ) -> None:
+        """Write an MJCF file of a robot that moves so, which plain MuJoCo loads.
+
+        Parameters
+        ----------
+        path
+            The file.
+        added_mass
+            What the hand carries.
+        mass
+            Of the hand in kg; the motion does not tell it.
+
+        Raises
+        ------
+        InputError
+            If no hand moves so, or the file cannot be written.
+        """
+        from butterfly.experiment.named_robot import export  # noqa: PLC0415 - slow to import
+        from butterfly.plant.twin import twin  # noqa: PLC0415
+
+        export(twin(self.parameters, mass), added_mass, Path(path))

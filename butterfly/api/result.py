@@ -1,0 +1,146 @@
+"""What all results have in common: words, rows, JSON, a frame, a page."""
+
+from __future__ import annotations
+
+import json
+import math
+from abc import ABC, abstractmethod
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from butterfly.errors import ButterflyError
+from butterfly.files import replacing
+from butterfly.report.page import Page, Section, Table, finite, write_page
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from os import PathLike
+
+    import pandas as pd
+    from plotly.graph_objects import Figure
+
+_SIGNIFICANT = 4
+
+
+class Result(ABC):
+    """A result that can be looked at, tabulated, saved and reported."""
+
+    kind: ClassVar[str]
+    """What it is, in files."""
+
+    schema_number: ClassVar[int] = 1
+    """Of its JSON; raised when an older program could no longer read it."""
+
+    title: str
+    """What it is, in a line."""
+
+    summary: tuple[str, ...]
+    """What it says, in plain English, the most important first."""
+
+    @abstractmethod
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table that it is about, a row each, units in the names of its columns."""
+
+    @abstractmethod
+    def content(self) -> dict[str, Any]:
+        """Return all that is saved, as JSON can hold it."""
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return `rows` as a person reads them."""
+        return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain values that JSON can hold; None stands for what is unknown."""
+        head = {"schema": f"butterfly.{self.kind}", "schema_number": self.schema_number}
+        said: dict[str, Any] = finite(head | self.content())
+        return said
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return `rows` as a pandas frame.
+
+        Raises
+        ------
+        ButterflyError
+            If pandas is not installed.
+        """
+        try:
+            import pandas as pd  # noqa: PLC0415 - an extra
+        except ImportError:
+            raise ButterflyError(
+                "to_dataframe needs pandas: pip install 'butterfly-testbed[pandas]'"
+            ) from None
+        return pd.DataFrame(self.rows())
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the result as JSON, which `butterfly.load` reads.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        with replacing(Path(path)) as draft:
+            text = json.dumps(self.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+            draft.write_text(text + "\n", encoding="utf-8")
+
+    def report(self, path: str | PathLike[str]) -> None:
+        """Write a page that opens offline, its numbers as JSON and its figures beside it.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written.
+        """
+        write_page(self.page(), Path(path))
+
+    def page(self) -> Page:
+        """Put together the page of `report`."""
+        rows = self.shown_rows()
+        headers = tuple(rows[0]) if rows else ()
+        table = Table(headers=headers, rows=[tuple(row.values()) for row in rows])
+        return Page(
+            name=self.title,
+            description="",
+            kind=self.kind,
+            summary=list(self.summary),
+            sections=[
+                Section(title="At a glance", figures=self.figures()),
+                Section(title="In numbers", tables=(table,)),
+            ],
+            numbers=self.to_dict(),
+        )
+
+    def __str__(self) -> str:
+        return "\n".join([self.title, *self.summary])
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.title}>"
+
+    def _repr_html_(self) -> str:
+        return html_of(self.title, self.shown_rows(), self.summary)
+
+
+def html_of(title: str, rows: Sequence[dict[str, str]], sentences: Sequence[str]) -> str:
+    """Return a table and sentences as HTML, as notebooks show it."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row.values()) + "</tr>"
+        for row in rows
+    )
+    said = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+    return (
+        f"<p><b>{escape(title)}</b></p>{said}<table><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table>"
+    )
+
+
+def shown(value: object) -> str:
+    """Return a cell as a person reads it."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,58 @@
+"""Results that were saved, read again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from butterfly.api.identified import Identified
+from butterfly.api.tabulated import Compared, Designed, Validated
+from butterfly.errors import InputError
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+_KINDS = {f"butterfly.{each.kind}": each for each in (Identified, Validated, Designed, Compared)}
+
+
+def load(path: str | PathLike[str]) -> Identified | Validated | Designed | Compared:
+    """Read a result that was saved.
+
+    Raises
+    ------
+    InputError
+        If the file is no saved result, one of a newer butterfly, or damaged; it says what to do.
+    """
+    file = Path(path)
+    content = _content(file)
+    schema = content.get("schema")
+    if schema not in _KINDS:
+        expected = "a result written by its method save (a report's numbers are none)"
+        raise InputError(file, "schema", schema, expected)
+    kind = _KINDS[schema]
+    number = content.get("schema_number")
+    if number != kind.schema_number:
+        newer = isinstance(number, int) and number > kind.schema_number
+        remedy = "a newer butterfly" if newer else "the result saved again by this butterfly"
+        expected = f"{kind.schema_number}: this file needs {remedy}"
+        raise InputError(file, "schema_number", number, expected)
+    try:
+        return kind.of_content(content)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        expected = "a result as its method save writes it"
+        raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
+
+
+def _content(file: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(file, "path", "no such file", "a saved result") from None
+    except OSError as error:
+        raise InputError(file, "path", error.strerror, "a readable file") from None
+    except (ValueError, RecursionError):
+        raise InputError(file, "content", "no JSON", "a saved result") from None
+    if not isinstance(content, dict):
+        raise InputError(file, "content", type(content).__name__, "a saved result")
+    return content

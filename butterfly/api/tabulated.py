@@ -1,0 +1,240 @@
+"""Results that are a table and what it says: of validate, design and compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from plotly.graph_objects import Bar, Figure, Scatter
+
+from butterfly import __version__
+from butterfly.api.result import Result
+from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.report.figures import PALETTE
+from butterfly.report.three_way import three_way_page
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Self
+
+    from butterfly.compare.three_way import ThreeWay
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.design import Candidate
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.judgement.validation import HeldOut
+    from butterfly.logs.log import Log
+    from butterfly.report.page import Page
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Tabulated(Result):
+    """A table and what it says.
+
+    Parameters
+    ----------
+    title, summary
+        What it is, and what it says.
+    table
+        Its rows, units in the names of the columns.
+    """
+
+    title: str
+    summary: tuple[str, ...]
+    table: tuple[dict[str, Any], ...]
+
+    @classmethod
+    def of_content(cls, content: dict[str, Any]) -> Self:
+        """Return what `to_dict` told of.
+
+        Raises
+        ------
+        KeyError, TypeError
+            If something is missing, or not what it should be.
+        """
+        return cls(
+            title=content["title"],
+            summary=tuple(content["summary"]),
+            table=tuple(dict(row) for row in content["rows"]),
+        )
+
+    def content(self) -> dict[str, Any]:
+        """Return all that is saved."""
+        about = {"butterfly": __version__, "title": self.title, "summary": list(self.summary)}
+        return about | {"rows": self.rows()}
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table."""
+        return [dict(row) for row in self.table]
+
+    @property
+    def plot(self) -> TablePlots:
+        """Its figures, as plotly's."""
+        return TablePlots(self)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Validated(Tabulated):
+    """How well logs are followed that an estimator has seen, and that it has not."""
+
+    kind: ClassVar[str] = "validation"
+
+    @classmethod
+    def of(cls, data: DataSet, label: str, held: HeldOut, whole: ParameterEstimate) -> Validated:
+        """Tabulate what was held out, beside an estimate from all logs."""
+        seen = Predictor(data).fits(whole)
+        rows = tuple(
+            {**_about(log), "FIT seen in %": float(inside), "FIT left out in %": float(outside)}
+            for log, inside, outside in zip(data.logs, seen, held.fits, strict=True)
+        )
+        within, without = FitSummary.of(seen), held.summary
+        return cls(
+            title=f"{label} of {data.name!r}, one {held.split} left out at a time",
+            summary=(
+                f"Logs that were left out are followed with a median FIT of {without.median:.1f} % "
+                f"(mean {without.mean:.1f} %, worst {without.worst:.1f} %); those that were seen, "
+                f"{within.median:.1f} %.",
+            ),
+            table=rows,
+        )
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"fits": self.plot.fits()}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Designed(Tabulated):
+    """Next experiments, the most telling first."""
+
+    kind: ClassVar[str] = "design"
+
+    @classmethod
+    def of(cls, data: DataSet, found: ParameterEstimate, ranked: Sequence[Candidate]) -> Designed:
+        """Tabulate candidates: standard errors after each, over those now."""
+        rows = tuple(
+            {
+                "added mass": str(each.added_mass),
+                "input": each.what,
+                "swing in rad": each.swing,
+                "mean": each.score,
+                **dict(zip(found.names, map(float, each.errors), strict=True)),
+                "warning": each.warning,
+            }
+            for each in ranked
+        )
+        best = ranked[0]
+        return cls(
+            title=f"Next experiments after {data.name!r}: standard errors over those now",
+            summary=(
+                f"Most telling next: {best.what} with {best.added_mass}, which leaves "
+                f"{100 * best.score:.0f} % of the standard errors on average"
+                + (f"; but: {best.warning}." if best.warning else "."),
+            ),
+            table=rows,
+        )
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"ranking": self.plot.ranking()}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Compared(Tabulated):
+    """MuJoCo, the grey-box model and the logs, given the same input.
+
+    Parameters
+    ----------
+    live
+        The page that drew them; None for a result that was loaded.
+    """
+
+    kind: ClassVar[str] = "comparison"
+
+    live: Page | None = None
+
+    @classmethod
+    def of(cls, data: DataSet, compared: Sequence[ThreeWay]) -> Compared:
+        """Tabulate logs, each simulated twice."""
+        page = three_way_page(data.name, data.description, compared)
+        rows = tuple(
+            {
+                **_about(each.log),
+                **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
+                "simulators apart in rad": each.difference,
+                **{f"gain {name}": abs(gain) for name, gain in each.gains.items()},
+                "left over looks like": each.residual.looks_like,
+            }
+            for each in compared
+        )
+        title = f"MuJoCo and grey box beside {data.name!r}"
+        return cls(title=title, summary=tuple(page.summary), table=rows, live=page)
+
+    def page(self) -> Page:
+        """Put together the page of `report`."""
+        return self.live or super().page()
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"fits": self.plot.fits()}
+
+
+@dataclass(frozen=True)
+class TablePlots:
+    """Figures of a table.
+
+    Parameters
+    ----------
+    result
+        That has it.
+    """
+
+    result: Tabulated
+
+    def fits(self) -> Figure:
+        """Draw every column of FITs, a point for each log."""
+        rows = self.result.rows()
+        columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
+        logs = [row["log"] for row in rows]
+        figure = Figure(
+            [
+                Scatter(
+                    x=logs,
+                    y=[row[name] for row in rows],
+                    name=name.removeprefix("FIT ").removesuffix(" in %"),
+                    mode="markers",
+                    marker={"color": PALETTE[k % len(PALETTE)], "size": 8},
+                )
+                for k, name in enumerate(columns)
+            ]
+        )
+        figure.update_yaxes(title="FIT in %")
+        figure.update_layout(height=420)
+        return figure
+
+    def ranking(self, count: int = 12) -> Figure:
+        """Draw the mean of what is left of the standard errors, for the first candidates."""
+        rows = self.result.rows()[:count]
+        bars = Bar(
+            x=[str(rank) for rank in range(1, len(rows) + 1)],
+            y=[row["mean"] for row in rows],
+            text=[f"{row['input']}, {row['added mass']}" for row in rows],
+            textposition="none",
+            hovertemplate="%{text}: %{y:.2f}<extra></extra>",
+            marker={"color": PALETTE[0]},
+        )
+        figure = Figure(bars)
+        figure.update_xaxes(title="candidate, in the order of the table")
+        figure.update_yaxes(title="standard errors after, over those now")
+        figure.update_layout(height=420)
+        return figure
+
+
+def _about(log: Log) -> dict[str, Any]:
+    """Name a log and what was done in it."""
+    sine = log.excitation
+    return {
+        "log": log.name,
+        "added mass in kg": log.added_mass.mass,
+        "frequency in rad/s": sine.omega if sine else np.nan,
+    }

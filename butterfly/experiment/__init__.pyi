@@ -1,0 +1,11 @@
+from .data_source import named_data as named_data
+from .engines import DaskEngine as DaskEngine
+from .engines import LocalEngine as LocalEngine
+from .estimator_spec import make_estimator as make_estimator
+from .methods import ESTIMATORS as ESTIMATORS
+from .perform import RunResult as RunResult
+from .plan import plan_sweep as plan_sweep
+from .reading import Source as Source
+from .reading import read_experiment as read_experiment
+from .schema import Experiment as Experiment
+from .store import ResultStore as ResultStore

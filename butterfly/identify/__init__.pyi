@@ -1,0 +1,12 @@
+from .data import DataSet as DataSet
+from .data import read_data_set as read_data_set
+from .design import Candidate as Candidate
+from .design import rank_experiments as rank_experiments
+from .estimate import ParameterEstimate as ParameterEstimate
+from .identification import Identification as Identification
+from .identification import identify as identify
+from .physical import physical_hand as physical_hand
+from .predict import FitSummary as FitSummary
+from .predict import FreeRun as FreeRun
+from .predict import Predictor as Predictor
+from .predict import free_run as free_run

@@ -1,0 +1,11 @@
+from .formats import read_log as read_log
+from .formats import write_log as write_log
+from .health import Health as Health
+from .health import Repair as Repair
+from .health import examine as examine
+from .log import InputKind as InputKind
+from .log import Intersample as Intersample
+from .log import Log as Log
+from .log import Sine as Sine
+from .manifest import Manifest as Manifest
+from .manifest import read_manifest as read_manifest

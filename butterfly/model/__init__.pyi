@@ -1,0 +1,11 @@
+from .friction import Friction as Friction
+from .greybox import simulate as simulate
+from .harmonic import quasi_linear_response as quasi_linear_response
+from .linear import Linearisation as Linearisation
+from .parameters import AddedMass as AddedMass
+from .parameters import Hand as Hand
+from .parameters import LumpedParameters as LumpedParameters
+from .parameters import TorqueDrive as TorqueDrive
+from .parameters import VoltageDrive as VoltageDrive
+from .parameters import lump as lump
+from .parameters import unlump as unlump

@@ -1,0 +1,12 @@
+from .controller import EnergyShaping as EnergyShaping
+from .controller import gain_for as gain_for
+from .loop import Calibration as Calibration
+from .loop import Plan as Plan
+from .loop import calibrate as calibrate
+from .online import OnlineRecalibration as OnlineRecalibration
+from .online import SelfTuning as SelfTuning
+from .recalibration_options import RecalibrationOptions as RecalibrationOptions
+from .study import OrbitStudy as OrbitStudy
+from .study import study_orbit as study_orbit
+from .velocity import FilteredDifference as FilteredDifference
+from .velocity import Observer as Observer

@@ -1,0 +1,255 @@
+"""How much gain and how much delay the energy-shaping loop bears before it loses its orbit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import expm
+
+from butterfly.errors import InputError, require_number
+from butterfly.model.energy import Orbit, energy, pull, stiffness
+from butterfly.model.motion import Motion
+from butterfly.model.pade import DelayStates
+from butterfly.model.terms import DISSIPATIVE, torque_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+_ORDER = 8  # of Padé's approximation; to 6e-8 at the third harmonic of the orbit a quarter late
+_STEPS = 400  # of a period
+_NODES = np.array([0.5 - math.sqrt(3) / 6, 0.5 + math.sqrt(3) / 6])  # Gauss's, of a step
+_SAMPLES = 1024  # of a period, in a balance of powers
+_LEVELS = 16  # energies between rest and the orbit's, at which powers are balanced
+_RATIO = math.sqrt(2)  # between the gain factors that are looked at
+_LARGEST = 1024.0  # gain factor
+_PARTS = 32  # of a period, between the delays that are looked at
+_HALVINGS = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """What the loop bears, one change at a time.
+
+    Parameters
+    ----------
+    gain
+        Lower and upper factor on gamma, of unit 1, between which an orbit is held; 0 and infinity
+        where there is no limit within a thousandfold.
+    delay
+        Further delay in s up to which one is held; infinity where a whole period is borne.
+    multiplier
+        Size of the largest nontrivial Floquet multiplier of the loop as it is.
+    """
+
+    gain: tuple[float, float]
+    delay: float
+    multiplier: float
+
+
+def loop_multiplier(orbit: Orbit, gamma: float, delay: float = 0.0) -> float:
+    """Return the size of the largest nontrivial Floquet multiplier of the late loop.
+
+    p1 thdd = pull - |p4| gamma [thd (E - E*)](t - delay): (104) with (109), friction made up for
+    on time. The late loop has the very same orbit, on which the bracket vanishes, and its
+    variational equation feeds back thd times the change of E.
+
+    Parameters
+    ----------
+    orbit, gamma
+        The loop.
+    delay
+        In s, of the whole feedback.
+    """
+    return _Transverse.of(orbit).multiplier(gamma, delay)
+
+
+def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
+    """Return the gain and delay margins of the loop about its orbit, by bisection.
+
+    The loop is a periodic one and has no single frequency response. What is multiplied is the
+    feedback of the energy; what is delayed is the whole command. The first factor and delay are
+    given with which either
+
+    - a nontrivial Floquet multiplier leaves the unit circle (`loop_multiplier`), or
+    - friction, made up for late, takes more energy from every smaller swing than the feedback
+      gives, so that the hand comes to rest: a balance of powers over a period, good to first order
+      in friction and feedback.
+
+    Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
+    one, and a wrong p4 moves it too (`butterfly.orbit.controller.steady_invariant`).
+
+    Parameters
+    ----------
+    orbit, gamma
+        The loop. The delay of the orbit's parameters is in it, and the lag of its armature,
+        counted as a delay.
+    lag
+        In s, that the controller adds: half a cycle, and its velocity's (`VelocityEstimator.lag`).
+
+    Raises
+    ------
+    InputError
+        If the lag is negative, gamma not positive, or the loop does not hold an orbit as it is.
+    """
+    require_number("loop_margins", lag=lag)
+    require_number("loop_margins", positive=True, gamma=gamma)
+    p = orbit.parameters
+    now = p.delay + p.time_constant + lag
+    transverse, swings = _Transverse.of(orbit), _Swings.below(orbit)
+
+    def holds(factor: float, more: float) -> bool:
+        strength, delay = factor * gamma, now + more
+        return swings.carry(strength, delay) and transverse.multiplier(strength, delay) < 1
+
+    multiplier = transverse.multiplier(gamma, now)
+    if not holds(1.0, 0.0):
+        raise InputError(
+            "loop_margins",
+            "loop",
+            f"Floquet multiplier {multiplier:.3g} with {now:.3g} s of lag",
+            "a loop that holds an orbit: with less lag, or another gamma",
+        )
+    factors = _RATIO ** np.arange(1, round(math.log(_LARGEST, _RATIO)) + 1)
+    delays = orbit.period * np.arange(1, _PARTS + 1) / _PARTS
+    return Margins(
+        gain=(
+            _edge(lambda factor: holds(factor, 0.0), 1.0, 1 / factors, 0.0),
+            _edge(lambda factor: holds(factor, 0.0), 1.0, factors, math.inf),
+        ),
+        delay=_edge(lambda more: holds(1.0, more), 0.0, delays, math.inf),
+        multiplier=multiplier,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Transverse:
+    """The loop's linearisation along its orbit, at the Gauss nodes of the period's steps.
+
+    Parameters
+    ----------
+    step
+        In s.
+    fall
+        (2 steps,) curvature of the potential over p1, in 1/s^2.
+    feedback
+        (2 steps, 2) acceleration per angle and velocity, for gamma 1 and without delay.
+    """
+
+    step: float
+    fall: NDArray[np.float64]
+    feedback: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, orbit: Orbit) -> _Transverse:
+        p, step = orbit.parameters, orbit.period / _STEPS
+        angle, velocity = orbit.solution(((np.arange(_STEPS)[:, None] + _NODES) * step).ravel())
+        pulls, slopes = (np.array([f(p, x) for x in angle.tolist()]) for f in (pull, stiffness))
+        change = np.stack([-pulls, p.p1 * velocity], axis=1)
+        feedback = -abs(p.p4) / p.p1 * velocity[:, None] * change
+        return cls(step=step, fall=slopes / p.p1, feedback=feedback)
+
+    def multiplier(self, gamma: float, delay: float) -> float:
+        """Integrate over a period, from the upper turning point on (see `loop_multiplier`).
+
+        The delay is Padé's of order 8, the steps are those of the Magnus series of fourth order
+        (Iserles & Nørsett, Phil. Trans. R. Soc. A 357, 1999). At a turning point the shift along
+        the orbit is a change of velocity alone and the delay's states do not take part: without
+        the velocity's row and column the monodromy matrix keeps the other multipliers.
+        """
+        feedback, size = gamma * self.feedback, 2 + _ORDER * (delay > 0)
+        rates = np.zeros((self.fall.size, size, size))
+        rates[:, 0, 1] = 1.0
+        rates[:, 1, 0] = -self.fall
+        if delay > 0:
+            late = DelayStates.of(delay, _ORDER)
+            rates[:, 2:, 2:] = late.a
+            rates[:, 2:, :2] = late.b[:, None] * feedback[:, None, :]
+            rates[:, 1, 2:] = late.c
+            feedback = late.feedthrough * feedback
+        rates[:, 1, :2] += feedback
+        first, second = rates[::2], rates[1::2]
+        mean = 0.5 * self.step * (first + second)
+        twist = self.step**2 * math.sqrt(3) / 12 * (second @ first - first @ second)
+        monodromy = np.eye(size)
+        for part in expm(mean + twist):
+            monodromy = part @ monodromy
+        others = np.delete(np.delete(monodromy, 1, axis=0), 1, axis=1)
+        return float(np.abs(np.linalg.eigvals(others)).max())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Swings:
+    """Orbits of less energy, and what the loop does to them in a period.
+
+    Parameters
+    ----------
+    p4
+        Its size, in N m per unit of input.
+    periods
+        (n,) in s.
+    missing
+        (n,) energy in J that they are short of.
+    velocity, friction
+        (n, samples) in rad/s and N m, over a period each.
+    """
+
+    p4: float
+    periods: NDArray[np.float64]
+    missing: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    friction: NDArray[np.float64]
+
+    @classmethod
+    def below(cls, orbit: Orbit) -> _Swings:
+        p = orbit.parameters
+        middle = np.linspace(orbit.lower, orbit.upper, _SAMPLES)
+        depth = orbit.energy - float(energy(p, middle, 0.0).min())
+        missing = depth * (np.arange(_LEVELS) + 0.5) / _LEVELS
+        swings = [Orbit.of_energy(p, orbit.energy - each) for each in missing.tolist()]
+        motions = [
+            swing.solution(np.arange(_SAMPLES) / _SAMPLES * swing.period) for swing in swings
+        ]
+        return cls(
+            p4=abs(p.p4),
+            periods=np.array([swing.period for swing in swings]),
+            missing=missing,
+            velocity=np.array([velocity for _, velocity in motions]),
+            friction=np.array(
+                [
+                    [
+                        torque_of(p, Motion.of(p, *state), DISSIPATIVE)
+                        for state in zip(angle.tolist(), velocity.tolist(), strict=True)
+                    ]
+                    for angle, velocity in motions
+                ]
+            ),
+        )
+
+    def carry(self, gamma: float, delay: float) -> bool:
+        """Say whether any of them gains energy."""
+        command = self.friction + self.p4 * gamma * self.missing[:, None] * self.velocity
+        turns = np.fft.rfftfreq(_SAMPLES, 1 / _SAMPLES) * delay / self.periods[:, None]
+        late = np.fft.irfft(np.fft.rfft(command) * np.exp(-2j * np.pi * turns), _SAMPLES)
+        return bool((np.mean((late - self.friction) * self.velocity, axis=1) > 0).any())
+
+
+def _edge(
+    holds: Callable[[float], bool], inside: float, others: NDArray[np.float64], none: float
+) -> float:
+    """Return where the orbit is first lost going through ``others``, or ``none`` if nowhere."""
+    for other in others.tolist():
+        if not holds(other):
+            break
+        inside = other
+    else:
+        return none
+    outside = other
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
+    return 0.5 * (inside + outside)

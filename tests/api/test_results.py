@@ -1,0 +1,201 @@
+"""Results show, tabulate, save and report themselves; verbs take whatever holds data."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import butterfly as bf
+from butterfly.api.identified_model import IdentifiedModel
+from butterfly.identify.design import masses_at_hand
+from butterfly.identify.estimators import HarmonicBalance, OutputError
+from butterfly.identify.judgement.validation import Split, hold_out
+
+
+@pytest.fixture(scope="module")
+def data(quick_data):
+    return bf.read(quick_data)
+
+
+@pytest.fixture(scope="module")
+def result(data):
+    return bf.identify(data, against={"wrong": {"p1": 0.004, "p2": 0.0015, "p3": 0.05}})
+
+
+def test_verbs_take_paths_names_logs_and_results(quick_data, data):
+    expected = bf.identify(data, check=False).estimate.values
+    files = [quick_data / log.name for log in data.logs]
+    for source in (quick_data, str(quick_data / "manifest.yaml"), files, list(data.recorded)):
+        found = bf.identify(bf.read(source), check=False).estimate.values
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+    one = bf.read(files[0])
+    assert (len(one.logs), one.logs[0].excitation) == (1, data.logs[0].excitation)
+
+
+def test_a_result_is_one_line_a_table_and_sentences(result):
+    assert len(repr(result).splitlines()) == 1
+    assert "p1 0.0032" in repr(result)
+    assert "known within 10 %" in str(result)
+    frame = result.to_dataframe().set_index("parameter")
+    assert isinstance(frame, pd.DataFrame)
+    assert frame.loc["p1", "value"] == result.parameters.p1
+    assert frame.loc["p4", "unit"] == "N m/V"
+    lower, upper = frame.loc["p1", ["lower", "upper"]]
+    assert lower < 0.00325 < upper
+    html = replace(result, summary=("<b>",))._repr_html_()
+    assert "<td>p₁</td>" in html
+    assert "<p>&lt;b&gt;</p>" in html
+
+
+def test_what_was_saved_comes_back(result, data, tmp_path):
+    result.save(tmp_path / "r.json")
+    again = bf.load(tmp_path / "r.json")
+    assert again.to_dict() == result.to_dict()
+    assert repr(again) == repr(result)
+    assert str(again) == str(result)
+    np.testing.assert_array_equal(again.covariance, result.covariance)
+    assert again.estimate.left_out.keys() == result.estimate.left_out.keys()
+    assert again.model.resonance() == result.model.resonance()
+    assert again.data.logs[0].source == data.logs[0].source
+    assert again.plot.time(0).data[0].name == "measured"
+    again.report(tmp_path / "again.html")
+    assert (tmp_path / "again.html").stat().st_size > 1e5
+
+
+def test_local_values_and_unknown_ones_come_back(data, tmp_path):
+    for method in (OutputError(terms=(), per_log=("zero",), check=False), "thesis"):
+        found = bf.identify(data, method)
+        found.save(tmp_path / "r.json")
+        again = bf.load(tmp_path / "r.json")
+        assert again.estimate.local == found.estimate.local
+        assert again.estimate.resonances == found.estimate.resonances
+        np.testing.assert_array_equal(again.covariance, found.covariance)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a result"),
+        ({"schema_number": 2}, "needs a newer butterfly"),
+        ({"schema_number": 0}, "saved again"),
+        ({"schema_number": None}, "saved again"),
+        ({"estimate": {}}, "content: got KeyError"),
+        ({"fits": 3}, "content: got AttributeError"),
+        ({"data": None}, "content: got TypeError"),
+    ],
+)
+def test_another_file_is_refused_with_what_to_do(result, tmp_path, change, message):
+    path = tmp_path / "r.json"
+    path.write_text(json.dumps(result.to_dict() | change))
+    with pytest.raises(bf.InputError, match=message):
+        bf.load(path)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000, "\x00"])
+def test_what_is_no_json_is_refused(tmp_path, text):
+    path = tmp_path / "r.json"
+    path.write_text(text)
+    with pytest.raises(bf.InputError, match="saved result"):
+        bf.load(path)
+    with pytest.raises(bf.InputError, match="no such file"):
+        bf.load(tmp_path / "none.json")
+
+
+def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_path):
+    found = bf.identify(list(data.recorded), check=False)
+    found.save(tmp_path / "r.json")
+    with pytest.raises(bf.InputError, match="came from files"):
+        _ = bf.load(tmp_path / "r.json").data
+    assert found.data.logs
+
+
+def test_the_other_results_show_and_save_themselves_too(result, data, tmp_path):
+    results = (
+        bf.validate(data),
+        bf.design(result),
+        bf.compare(result, logs=[0, 1]),
+    )
+    for k, each in enumerate(results):
+        assert len(repr(each).splitlines()) == 1
+        assert len(each.to_dataframe()) == len(each.rows())
+        assert "<table>" in each._repr_html_()
+        each.save(tmp_path / f"{k}.json")
+        again = bf.load(tmp_path / f"{k}.json")
+        assert again.to_dict() == each.to_dict()
+        assert str(again) == str(each)
+        again.report(tmp_path / f"{k}.html")
+        assert (tmp_path / f"{k}.html").stat().st_size > 1e5
+    validated, designed, compared = results
+    held = hold_out(data, HarmonicBalance(check=False), Split.MASS)
+    np.testing.assert_allclose(validated.to_dataframe()["FIT left out in %"], held.fits)
+    safe = [row["mean"] for row in designed.rows() if not row["warning"]]
+    assert designed.rows()[0]["mean"] == min(safe)
+    assert compared.to_dataframe()["simulators apart in rad"].max() < 3e-3
+    assert len(compared.page().sections) > 3
+
+
+def test_slips_are_one_typed_error(data, tmp_path):
+    for slip, message in (
+        (lambda: bf.identify(data, "weakform"), "did you mean"),
+        (lambda: bf.identify(data, "weak-form", trms=()), "'terms'"),
+        (lambda: bf.identify(data, "output-error", loss="hubber"), "loss: got 'hubber'"),
+        (lambda: bf.identify(data, OutputError(), terms=()), "beside an estimator"),
+        (lambda: bf.identify(data, against={"x": {"p1": 1}}), "against"),
+        (lambda: bf.read(tmp_path / "nowhere"), "no such file or folder"),
+        (lambda: bf.read([]), "at least one log"),
+        (lambda: bf.read(data.logs[0].source, input_kind="volts"), "voltage or torque"),
+        (lambda: bf.validate(data, split="day"), "mass or frequency"),
+        (lambda: bf.compare(data, logs=[99]), "numbers below"),
+        (lambda: bf.Log([0, 1], [0, 1], [0, 1]), "at least 16"),
+        (lambda: bf.Log(["a"] * 20, [0] * 20, [0] * 20), "time"),
+        (lambda: bf.Log(range(20), range(20), range(20), input_kind="volt"), "did you mean"),
+        (lambda: bf.Log.from_frame(pd.DataFrame({"t": []}), time="t", input="u"), "input"),
+    ):
+        with pytest.raises(bf.InputError, match=message):
+            slip()
+
+
+def test_logs_are_made_of_lists_and_frames_alike():
+    time = np.linspace(0, 1, 50)
+    frame = pd.DataFrame({"t": time, "u": np.sin(time), "q": np.cos(time), "dq": -np.sin(time)})
+    one = bf.Log.from_frame(frame, time="t", input="u", angle="q", velocity="dq")
+    two = bf.Log(list(time), frame["u"], tuple(frame["q"]), frame["dq"], input_kind="torque")
+    for name, column in one.columns().items():
+        assert column.dtype == np.float64
+        np.testing.assert_array_equal(column, two.columns()[name])
+    assert two.input_kind is bf.InputKind.TORQUE
+    assert len(repr(one).splitlines()) == 1
+
+
+def test_without_pandas_a_frame_says_what_to_install(result, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(bf.ButterflyError, match=r"butterfly-testbed\[pandas\]"):
+        result.to_dataframe()
+
+
+def test_the_next_run_is_not_proposed_twice_for_masses_that_load_alike(data):
+    masses = masses_at_hand(data)
+    loads = [(mass.inertia, mass.gravity_moment) for mass in masses]
+    assert (0.0, 0.0) in loads
+    assert len(set(loads)) == len(loads) == 3
+
+
+def test_model_and_measured_response_meet_in_python_control(result, data):
+    mass = data.masses[1]
+    plant, measured = result.model.linearised(mass), result.measured(mass)
+    assert plant.name == ("hand" if result.parameters.delay >= 0 else "hand_without_delay")
+    late = replace(result.parameters, delay=0.005)
+    system = IdentifiedModel(late).linearised(mass)
+    for omega in measured.omega:
+        modelled = system(1j * omega)[0, 0]
+        assert modelled == pytest.approx(
+            complex(IdentifiedModel(late).frequency_response(omega, mass)), rel=1e-6
+        )
+    fast = measured.omega[-1]
+    gain = abs(measured(1j * fast)) / abs(plant(1j * fast)[0, 0])
+    assert gain == pytest.approx(1, abs=0.1)  # Coulomb friction matters least there
+    with pytest.raises(bf.InputError, match="added mass"):
+        result.measured(bf.AddedMass(mass=1.0, arm=1.0))
