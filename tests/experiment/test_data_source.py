@@ -1,65 +1,119 @@
-"""Whatever names the same data gives the same logs."""
+"""Whatever a user names as data is found, or refused with what was expected."""
 
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import manifest_of, named_data
-from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
+from butterfly.experiment.engines import LocalEngine
+from butterfly.experiment.store import ResultStore
+from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.logs.log import InputKind
+from butterfly.logs.mat import write_mat
+from tests.experiment.setting import small_plan
 
-TOLD = {"arm": 0.1, "input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
-
-
-def _saved(path, source):
-    path.write_text(json.dumps({"data": {"source": str(source)}}))
-    return path
-
-
-@pytest.fixture
-def bare_folder(quick_data, tmp_path):
-    """One log, named as the thesis does, and no manifest."""
-    first = read_manifest(quick_data / MANIFEST_NAME).logs[0].file
-    (tmp_path / "bare").mkdir()
-    shutil.copy(quick_data / first, tmp_path / "bare/Data_52__3_5__002.mat")
-    return tmp_path / "bare"
+THESIS = "Data_52__5__02.mat"
 
 
-def test_folder_manifest_and_saved_result_are_the_same_data(quick_data, tmp_path):
-    wanted = read_manifest(quick_data / MANIFEST_NAME)
-    names = (quick_data, quick_data / MANIFEST_NAME, _saved(tmp_path / "saved.json", quick_data))
-    for name in names:
-        assert manifest_of(name) == wanted
-        assert manifest_of(name, **TOLD) == wanted
+def _names(source, **about):
+    return [log.name for log in named_data(source, **about).logs]
 
 
-def test_a_log_is_what_the_manifest_beside_it_says(quick_data):
-    whole = read_manifest(quick_data / MANIFEST_NAME)
-    found = manifest_of(quick_data / whole.logs[3].file)
-    assert found.logs == whole.logs[3:4]
-    assert (found.input, found.arm) == (whole.input, whole.arm)
-
-
-def test_what_no_manifest_says_is_what_was_told(bare_folder, tmp_path):
-    log = bare_folder / "Data_52__3_5__002.mat"
-    for name in (bare_folder, log, _saved(tmp_path / "saved.json", bare_folder)):
-        found = manifest_of(name, **TOLD)
-        (entry,) = found.logs
-        assert (entry.added_mass, entry.omega, entry.amplitude) == (0.052, 3.5, 0.02)
-        assert (found.arm, found.input, found.intersample) == tuple(TOLD.values())
-
-
-def test_data_remember_how_they_were_named(quick_data):
-    assert named_data(quick_data).source == str(quick_data)
-
-
-def test_a_folder_without_manifest_and_arm_and_a_result_without_source_are_refused(
-    bare_folder, tmp_path
+def test_a_manifest_its_folder_and_what_was_identified_from_it_are_the_same_data(
+    quick_data, tmp_path
 ):
-    with pytest.raises(InputError, match="--arm"):
-        manifest_of(bare_folder)
-    (tmp_path / "other.json").write_text("{}")
+    saved = tmp_path / "result.json"
+    saved.write_text(json.dumps({"data": {"source": str(quick_data)}}))
+    expected = _names(quick_data)
+    assert len(expected) == 12
+    for source in (quick_data / "manifest.yaml", saved):
+        assert _names(source) == expected
+        assert named_data(source).source == str(source)
+
+
+def test_a_result_finds_its_logs_beside_it_wherever_both_are_moved(quick_data, tmp_path):
+    shutil.copytree(quick_data, tmp_path / "there/logs")
+    saved = tmp_path / "there/result.json"
+    saved.write_text(json.dumps({"data": {"source": "logs"}}))
+    assert _names(saved) == _names(quick_data)
+
+
+def test_a_log_is_described_by_the_manifest_beside_it(quick_data):
+    data = named_data(quick_data / "manifest.yaml")
+    for log in (data.logs[0], data.logs[-1]):
+        (one,) = named_data(quick_data / log.name).logs
+        assert (one.name, one.added_mass, one.excitation) == (
+            log.name,
+            log.added_mass,
+            log.excitation,
+        )
+        np.testing.assert_array_equal(one.angle, log.angle)
+
+
+def test_a_log_alone_is_described_by_its_name_and_by_the_user(sine_log, tmp_path):
+    path = tmp_path / THESIS
+    write_mat(sine_log, path)
+    (bare,) = named_data(path).logs
+    assert (bare.added_mass.mass, bare.excitation.omega) == (0.0, 5.0)
+    (told,) = named_data(path, arm=0.1, input_kind=InputKind.TORQUE).logs
+    assert (told.added_mass.mass, told.added_mass.arm) == (0.052, 0.1)
+    assert told.input_kind is InputKind.TORQUE
+    other = tmp_path / "other.mat"
+    write_mat(sine_log, other)
+    (plain,) = named_data(other).logs
+    assert plain.excitation is None
+
+
+def test_a_log_that_the_manifest_beside_it_does_not_list_is_a_log_alone(
+    quick_data, sine_log, tmp_path
+):
+    shutil.copy(quick_data / "manifest.yaml", tmp_path)
+    for entry in manifest_of(quick_data).logs:
+        (tmp_path / entry.file).touch()
+    write_mat(sine_log, tmp_path / THESIS)
+    assert _names(tmp_path / THESIS) == [THESIS]
+
+
+def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
+    write_mat(sine_log, tmp_path / THESIS)
+    with pytest.raises(InputError, match="a manifest, or --arm"):
+        named_data(tmp_path)
+    assert _names(tmp_path, arm=0.1) == [THESIS]
+
+
+def test_a_sweep_s_results_lead_to_the_logs_of_a_run(folder):
+    plan = small_plan(folder, keep_signals=True, sweep={"repetitions": 1})
+    run_sweep(plan, folder / "kept", LocalEngine(1))
+    logs = ResultStore(folder / "kept").files_path(plan.tasks[0].key)
+    with pytest.raises(InputError, match=f"the logs of one run, as {logs}"):
+        named_data(folder / "kept")
+    assert len(named_data(logs).logs) == 2
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"data": 1}', '{"data": {"source": ""}}', '{"data": {"source": 3}}']
+)
+def test_a_json_that_leads_nowhere_is_refused(tmp_path, text):
+    path = tmp_path / "r.json"
+    path.write_text(text)
     with pytest.raises(InputError, match=r"data\.source"):
-        manifest_of(tmp_path / "other.json")
+        named_data(path)
+
+
+def test_a_result_that_names_a_result_leads_nowhere(tmp_path):
+    path = tmp_path / "r.json"
+    path.write_text(json.dumps({"data": {"source": str(path)}}))
+    with pytest.raises(InputError, match="where its logs are"):
+        named_data(path)
+
+
+def test_what_is_told_of_a_result_is_told_of_its_data(sine_log, tmp_path):
+    (tmp_path / "logs").mkdir()
+    write_mat(sine_log, tmp_path / "logs" / THESIS)
+    saved = tmp_path / "result.json"
+    saved.write_text(json.dumps({"data": {"source": "logs"}}))
+    told = {"arm": 0.1, "input_kind": InputKind.TORQUE}
+    assert manifest_of(saved, **told) == manifest_of(tmp_path / "logs", **told)
