@@ -38,7 +38,8 @@ IntersampleOption = Annotated[
 ColumnsOption = Annotated[
     str | None,
     typer.Option(
-        help="Columns of a .csv file, as time=X,input=Y,angle=Z, where no manifest says them.",
+        help="Columns of a .csv file by commas (time=X, input=Y, angle=Z), where no manifest says "
+        "them.",
         show_default=False,
     ),
 ]
