@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from butterfly.cli.exit_codes import ExitCode
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.model.terms import TERMS, FrictionTerms, offered
 
@@ -43,3 +44,8 @@ def test_what_the_docs_write_for_control_engineers_runs(title):
     section = (DOCS / "orbit.md").read_text(encoding="utf-8").split(f"## {title}\n")[1]
     snippet = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
     exec(snippet, {})  # noqa: S102 - our own page
+
+
+def test_the_exit_codes_stand_in_the_docs_with_their_meaning():
+    rows = [row for row in _rows("commands.md") if row.startswith("| `")]
+    assert rows == [f"| `{code:d}` | {code.meaning} |" for code in ExitCode]

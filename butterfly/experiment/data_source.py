@@ -24,7 +24,8 @@ from butterfly.resources import locate
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-_RESULT = ".json"
+RESULT = ".json"
+"""Ending of a saved result."""
 
 
 def named_data(
@@ -87,15 +88,23 @@ def manifest_of(
         return listed or manifest_of_log(
             path, arm=arm, input_kind=input_kind, intersample=intersample, columns=columns
         )
-    if path.suffix == _RESULT:
-        return manifest_of(_source_of(path), root=root)
+    if path.suffix == RESULT:
+        return manifest_of(
+            _source_of(path),
+            root=root,
+            arm=arm,
+            input_kind=input_kind,
+            intersample=intersample,
+            columns=columns,
+        )
     return read_manifest(path, root)
 
 
 def _entry_of(path: Path, beside: Path, root: Path | None) -> Manifest | None:
     """Return the part of a manifest that describes one of its files, if it does."""
     manifest = read_manifest(beside, root)
-    own = [entry for entry in manifest.logs if (Path(manifest.root) / entry.file).samefile(path)]
+    root_folder, wanted = Path(manifest.root), path.resolve()
+    own = [entry for entry in manifest.logs if (root_folder / entry.file).resolve() == wanted]
     return manifest.model_copy(update={"logs": own[:1], "name": path.name}) if own else None
 
 
@@ -113,7 +122,7 @@ def _source_of(path: Path) -> Path:
         source = json.loads(path.read_text(encoding="utf-8"))["data"]["source"]
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(path, "data.source", "no such key", expected) from None
-    if not isinstance(source, str) or not source or source.endswith(_RESULT):
+    if not isinstance(source, str) or not source or source.endswith(RESULT):
         raise InputError(path, "data.source", source, expected)
     given = Path(source)
     beside = path.parent / given

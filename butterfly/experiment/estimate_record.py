@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from butterfly.identify.judgement.findings import Ending, Finding
+from butterfly.identify.judgement.findings import Ending, Finding, usable
 from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
 
 if TYPE_CHECKING:
@@ -127,6 +127,11 @@ class EstimateRecord:
     def converged(self) -> bool:
         """Whether the values are where the estimator wanted to be."""
         return self.ending is Ending.CONVERGED
+
+    @property
+    def usable(self) -> bool:
+        """Whether the estimator converged and no finding warns of the values."""
+        return usable(self.ending, self.findings)
 
 
 def or_none(value: float) -> float | None:

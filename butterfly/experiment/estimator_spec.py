@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
-from butterfly.errors import InputError, nearest
-from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS
+from butterfly.errors import InputError
+from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
@@ -24,14 +23,7 @@ def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
     if not isinstance(estimator, dict):
         return estimator
     told = {"method": DEFAULT_METHOD} | estimator
-    kind = ESTIMATORS.get(str(told["method"]))
-    if kind is None:
-        expected = nearest(str(told["method"]), ESTIMATORS)
-        raise InputError("estimator", "method", told["method"], expected)
-    own = [each.name for each in fields(kind)]
-    for name in told:
-        if name not in own:
-            raise InputError(kind.method, str(name), "an unknown key", nearest(str(name), own))
+    kind_of(str(told["method"]), [str(name) for name in told if name != "method"])
     return told
 
 

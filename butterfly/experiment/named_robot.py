@@ -5,34 +5,38 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError
+from butterfly.experiment.data_source import RESULT, named_data
 from butterfly.experiment.reading import read_experiment
 from butterfly.files import replacing
-from butterfly.identify.data import read_data_set
 from butterfly.identify.estimators import HarmonicBalance
-from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
+from butterfly.logs.formats import FORMATS
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.twin import MASS, twin
 from butterfly.resources import locate
 from butterfly.yaml_input import load_yaml
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from butterfly.identify.data import DataSet
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.robot import Robot
 
 
-def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robot:
+def robot_of(
+    source: Path, mass: float = MASS, read: Callable[[Path], DataSet] = named_data
+) -> Robot:
     """Return the robot of an experiment file, or the identified twin of a data set.
 
     Parameters
     ----------
     source
-        An experiment file, a manifest, a folder with one, or the name of a shipped one.
-    root
-        Folder of the logs, if not the one that the manifest names.
+        An experiment file or the name of a shipped one, or data (see `named_data`).
     mass
         Mass in kg given to an identified hand.
+    read
+        Reads data.
 
     Raises
     ------
@@ -40,13 +44,9 @@ def robot_of(source: Path, root: Path | None = None, mass: float = MASS) -> Robo
         If ``source`` is none of these, or cannot be read.
     """
     path = locate(source)
-    if path.is_dir():
-        path /= MANIFEST_NAME
-    if _is_manifest(path):
-        return twin(
-            HarmonicBalance(check=False)(read_data_set(read_manifest(path, root))).parameters, mass
-        )
-    return read_experiment(path).plant.robot
+    if not _is_data(path):
+        return read_experiment(path).plant.robot
+    return twin(HarmonicBalance(check=False)(read(source)).parameters, mass)
 
 
 def export(robot: Robot, added: AddedMass, path: Path) -> None:
@@ -61,8 +61,10 @@ def export(robot: Robot, added: AddedMass, path: Path) -> None:
         draft.write_text(mjcf(robot, added, scene=True), encoding="utf-8")
 
 
-def _is_manifest(path: Path) -> bool:
-    """Whether a YAML file lists logs; a file that is no YAML is left to its reader to refuse."""
+def _is_data(path: Path) -> bool:
+    """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
+    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT}:
+        return True
     try:
         return "logs" in load_yaml(path).content
     except InputError:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.judgement.covariance import cluster_covariance, compress_all
-from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity, usable
 from butterfly.identify.judgement.identifiability import Conditioning, sort_by_precision
 from butterfly.identify.judgement.intervals import honest_limits
 from butterfly.model.parameters import LumpedParameters
@@ -204,6 +204,11 @@ class ParameterEstimate:
         """The estimate as parameters of the model."""
         found = dict(zip(self.names, self.values.tolist(), strict=True))
         return LumpedParameters(**self.held | found)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the estimator converged and no finding warns of the values."""
+        return usable(self.ending, self.findings)
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:

@@ -108,3 +108,12 @@ def test_a_result_that_names_a_result_leads_nowhere(tmp_path):
     path.write_text(json.dumps({"data": {"source": str(path)}}))
     with pytest.raises(InputError, match="where its logs are"):
         named_data(path)
+
+
+def test_what_is_told_of_a_result_is_told_of_its_data(sine_log, tmp_path):
+    (tmp_path / "logs").mkdir()
+    write_mat(sine_log, tmp_path / "logs" / THESIS)
+    saved = tmp_path / "result.json"
+    saved.write_text(json.dumps({"data": {"source": "logs"}}))
+    told = {"arm": 0.1, "input_kind": InputKind.TORQUE}
+    assert manifest_of(saved, **told) == manifest_of(tmp_path / "logs", **told)

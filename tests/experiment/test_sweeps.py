@@ -145,11 +145,11 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
         ({"terms": ["drg"]}, r"s\.yaml:4: terms: got \['drg'\]; expected 'drag'"),
         (
             {"estimators": [{"method": "linear", "terms": ["drag"]}]},
-            r"s\.yaml:5: estimators\.0\.terms: got an unknown key; expected one of 'method'",
+            r"s\.yaml:5: estimators\.0\.terms: got an option it has not; expected one of 'check'",
         ),
         (
             {"estimators": [{"method": "output-error", "per_masss": ["zero"]}]},
-            r"per_masss: got an unknown key; expected 'per_mass'",
+            r"per_masss: got an option it has not; expected 'per_mass'",
         ),
         (
             {"estimators": [{"method": "magic"}]},

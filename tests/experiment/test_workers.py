@@ -151,7 +151,7 @@ class _KillsAfter:
 
 def test_a_scheduler_that_is_not_there_is_one_error(butterfly, folder, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("butterfly.experiment.engines._ANSWER", "1s")
+    monkeypatch.setattr("butterfly.experiment.workers._ANSWER", "1s")
     small_plan(folder)
     code, _, err = butterfly(
         *("run", folder / "small.yaml", "--out", folder / "none", "--engine", "dask"),

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 class Ending(StrEnum):
@@ -63,3 +67,9 @@ class Finding:
     parameters: tuple[str, ...] = ()
     number: float | None = None
     severity: Severity = Severity.NOTE
+
+
+def usable(ending: Ending, findings: Iterable[Finding]) -> bool:
+    """Whether values may be used: their estimator converged, and no finding warns of them."""
+    warned = any(each.severity is Severity.WARNING for each in findings)
+    return ending is Ending.CONVERGED and not warned

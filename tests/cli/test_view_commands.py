@@ -12,6 +12,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.plant.twin import twin
 from butterfly.plant.watch import show as viewing
 from butterfly.plant.watch.picture import Painter, RenderingError
+from tests.cli.one_line import assert_one_line_error
 from tests.conftest import ROBOT
 
 
@@ -106,3 +107,8 @@ def test_a_robot_is_drawn(butterfly, tmp_path):
     assert orange[0].size == 0
     assert orange[1][:, 1].mean() > 55  # to the right of the pivot, at a positive angle
     assert pictures[0].shape == (96, 96, 3)
+
+
+def test_a_run_that_does_not_exist_cannot_be_filmed(butterfly, tmp_path):
+    result = butterfly("video", "quickstart", "--run", 24, "--out", tmp_path / "x.gif")
+    assert_one_line_error(result, "--run", "got 24", "from 0 to 23")

@@ -11,8 +11,8 @@ import pyarrow.compute as pc
 import typer
 from pyarrow import csv, parquet
 
-from butterfly.arguments import parse_pairs
-from butterfly.console import CONSOLE, new_table, show_pairs
+from butterfly.cli.console import CONSOLE, new_table, show_pairs
+from butterfly.cli.options import parse_pairs
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
 from butterfly.experiment.record import OK
@@ -24,12 +24,6 @@ if TYPE_CHECKING:
 
     from butterfly.experiment.estimate_record import ParameterRecord
     from butterfly.experiment.record import RunRecord
-
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-    help="List, filter, tabulate, export, compare and clean the results of sweeps.",
-)
 
 FolderArgument = Annotated[Path, typer.Argument(help="A sweep's results, as results/NAME.")]
 FilterOption = Annotated[
@@ -47,7 +41,6 @@ TableOption = Annotated[str, typer.Option(help="Which table: runs or estimates."
 _WIDEST = 40  # characters of a cell
 
 
-@app.command("list")
 def list_command(
     folder: Annotated[Path, typer.Argument(help="Where to look for results.")] = Path("results"),
 ) -> None:
@@ -68,7 +61,6 @@ def list_command(
     CONSOLE.print(table)
 
 
-@app.command("show")
 def show_command(
     folder: FolderArgument,
     run: Annotated[str, typer.Argument(help="A run: its number, or the start of its key.")],
@@ -98,7 +90,6 @@ def show_command(
         typer.echo(f"Logs: {logs} (butterfly identify takes this folder)")
 
 
-@app.command("table")
 def table_command(
     folder: FolderArgument,
     table: TableOption = RUNS,
@@ -119,7 +110,6 @@ def table_command(
         typer.echo(f"{found.num_rows - limit} more rows; --limit shows them, export keeps them.")
 
 
-@app.command("export")
 def export_command(
     folder: FolderArgument,
     out: Annotated[Path, typer.Option(help="File to write: .csv or .parquet.")],
@@ -139,7 +129,6 @@ def export_command(
     typer.echo(f"{found.num_rows} rows: {out}")
 
 
-@app.command("compare")
 def compare_command(
     folder: FolderArgument,
     one: Annotated[str, typer.Argument(help="A run: its number, or the start of its key.")],
@@ -173,7 +162,6 @@ def compare_command(
         CONSOLE.print(table)
 
 
-@app.command("clean")
 def clean_command(
     folder: FolderArgument,
     *,

@@ -8,50 +8,39 @@ from typing import Annotated
 
 import typer
 
-from butterfly.console import show_pairs
+from butterfly.cli.console import show_pairs
+from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.options import DATA, MassOption
 from butterfly.experiment.named_robot import export, robot_of
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.twin import MASS
 from butterfly.plant.watch.picture import render
 
-app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-    help="Show, draw or export the robot of an experiment, or the identified twin of a data set.",
-)
-
 SourceArgument = Annotated[
-    Path,
-    typer.Argument(help="An experiment file, or a data set: its manifest, folder or shipped name."),
+    Path, typer.Argument(help=f"An experiment file or a shipped one's name, or data: {DATA}.")
 ]
-RootOption = Annotated[
-    Path | None,
-    typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
-]
-MassOption = Annotated[
+AddedOption = Annotated[
     float,
-    typer.Option(help="Mass in kg given to an identified hand; the motion does not tell it."),
+    typer.Option("--added-mass", help="Added mass in kg, at --arm (0.104 m if that is not given)."),
 ]
-AddedOption = Annotated[float, typer.Option("--added-mass", help="Added mass in kg.")]
-ArmOption = Annotated[float, typer.Option(help="Pivot to added mass in m.")]
+_ARM = 0.104  # m
 
 
-@app.command("show")
+@takes_data_options
 def show_command(
     *,
     source: SourceArgument,
-    root: RootOption = None,
     mass: MassOption = MASS,
     added: AddedOption = 0.0,
-    arm: ArmOption = 0.104,
+    options: DataOptions,
 ) -> None:
     """Print the robot's physical and lumped parameters.
 
     Example: `butterfly model show quickstart --added-mass 0.05`
     """
-    robot = robot_of(source, root, mass)
-    carried = AddedMass(mass=added, arm=arm)
+    robot = robot_of(source, mass, options.read)
+    carried = _carried(added, options)
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
         "hand": _numbers(robot.hand),
@@ -77,35 +66,33 @@ def _numbers(part: object) -> str:
     )
 
 
-@app.command("render")
+@takes_data_options
 def render_command(
     *,
     source: SourceArgument,
     out: Annotated[Path, typer.Option(help="Picture to write: .png, .jpg or .webp.")],
     angle: Annotated[float, typer.Option(help="Angle of the hand in rad.")] = 0.5,
     size: Annotated[int, typer.Option(min=16, max=4096, help="Width and height in pixels.")] = 640,
-    root: RootOption = None,
     mass: MassOption = MASS,
     added: AddedOption = 0.0,
-    arm: ArmOption = 0.104,
+    options: DataOptions,
 ) -> None:
     """Draw the robot; needs no display where EGL is installed.
 
     Example: `butterfly model render quickstart --added-mass 0.05 --out hand.png`
     """
-    render(robot_of(source, root, mass), AddedMass(mass=added, arm=arm), angle, out, size)
+    render(robot_of(source, mass, options.read), _carried(added, options), angle, out, size)
     typer.echo(f"Picture: {out}")
 
 
-@app.command("export")
+@takes_data_options
 def export_command(
     *,
     source: SourceArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
-    root: RootOption = None,
     mass: MassOption = MASS,
     added: AddedOption = 0.0,
-    arm: ArmOption = 0.104,
+    options: DataOptions,
 ) -> None:
     """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
 
@@ -114,5 +101,9 @@ def export_command(
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
-    export(robot_of(source, root, mass), AddedMass(mass=added, arm=arm), out)
+    export(robot_of(source, mass, options.read), _carried(added, options), out)
     typer.echo(f"Model: {out}")
+
+
+def _carried(added: float, options: DataOptions) -> AddedMass:
+    return AddedMass(mass=added, arm=_ARM if options.arm is None else options.arm)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from pathlib import Path  # noqa: TC003 - typer reads annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from butterfly.arguments import ExperimentArgument  # noqa: TC001 - typer reads annotations
-from butterfly.console import show_progress
+from butterfly.cli.console import show_progress
+from butterfly.cli.options import ExperimentArgument
 from butterfly.errors import InputError
 from butterfly.experiment.reading import read_experiment
 from butterfly.plant.rollout import simulate_runs

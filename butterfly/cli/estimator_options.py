@@ -6,19 +6,17 @@ import inspect
 import re
 from dataclasses import MISSING, fields
 from enum import Enum, StrEnum
-from functools import wraps
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from butterfly.arguments import parse_terms
-from butterfly.errors import InputError, nearest
-from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS
+from butterfly.cli.options import parse_terms
+from butterfly.cli.signature import option, with_options
+from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of, options_of
 from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from dataclasses import Field
 
     from butterfly.identify.estimators import Estimator
 
@@ -42,23 +40,15 @@ def takes_estimator(
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        options = _options(leave_out)
-
-        @wraps(command)
-        def wrapped(**given: Any) -> Any:  # noqa: ANN401 - whatever the command returns
-            told = {name: given.pop(name) for name in options}
-            return command(estimator=built(given.pop("method").value, told), **given)
-
-        own = inspect.signature(command, eval_str=True).parameters
         listing = " ".join(f"{name}: {each.summary}." for name, each in ESTIMATORS.items())
-        method = _parameter("method", Method, typer.Option(help=listing), Method(default))
-        chosen = [method, *options.values()]
-        added = [p for name, p in own.items() if name != "estimator"]
-        place = sum(p.default is inspect.Parameter.empty for p in added)
-        parameters = [*added[:place], *chosen, *added[place:]]
-        wrapped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        wrapped.__annotations__ = {p.name: p.annotation for p in parameters}
-        return wrapped
+        declared = Annotated[Method, typer.Option(help=listing)]
+        method = option("method", declared, Method(default))
+        chosen = [method, *_options(leave_out)]
+
+        def make(given: dict[str, Any]) -> Estimator:
+            return built(given.pop("method").value, given)
+
+        return with_options(command, "estimator", chosen, make)
 
     return decorate
 
@@ -71,16 +61,8 @@ def built(method: str, told: dict[str, Any]) -> Estimator:
     InputError
         If it has no such option, or a value makes no sense.
     """
-    kind = ESTIMATORS[method]
-    own = {each.name for each in _own_fields(kind)}
-    given = {name: value for name, value in told.items() if value is not None}
-    for name in given:
-        if name not in own:
-            expected = nearest(name, sorted(own)) if own else "no option"
-            raise InputError(
-                f"--method {method}", f"--{_dashed(name)}", "an option it has not", expected
-            )
-    return kind(**{name: _read(value) for name, value in given.items()})
+    given = {name: _read(value) for name, value in told.items() if value is not None}
+    return kind_of(method, given, written=_written)(**given)
 
 
 def _read(value: Any) -> Any:  # noqa: ANN401 - of any option
@@ -88,20 +70,16 @@ def _read(value: Any) -> Any:  # noqa: ANN401 - of any option
     return parse_terms(value) if isinstance(value, str) and not isinstance(value, Enum) else value
 
 
-def _own_fields(kind: type[Estimator]) -> list[Field[Any]]:
-    return [each for each in fields(kind) if each.name != "method"]
-
-
-def _options(leave_out: tuple[str, ...]) -> dict[str, inspect.Parameter]:
-    """Return a parameter for every option that some estimator has, by its name."""
+def _options(leave_out: tuple[str, ...]) -> list[inspect.Parameter]:
+    """Return a parameter for every option that some estimator has."""
     owners: dict[str, list[str]] = {}
     first: dict[str, type[Estimator]] = {}
     for method, kind in ESTIMATORS.items():
-        for each in _own_fields(kind):
-            if each.name not in leave_out:
-                owners.setdefault(each.name, []).append(method)
-                first.setdefault(each.name, kind)
-    return {name: _option(name, kind, owners[name]) for name, kind in first.items()}
+        for name in options_of(kind):
+            if name not in leave_out:
+                owners.setdefault(name, []).append(method)
+                first.setdefault(name, kind)
+    return [_option(name, kind, owners[name]) for name, kind in first.items()]
 
 
 def _option(name: str, kind: type[Estimator], owners: list[str]) -> inspect.Parameter:
@@ -112,14 +90,7 @@ def _option(name: str, kind: type[Estimator], owners: list[str]) -> inspect.Para
         text += f" Separated by commas, an empty text means none; {valid}."
     declared = typer.Option(help=text, show_default=_default_text(name, owners))
     wanted = str if annotation == tuple[str, ...] else annotation
-    return _parameter(name, wanted | None, declared, None)
-
-
-def _parameter(name: str, annotation: Any, declared: Any, default: Any) -> inspect.Parameter:  # noqa: ANN401
-    kind = inspect.Parameter.KEYWORD_ONLY
-    return inspect.Parameter(
-        name, kind, default=default, annotation=Annotated[annotation, declared]
-    )
+    return option(name, Annotated[wanted | None, declared], None)
 
 
 def _default_text(name: str, owners: list[str]) -> str:
@@ -143,5 +114,5 @@ def described(kind: type[Estimator]) -> dict[str, str]:
     return {n: " ".join(t.split()) for n, t in zip(parts[::2], parts[1::2], strict=True)}
 
 
-def _dashed(name: str) -> str:
-    return name.replace("_", "-")
+def _written(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

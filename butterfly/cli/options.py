@@ -1,4 +1,4 @@
-"""What several commands take: arguments, options, and values as NAME=VALUE by commas."""
+"""Arguments and options that several commands take, and values as NAME=VALUE by commas."""
 
 from __future__ import annotations
 
@@ -8,20 +8,59 @@ from typing import Annotated
 import typer
 
 from butterfly.errors import InputError, nearest
+from butterfly.logs.log import InputKind, Intersample
 from butterfly.model.parameters import LumpedParameters
 
 ExperimentArgument = Annotated[
     Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
 ]
-DataArgument = Annotated[
-    Path, typer.Argument(help="A data set: its manifest, folder or shipped name.")
-]
+DATA = "a manifest, a folder of logs, a log, a saved result or a shipped data set's name"
+"""What a user can name as data."""
+
+DataArgument = Annotated[Path, typer.Argument(help=f"The data: {DATA}.")]
+
 RootOption = Annotated[
     Path | None,
     typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
 ]
+ArmOption = Annotated[
+    float | None,
+    typer.Option(help="Pivot to added mass in m, where no manifest says it.", show_default=False),
+]
+InputOption = Annotated[
+    InputKind,
+    typer.Option("--input", help="What the logs' input commands, where no manifest says it."),
+]
+IntersampleOption = Annotated[
+    Intersample,
+    typer.Option(help="How the input is held between samples, where no manifest says it."),
+]
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Columns of a .csv file by commas (time=X, input=Y, angle=Z), where no manifest says "
+        "them.",
+        show_default=False,
+    ),
+]
+
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
+]
+PlotOption = Annotated[
+    Path | None, typer.Option(help="Write a plot (HTML) to this file.", show_default=False)
+]
+ResultsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="Folder for results and report; results/NAME if not given.",
+        show_default=False,
+    ),
+]
+MassOption = Annotated[
+    float,
+    typer.Option(help="Mass in kg given to an identified hand; the motion does not tell it."),
 ]
 
 

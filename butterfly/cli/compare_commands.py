@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003 - typer reads annotations
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from butterfly.arguments import (  # noqa: TC001 - typer reads annotations
+from butterfly.cli.console import show_page, show_progress
+from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.estimator_options import takes_estimator
+from butterfly.cli.options import (
+    DATA,
     DataArgument,
+    MassOption,
     ReportOption,
-    RootOption,
 )
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
-from butterfly.console import read_data, show_page, show_progress
 from butterfly.errors import InputError, nearest
-from butterfly.estimator_options import takes_estimator
 from butterfly.experiment.methods import ESTIMATORS
-from butterfly.identify.estimators import Estimator  # noqa: TC001 - typer reads annotations
+from butterfly.identify.estimators import Estimator
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.page import Page, write_page
@@ -26,12 +29,7 @@ from butterfly.report.three_way import three_way_page
 from butterfly.resources import locate
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    app.command("compare")(compare_command)
-    app.command("leaderboard")(leaderboard_command)
-
-
+@takes_data_options
 @takes_estimator()
 def compare_command(
     *,
@@ -41,11 +39,9 @@ def compare_command(
         str | None,
         typer.Option(help="Numbers of the logs, from 0 on, by commas.", show_default="all"),
     ] = None,
-    mass: Annotated[
-        float, typer.Option(help="Mass of the hand in kg, for MuJoCo; the motion does not tell it.")
-    ] = MASS,
+    mass: MassOption = MASS,
     report: ReportOption = None,
-    root: RootOption = None,
+    options: DataOptions,
 ) -> None:
     """Compare MuJoCo, grey-box model and logs for the same input.
 
@@ -55,23 +51,22 @@ def compare_command(
 
     Example: `butterfly compare real-logs --root LOGS --report compare.html`
     """
-    read = read_data(data, _root_of(data, root))
+    read = options.read(data)
     found = estimator.unchecked()(read)
     numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
     compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
     _show(three_way_page(read.name, read.description, compared), report)
 
 
+@takes_data_options
 def leaderboard_command(
     *,
-    data: Annotated[
-        list[Path], typer.Argument(help="Data sets: manifests, folders or shipped names.")
-    ],
+    data: Annotated[list[Path], typer.Argument(help=f"The data, each {DATA}.")],
     methods: Annotated[
         str, typer.Option(help="Estimators, separated by commas.")
-    ] = "harmonic-balance,weak-form,output-error,linear,thesis",
+    ] = "harmonic-balance, weak-form, output-error, linear, thesis",
     report: ReportOption = None,
-    root: RootOption = None,
+    options: DataOptions,
 ) -> None:
     """Rank estimators by how well they predict added masses that they have not seen.
 
@@ -81,7 +76,7 @@ def leaderboard_command(
     for name in names:
         if name not in ESTIMATORS:
             raise InputError("butterfly leaderboard", "--methods", name, nearest(name, ESTIMATORS))
-    sets = [read_data(path, _root_of(path, root)) for path in data]
+    sets = [_own_root(options, path).read(path) for path in data]
     entries = leaderboard(sets, [ESTIMATORS[name]() for name in names], track=show_progress)
     _show(leaderboard_page(entries), report)
 
@@ -102,6 +97,6 @@ def _numbers(text: str, count: int) -> list[int]:
     return numbers
 
 
-def _root_of(data: Path, root: Path | None) -> Path | None:
-    """Return the root for a manifest; a folder of logs is its own."""
-    return None if locate(data).is_dir() else root
+def _own_root(options: DataOptions, data: Path) -> DataOptions:
+    """Return the options for one of several data sets: a folder of logs is its own root."""
+    return replace(options, root=None) if locate(data).is_dir() else options

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from butterfly.arguments import ExperimentArgument  # noqa: TC001 - typer reads annotations
-from butterfly.console import (
-    show_estimates,
-    show_identification,
-    show_page,
-    show_progress,
-    show_record,
+from butterfly.cli.console import show_page, show_progress
+from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.options import (
+    ExperimentArgument,
+    ResultsOption,
 )
+from butterfly.cli.show_identification import show_estimates, show_identification, show_record
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import outcome_of, perform
@@ -47,10 +46,6 @@ if TYPE_CHECKING:
     from butterfly.experiment.record import RunRecord
     from butterfly.experiment.workers import Engine
 
-EXIT_SOME_FAILED = 1
-"""Exit code of a sweep of which some runs gave no result."""
-
-
 _ORBIT_REPORT = "orbit.html"
 
 
@@ -74,22 +69,10 @@ _SCHEMAS: dict[SchemaName, type[BaseModel]] = {
 }
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module."""
-    app.command("run")(run_command)
-    app.command("simulate")(simulate_command)
-    app.command("schema")(schema_command)
-
-
 def run_command(
     *,
     experiment: ExperimentArgument,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for results and report; results/NAME if not given.", show_default=False
-        ),
-    ] = None,
+    out: ResultsOption = None,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -122,7 +105,8 @@ def run_command(
     An experiment with `sweep:` is run for each of its variations. Results are kept by what they
     depend on, the code of butterfly included: run again after a kill, or after the sweep has grown,
     and only what is missing is done. Exit code 1 says that some runs gave no result; the report
-    says which, and why.
+    says which, and why. Of an experiment without `sweep:`, exit code 3 says that an estimate is not
+    to be used.
 
     Example: `butterfly run experiments/quickstart.yaml`
     """
@@ -147,7 +131,7 @@ def run_command(
     )
     typer.echo(f"Report: {folder / 'report.html'}")
     if summary.unsuccessful:
-        raise typer.Exit(EXIT_SOME_FAILED)
+        raise typer.Exit(ExitCode.NO_RESULT)
 
 
 def _run_here(
@@ -164,6 +148,7 @@ def _run_here(
         _show_reports(folder, record)
         if record.status != OK:
             raise ButterflyError(record.reason)
+        _end_with(record)
         return
     store.begin()
     result = perform(experiment, threads=jobs, track=show_progress)
@@ -185,6 +170,13 @@ def _run_here(
     _show_reports(folder, result.record)
     if result.error is not None:
         raise result.error
+    _end_with(result.record)
+
+
+def _end_with(record: RunRecord) -> None:
+    """End with the exit code that says so, if one of the estimates is not to be used."""
+    if not all(each.usable for each in record.estimates if each.parameters):
+        raise typer.Exit(ExitCode.NOT_TO_BE_USED)
 
 
 def _report_names() -> Iterator[str]:

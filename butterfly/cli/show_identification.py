@@ -1,55 +1,25 @@
-"""What the commands print."""
+"""An identification as it is printed, fresh or from its record."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import typer
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
-from butterfly.identify.data import DataSet, read_data_set
-from butterfly.logs.manifest import MANIFEST_NAME, read_manifest
+from butterfly.cli.console import CONSOLE
 from butterfly.report.identification import parameter_rows, rows_of, summary
 from butterfly.report.words import sentences_of
-from butterfly.resources import locate
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from pathlib import Path
+    from collections.abc import Sequence
 
     from butterfly.experiment.record import RunRecord
     from butterfly.identify.identification import Identification
     from butterfly.logs.log import InputKind
     from butterfly.model.parameters import LumpedParameters
     from butterfly.report.identification import ParameterRow
-    from butterfly.report.page import Page
-
-
-_T = TypeVar("_T")
-
-CONSOLE = Console()
-"""Where tables and progress bars go."""
-
-if not CONSOLE.is_terminal:
-    CONSOLE.width = 140  # a pipe has no width of its own, and folded numbers cannot be read back
-
-
-def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
-    """Show a progress bar on terminals; elsewhere it would only litter the output."""
-    return track(
-        items, description, console=CONSOLE, transient=True, disable=not CONSOLE.is_terminal
-    )
-
-
-def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
-    """Print names and texts as a table without header."""
-    table = Table(show_header=False, box=SIMPLE_HEAD)
-    for name, text in pairs:
-        table.add_row(name, text)
-    CONSOLE.print(table)
 
 
 def show_identification(result: Identification, truth: LumpedParameters | None = None) -> None:
@@ -123,36 +93,3 @@ def _comparison_table(result: Identification) -> Table:
     for name, fit in rows:
         table.add_row(name, f"{fit.median:.1f}", f"{fit.mean:.1f}", f"{fit.worst:.1f}")
     return table
-
-
-def new_table(title: str, *headers: str) -> Table:
-    """Return an empty table, its first column of texts and the others of numbers."""
-    table = Table(title=title, box=SIMPLE_HEAD)
-    for k, header in enumerate(headers):
-        table.add_column(header, justify="left" if k == 0 else "right", overflow="fold")
-    return table
-
-
-def show_page(page: Page) -> None:
-    """Print the tables and the summary of a report."""
-    for section in page.sections:
-        for part in section.tables:
-            table = new_table(section.title, *part.headers)
-            for row in part.rows:
-                table.add_row(*map(str, row))
-            CONSOLE.print(table)
-    for sentence in page.summary:
-        typer.echo(sentence)
-
-
-def read_data(data: Path, root: Path | None) -> DataSet:
-    """Read the data set that a user named: a manifest, a folder with one, or a shipped name.
-
-    Raises
-    ------
-    InputError
-        If there is none, or a log cannot be read.
-    """
-    path = locate(data)
-    manifest = path / MANIFEST_NAME if path.is_dir() else path
-    return read_data_set(read_manifest(manifest, root), show_progress)

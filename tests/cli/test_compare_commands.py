@@ -1,16 +1,10 @@
-"""The commands that put things side by side, and the drawing of the robot."""
+"""The commands that put things side by side."""
 
 from __future__ import annotations
 
 import re
 
-import numpy as np
 import pytest
-from PIL import Image
-
-from butterfly.plant.twin import MASS, twin
-from butterfly.plant.watch.picture import Painter, RenderingError
-from tests.conftest import MASSES, ROBOT
 
 
 def test_both_simulators_are_compared_with_the_logs_and_reported(butterfly, quick_data, tmp_path):
@@ -46,23 +40,3 @@ def test_an_estimator_that_is_none_is_one_line(butterfly, quick_data):
     assert code == 2
     assert "did you mean" in err
     assert err.count("\n") == 1
-
-
-def test_the_robot_is_drawn_and_turns_with_its_angle(butterfly, tmp_path):
-    try:
-        with Painter(twin(ROBOT, MASS), MASSES[1], 32):
-            pass
-    except RenderingError as missing:
-        pytest.skip(str(missing))
-    pictures = []
-    for name, angle in (("one", 0.0), ("same", 0.0), ("other", 1.2)):
-        out = tmp_path / f"{name}.png"
-        told = ("--angle", angle, "--size", 96, "--added-mass", 0.05, "--out", out)
-        code, said, err = butterfly("model", "render", "quickstart", *told)
-        assert code == 0, err
-        assert f"Picture: {out}" in said
-        pictures.append(np.asarray(Image.open(out).convert("RGB"), dtype=float))
-    one, same, other = pictures
-    assert one.shape == (96, 96, 3)
-    np.testing.assert_array_equal(one, same)
-    assert np.abs(other - one).mean() > 0.5

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from butterfly.cli.estimator_options import built, described, takes_estimator
 from butterfly.errors import InputError
-from butterfly.estimator_options import built, described, takes_estimator
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identify.estimators import Loss, OutputError, WeakForm
 

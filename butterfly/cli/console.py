@@ -1,0 +1,59 @@
+"""What the commands print with: tables, pages, progress."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from butterfly.report.page import Page
+
+_T = TypeVar("_T")
+
+CONSOLE = Console()
+"""Where tables and progress bars go."""
+
+if not CONSOLE.is_terminal:
+    CONSOLE.width = 140  # a pipe has no width of its own, and folded numbers cannot be read back
+
+
+def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
+    """Show a progress bar on terminals; elsewhere it would only litter the output."""
+    return track(
+        items, description, console=CONSOLE, transient=True, disable=not CONSOLE.is_terminal
+    )
+
+
+def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
+    """Print names and texts as a table without header."""
+    table = Table(show_header=False, box=SIMPLE_HEAD)
+    for name, text in pairs:
+        table.add_row(name, text)
+    CONSOLE.print(table)
+
+
+def new_table(title: str, *headers: str) -> Table:
+    """Return an empty table, its first column of texts and the others of numbers."""
+    table = Table(title=title, box=SIMPLE_HEAD)
+    for k, header in enumerate(headers):
+        table.add_column(header, justify="left" if k == 0 else "right", overflow="fold")
+    return table
+
+
+def show_page(page: Page) -> None:
+    """Print the tables and the summary of a report."""
+    for section in page.sections:
+        for part in section.tables:
+            table = new_table(section.title, *part.headers)
+            for row in part.rows:
+                table.add_row(*map(str, row))
+            CONSOLE.print(table)
+    for sentence in page.summary:
+        typer.echo(sentence)

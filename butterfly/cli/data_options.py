@@ -1,0 +1,67 @@
+"""What a command that takes data may be told of it, and the reading of that data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from butterfly.cli.console import show_progress
+from butterfly.cli.options import (
+    ArmOption,
+    ColumnsOption,
+    InputOption,
+    IntersampleOption,
+    RootOption,
+    parse_pairs,
+)
+from butterfly.cli.signature import option, with_options
+from butterfly.logs.log import InputKind, Intersample
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from butterfly.identify.data import DataSet
+    from butterfly.logs.manifest import Manifest
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataOptions:
+    """What was said of data, beside naming it (see `butterfly.experiment.data_source`)."""
+
+    root: Path | None = None
+    arm: float | None = None
+    input_kind: InputKind = InputKind.VOLTAGE
+    intersample: Intersample = Intersample.ZERO_ORDER_HOLD
+    columns: Mapping[str, str] | None = None
+
+    def manifest(self, source: Path) -> Manifest:
+        """Describe the data that a user named."""
+        from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
+
+        return manifest_of(source, **vars(self))
+
+    def read(self, source: Path) -> DataSet:
+        """Read the data that a user named."""
+        from butterfly.experiment.data_source import named_data  # noqa: PLC0415 - slow to import
+
+        return named_data(source, track=show_progress, **vars(self))
+
+
+def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options that say more of data, for its argument ``options``."""
+    silent = DataOptions()
+    declared = [
+        option("root", RootOption, silent.root),
+        option("arm", ArmOption, silent.arm),
+        option("input_kind", InputOption, silent.input_kind),
+        option("intersample", IntersampleOption, silent.intersample),
+        option("columns", ColumnsOption, silent.columns),
+    ]
+
+    def make(told: dict[str, Any]) -> DataOptions:
+        columns = told.pop("columns")
+        pairs = None if columns is None else parse_pairs(columns, "--columns")
+        return DataOptions(columns=pairs, **told)
+
+    return with_options(command, "options", declared, make)

@@ -1,0 +1,55 @@
+"""`butterfly design`: what to measure next."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from butterfly.cli.console import CONSOLE, new_table, show_progress
+from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.estimator_options import takes_estimator
+from butterfly.cli.options import DataArgument
+from butterfly.identify.design import LARGEST_SWING, rank_experiments
+from butterfly.identify.estimators import Estimator
+from butterfly.identify.predict import Predictor
+from butterfly.model.parameters import NO_ADDED_MASS
+
+
+@takes_data_options
+@takes_estimator()
+def design_command(
+    *,
+    data: DataArgument,
+    estimator: Estimator,
+    swing: Annotated[
+        float, typer.Option(min=0.01, help="Largest swing allowed, in rad.")
+    ] = LARGEST_SWING,
+    count: Annotated[int, typer.Option(min=1, help="How many candidates to print.")] = 12,
+    options: DataOptions,
+) -> None:
+    """Rank candidate next experiments by how much they would tell.
+
+    Sines, multisines and free decays with each added mass of the data set and with none; each is
+    simulated with the estimate.
+    """
+    logs = options.read(data)
+    found = estimator(logs)
+    misfit = 1 - float(np.median(Predictor(logs).fits(found))) / 100
+    masses = sorted({*logs.masses, NO_ADDED_MASS})
+    ranked = rank_experiments(found, masses, misfit, largest_swing=swing, track=show_progress)
+    table = new_table(
+        f"{logs.name}: standard errors after one more run, over those now",
+        *("added mass", "input", "swing in rad", "mean", *found.names, "warning"),
+    )
+    for candidate in ranked[:count]:
+        table.add_row(
+            str(candidate.added_mass),
+            candidate.what,
+            f"{candidate.swing:.2f}",
+            f"{candidate.score:.2f}",
+            *(f"{error:.2f}" for error in candidate.errors),
+            candidate.warning,
+        )
+    CONSOLE.print(table)

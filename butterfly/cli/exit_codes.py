@@ -1,0 +1,27 @@
+"""How a command ends, as a number for whoever called it."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """How a command ends."""
+
+    DONE = 0
+    NO_RESULT = 1
+    BAD_INPUT = 2
+    NOT_TO_BE_USED = 3
+
+    @property
+    def meaning(self) -> str:
+        """What it says, in words."""
+        return _MEANINGS[self]
+
+
+_MEANINGS = {
+    ExitCode.DONE: "done",
+    ExitCode.NO_RESULT: "some runs of a sweep gave no result",
+    ExitCode.BAD_INPUT: "bad input",
+    ExitCode.NOT_TO_BE_USED: "an answer not to be used: it did not converge, or warns of itself",
+}

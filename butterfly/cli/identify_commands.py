@@ -1,0 +1,78 @@
+"""`butterfly identify`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from butterfly.cli.console import show_pairs, show_progress
+from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.estimator_options import takes_estimator
+from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.options import (
+    DataArgument,
+    ReportOption,
+    parse_parameters,
+)
+from butterfly.cli.show_identification import show_identification
+from butterfly.identify.estimators import Estimator
+from butterfly.identify.identification import identify
+from butterfly.identify.physical import INSEPARABLE, PendulumEstimate, physical_hand
+from butterfly.report.identification import write_report
+
+
+@takes_data_options
+@takes_estimator()
+def identify_command(
+    *,
+    data: DataArgument,
+    estimator: Estimator,
+    report: ReportOption = None,
+    against: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Other parameters to simulate the same logs with: p1=…,p2=…,p3=… and, if wanted, "
+            "p4=…,coulomb=…,delay=…; without p4 the best one is used. May be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    hand_mass: Annotated[
+        float | None,
+        typer.Option(
+            help="Mass of the hand in kg, if it was weighed: separates its inertia and centre of "
+            "mass (83).",
+            show_default=False,
+        ),
+    ] = None,
+    options: DataOptions,
+) -> None:
+    """Identify the robot from a data set.
+
+    Prints the parameters with standard errors and intervals, how far to trust them, and how well
+    a free-run simulation with them follows every log (FIT). A folder without manifest.yaml needs
+    --arm, and files named like Data_120_5__3_5__0015.mat (120.5 g, 3.5 rad/s, amplitude 0.015).
+
+    Exit code 3 says that the values are not to be used: they did not converge, or a warning stands
+    below them.
+
+    Try `butterfly identify results/quickstart` after `butterfly run quickstart`, or
+    `butterfly identify real-logs --root LOGS --report report.html`.
+    """
+    others = {text: parse_parameters(text, "--against") for text in against or []}
+    result = identify(options.read(data), estimator, against=others, track=show_progress)
+    show_identification(result)
+    if hand_mass is not None:
+        hand = physical_hand(PendulumEstimate.of(result.estimate), hand_mass)
+        show_pairs(
+            [
+                ("centre of mass", f"{hand.com_distance:.4g} ± {hand.com_distance_error:.2g} m"),
+                ("inertia about it", f"{hand.inertia:.4g} ± {hand.inertia_error:.2g} kg m²"),
+            ]
+        )
+        typer.echo(INSEPARABLE)
+    if report is not None:
+        write_report(result, report)
+        typer.echo(f"Report: {report}")
+    if not result.estimate.usable:
+        raise typer.Exit(ExitCode.NOT_TO_BE_USED)

@@ -1,0 +1,126 @@
+"""Commands that judge an identification: validate, select, residual."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from butterfly.cli.console import CONSOLE, new_table, show_progress
+from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.estimator_options import takes_estimator
+from butterfly.cli.options import DataArgument, PlotOption, parse_terms
+from butterfly.errors import InputError
+from butterfly.identify.estimators import Estimator
+from butterfly.identify.judgement.bootstrap import bootstrap
+from butterfly.identify.judgement.residual_torque import residual_torque
+from butterfly.identify.judgement.term_selection import select_terms
+from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.report.residual_torque import write_residual
+
+
+@takes_data_options
+@takes_estimator()
+def validate_command(
+    *,
+    data: DataArgument,
+    estimator: Estimator,
+    split: Annotated[
+        Split, typer.Option(help="What is left out together: one added mass, or some frequencies.")
+    ] = Split.MASS,
+    repetitions: Annotated[
+        int,
+        typer.Option(
+            "--bootstrap", min=0, help="Also estimate so often from logs drawn with replacement."
+        ),
+    ] = 0,
+    options: DataOptions,
+) -> None:
+    """Predict logs that the estimator has not seen, and compare with those it has.
+
+    Example: `butterfly validate results/quickstart --method output-error`
+    """
+    logs = options.read(data)
+    quick = estimator.unchecked()
+    held = hold_out(logs, quick, split, track=show_progress)
+    whole = quick(logs)
+    seen = FitSummary.of(Predictor(logs).fits(whole))
+    table = new_table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
+    for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
+        table.add_row(name, *_fit(fit))
+    CONSOLE.print(table)
+    typer.echo(f"{int(np.sum(held.fits > 90))} of {held.fits.size} logs left out are above 90 %.")  # noqa: PLR2004
+    for name, found in held.estimates.items():
+        values = ", ".join(
+            f"{key} {value:.4g}" for key, value in zip(found.names, found.values, strict=True)
+        )
+        typer.echo(f"Without {name}: {values}")
+    if repetitions:
+        drawn = bootstrap(logs, quick, repetitions=repetitions, track=show_progress)
+        table = new_table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
+        rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
+        for name, *numbers in rows:
+            table.add_row(str(name), *(f"{number:.4g}" for number in numbers))
+        CONSOLE.print(table)
+
+
+@takes_data_options
+@takes_estimator("output-error", leave_out=("terms",))
+def select_command(
+    *,
+    data: DataArgument,
+    estimator: Estimator,
+    candidates: Annotated[
+        str, typer.Option(help="Terms to choose from, separated by commas.")
+    ] = "drag,load,bias,p3_offset,stribeck",
+    options: DataOptions,
+) -> None:
+    """Choose friction terms by how well they predict added masses that were left out.
+
+    Terms are added one by one, the most helpful first, until none helps. With output-error and
+    forty logs this takes minutes.
+    """
+    logs = options.read(data)
+    terms = parse_terms(candidates) or ()
+    passed = select_terms(logs, estimator.unchecked(), terms, track=show_progress)
+    headers = [f"{kind} {what}" for kind in ("in sample", *Split) for what in ("median", "mean")]
+    table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
+    for structure in passed:
+        fits = [structure.in_sample, *(structure.held_out[split] for split in Split)]
+        cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
+        table.add_row(", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells)
+    CONSOLE.print(table)
+    typer.echo(f"Chosen: --terms {','.join(passed[-1].terms) or '(none)'}")
+
+
+@takes_data_options
+@takes_estimator()
+def residual_command(
+    *,
+    data: DataArgument,
+    estimator: Estimator,
+    number: Annotated[int, typer.Option("--log", min=0, help="Which log, from 0 on.")] = 0,
+    plot: PlotOption = None,
+    options: DataOptions,
+) -> None:
+    """Show the torque that p1..p4 leave over in one log, and the friction term it looks like."""
+    logs = options.read(data)
+    if number >= len(logs.logs):
+        raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
+    log = logs.logs[number]
+    setting = Predictor(logs).setting(number, estimator.unchecked()(logs))
+    residual = residual_torque(log, setting.parameters, setting.zero)
+    typer.echo(f"{log.label}: looks like {residual.looks_like}")
+    table = new_table("Share of its variance that each term alone explains", "term", "%")
+    for name, share in residual.shares.items():
+        table.add_row(name, f"{100 * share:.1f}")
+    CONSOLE.print(table)
+    if plot is not None:
+        write_residual(residual, log.label, plot)
+        typer.echo(f"Plot: {plot}")
+
+
+def _fit(fit: FitSummary) -> list[str]:
+    return [f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst)]

@@ -1,0 +1,70 @@
+"""Commands whose modules are imported when they are called, and not before.
+
+A table tells their names and what they do, so that help and slips need no module of a command.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+MARKUP: Any = "markdown"
+"""What docstrings of commands are written in."""
+
+
+class Command(NamedTuple):
+    """Where a command is, and what it does.
+
+    Parameters
+    ----------
+    module
+        Of `butterfly.cli`.
+    function
+        Of the module.
+    summary
+        First line of the function's docstring.
+    """
+
+    module: str
+    function: str
+    summary: str
+
+    def load(self) -> Callable[..., Any]:
+        """Import the function."""
+        function: Callable[..., Any] = getattr(
+            import_module(f"butterfly.cli.{self.module}"), self.function
+        )
+        return function
+
+
+class LazyGroup(TyperGroup):
+    """Commands of a ``table``; one that is only listed has no more than its name and summary."""
+
+    table: ClassVar[Mapping[str, Command]] = {}
+
+    def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - typer's
+        super().__init__(**settings)
+        listed = {
+            name: TyperCommand(name, help=command.summary, rich_markup_mode=MARKUP)
+            for name, command in self.table.items()
+        }
+        self.commands = {**listed, **self.commands}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - typer's
+        """Find the command that is called, and import it."""
+        name, listed, rest = super().resolve_command(ctx, args)
+        if name is None or name not in self.table:
+            return name, listed, rest
+        return name, _made(name, self.table[name]), rest
+
+
+def _made(name: str, command: Command) -> Any:  # noqa: ANN401 - typer's
+    app = typer.Typer(add_completion=False, rich_markup_mode=MARKUP)
+    app.command(name)(command.load())
+    return typer.main.get_command(app)

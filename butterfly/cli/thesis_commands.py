@@ -1,0 +1,51 @@
+"""`butterfly reproduce`: the thesis's figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from butterfly.cli.console import CONSOLE, new_table
+from butterfly.errors import InputError
+from butterfly.experiment.thesis_robot import thesis_robot
+from butterfly.thesis.figure_data import write_figure_data
+from butterfly.thesis.tables import has_real_logs, reproduce
+
+
+def reproduce_command(
+    *,
+    what: Annotated[str, typer.Argument(help="What to reproduce: thesis.")],
+    root: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the 41 real logs; or set BUTTERFLY_LOGS.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the data of Figures 3-12 to this folder.", show_default=False),
+    ] = None,
+) -> None:
+    """Print the thesis's figures beside those obtained the same way, and the right ones.
+
+    Example: `butterfly reproduce thesis --root LOGS --out figures`
+    """
+    if what != "thesis":
+        raise InputError("butterfly reproduce", "what", what, "thesis")
+    synthetic = thesis_robot()
+    rows = reproduce(synthetic, root)
+    table = new_table("The thesis, published against obtained", "figures", "published", "obtained")
+    table.add_column("same")
+    table.add_column("right")
+    for row in rows:
+        same = "yes" if row.agrees else "no"
+        table.add_row(row.what, row.published, row.obtained, same, row.corrected)
+    CONSOLE.print(table)
+    for row in rows:
+        if row.note:
+            typer.echo(f"{row.what}: {row.note}")
+    if not has_real_logs(root):
+        typer.echo("Tables 4 and 5 need the real logs: give --root, or set BUTTERFLY_LOGS.")
+    if out is not None:
+        for path in write_figure_data(out, synthetic, root):
+            typer.echo(f"Figure data: {path}")

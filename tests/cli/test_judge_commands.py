@@ -1,0 +1,51 @@
+"""The commands that judge an identification."""
+
+import re
+
+import pytest
+
+
+def test_unseen_masses_and_frequencies_are_predicted(butterfly, quick_data):
+    for split in ("mass", "frequency"):
+        code, out, err = butterfly("validate", quick_data, "--split", split)
+        assert code == 0, err
+        assert f"one {split} left out" in out
+        assert "above 90 %" in out
+
+
+def test_a_weighed_hand_and_the_bootstrap(butterfly, quick_data):
+    code, out, err = butterfly("identify", quick_data, "--hand-mass", 0.1)
+    assert code == 0, err
+    assert "centre of mass" in out
+    distance = float(re.search(r"centre of mass\s+([\d.]+) ±", out).group(1))
+    assert distance == pytest.approx(0.05, rel=0.05)
+    assert "weigh the hand" in out
+    code, out, err = butterfly("validate", quick_data, "--bootstrap", 20)
+    assert code == 0, err
+    assert "bootstrap over logs" in out
+
+
+def test_terms_are_chosen(butterfly, quick_data):
+    code, out, err = butterfly(
+        "select", quick_data, "--method", "harmonic-balance", "--candidates", "drag,load"
+    )
+    assert code == 0, err
+    assert "Chosen: --terms" in out
+
+
+def test_a_term_that_is_none_is_one_line(butterfly, quick_data):
+    code, _, err = butterfly("validate", quick_data, "--terms", "drug")
+    assert code == 2
+    assert "did you mean" in err
+    assert err.count("\n") == 1
+
+
+def test_the_residual_torque_is_named_and_drawn(butterfly, quick_data, tmp_path):
+    plot = tmp_path / "residual.html"
+    code, out, _ = butterfly("residual", quick_data, "--log", 2, "--plot", plot)
+    assert code == 0
+    assert "looks like" in out
+    assert "velocity in rad" in plot.read_text(encoding="utf-8")
+    code, _, err = butterfly("residual", quick_data, "--log", 99)
+    assert code == 2
+    assert "less than 12" in err

@@ -1,0 +1,71 @@
+"""The commands that show, draw and export the robot."""
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+from butterfly.plant.twin import MASS, twin
+from butterfly.plant.watch.picture import Painter, RenderingError
+from tests.cli.one_line import assert_one_line_error
+from tests.conftest import MASSES, ROBOT
+
+
+def test_the_model_of_an_experiment_is_shown_and_exported(butterfly, tmp_path):
+    code, out, _ = butterfly("model", "show", "quickstart", "--added-mass", 0.05)
+    assert code == 0
+    assert "5.1306 rad/s" in out
+    assert butterfly("model", "export", "quickstart", "--out", tmp_path / "q.xml")[0] == 0
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
+    assert model.dof_damping[0] == 2e-4
+
+
+def test_the_twin_of_a_data_set_is_exported_and_moves_as_identified(
+    butterfly, quick_data, tmp_path
+):
+    assert butterfly("model", "export", quick_data, "--out", tmp_path / "t.xml")[0] == 0
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
+    data = mujoco.MjData(model)
+    data.qpos[0], data.ctrl[0] = 0.5, 1.0
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((1, 1))
+    mujoco.mj_fullM(model, data, inertia)
+    assert inertia[0, 0] == pytest.approx(0.00325, rel=0.02)
+    assert data.qfrc_bias[0] == pytest.approx(0.04905 * np.sin(0.5), rel=0.02)
+    assert data.qfrc_actuator[0] == pytest.approx(0.025, rel=0.02)
+
+
+def test_what_is_neither_experiment_nor_data_set_is_refused(butterfly, tmp_path):
+    path = tmp_path / "other.yaml"
+    path.write_text("colour: blue")
+    assert_one_line_error(butterfly("model", "show", path), path, "colour")
+
+
+def test_the_robot_is_drawn_and_turns_with_its_angle(butterfly, tmp_path):
+    try:
+        with Painter(twin(ROBOT, MASS), MASSES[1], 32):
+            pass
+    except RenderingError as missing:
+        pytest.skip(str(missing))
+    pictures = []
+    for name, angle in (("one", 0.0), ("same", 0.0), ("other", 1.2)):
+        out = tmp_path / f"{name}.png"
+        told = ("--angle", angle, "--size", 96, "--added-mass", 0.05, "--out", out)
+        code, said, err = butterfly("model", "render", "quickstart", *told)
+        assert code == 0, err
+        assert f"Picture: {out}" in said
+        pictures.append(np.asarray(Image.open(out).convert("RGB"), dtype=float))
+    one, same, other = pictures
+    assert one.shape == (96, 96, 3)
+    np.testing.assert_array_equal(one, same)
+    assert np.abs(other - one).mean() > 0.5
+
+
+def test_the_twin_of_a_folder_without_manifest_needs_its_arm_and_carries_masses_there(
+    butterfly, logs_folder
+):
+    assert_one_line_error(butterfly("model", "show", logs_folder), "--arm")
+    added = ("--added-mass", 0.052, "--arm", 0.1)
+    code, out, err = butterfly("model", "show", logs_folder, *added)
+    assert code == 0, err
+    assert "52 g at 100 mm" in out
