@@ -118,10 +118,9 @@ def test_options_that_make_no_sense_are_refused():
         RecalibrationOptions(candidates=("cogging",))
 
 
-@pytest.mark.parametrize("effect", ["quadratic drag", "gain compression"])
-def test_the_recalibrated_model_predicts_a_hundred_times_better(effect):
-    """The benchmarks do it for all effects, in MuJoCo."""
-    spec, amplitudes, told = EFFECTS[effect]
+def test_the_recalibrated_model_predicts_a_hundred_times_better():
+    """With a compressed drive; the benchmarks do it for all effects, in MuJoCo."""
+    spec, amplitudes, told = EFFECTS["gain compression"]
     rng = np.random.default_rng(1)
     study = study_orbit(
         grey_rig(spec, rng),

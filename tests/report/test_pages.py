@@ -24,6 +24,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.rollout import simulate_runs
+from butterfly.plant.sensors import Clock
 from butterfly.plant.setup import Setup
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.orbit import orbit_page
@@ -51,7 +52,7 @@ def data():
     sines = [Sine(omega=3.0, amplitude=4e-4), Sine(omega=5.0, amplitude=8e-4)]
     runs = [(mass, sine) for mass in masses for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
-    setup = Setup(robot=ROUGH.robot, encoder=ROUGH.encoder)
+    setup = Setup(robot=ROUGH.robot, encoder=ROUGH.encoder, clock=Clock(step=0.004))
     return DataSet.of(list(simulate_runs(setup, runs, 40.0, seeds)), name="six sines")
 
 
