@@ -1,4 +1,4 @@
-"""How long the command line takes to start, as a ratio to the least that its library takes.
+"""How long command line and package take to start, as a ratio to what cannot be avoided.
 
 CPU time, so that other work on the machine counts for little; the best of several starts.
 """
@@ -59,3 +59,12 @@ def test_the_command_line_starts_in_little_more_than_a_bare_typer_program(option
     ratio = own / least
     print(f"\nbutterfly {option}: {1e3 * own:.0f} ms, {ratio:.2f} times a bare typer program")
     at_most(ratio, 1.5, f"butterfly {option} over a bare typer program")
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
+def test_the_package_is_imported_in_little_more_than_numpy():
+    """Until something of it is used."""
+    numpy, own = _least_seconds(("-c", "import numpy"), ("-c", "import butterfly as bf; dir(bf)"))
+    ratio = own / numpy
+    print(f"\nimport butterfly: {1e3 * own:.0f} ms, {ratio:.2f} times import numpy")
+    at_most(ratio, 1.5, "import butterfly over import numpy")
