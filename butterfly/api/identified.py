@@ -14,11 +14,12 @@ from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.result import Result
 from butterfly.errors import InputError, nearest
-from butterfly.experiment.data_source import named_data
 from butterfly.experiment.estimate_record import ParameterRecord
+from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import Identification, simulated
 from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import InputKind
+from butterfly.logs.manifest import Manifest
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import rows_of, summary, unit_of, write_report
 from butterfly.report.words import sentences
@@ -46,7 +47,7 @@ class Identified(Result):
     estimator
         What made it, and what that was told.
     origin
-        The data: name, description, source, input, number of logs.
+        The data: name, description, input, number of logs, and the manifest they were read by.
     fits
         FIT in per cent of the free run of each log, by its name.
     summary
@@ -74,9 +75,9 @@ class Identified(Result):
             origin={
                 "name": data.name,
                 "description": data.description,
-                "source": data.source,
                 "input": str(data.input_kind),
                 "logs": len(data.logs),
+                "manifest": data.manifest and data.manifest.model_dump(mode="json"),
             },
             fits={run.log.name: run.fit for run in found.free_runs},
             summary=tuple(summary(found)),
@@ -107,6 +108,14 @@ class Identified(Result):
             "data": self.origin,
             "estimate": estimate_content(self.estimate),
         }
+
+    def portable(self, content: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """Return the content with the logs' folder relative to the file's, if it lies below."""
+        manifest = content["data"]["manifest"]
+        if manifest is None or not Path(manifest["root"]).is_relative_to(folder):
+            return content
+        below = manifest | {"root": Path(manifest["root"]).relative_to(folder).as_posix()}
+        return content | {"data": content["data"] | {"manifest": below}}
 
     @property
     def title(self) -> str:  # type: ignore[override]
@@ -232,10 +241,11 @@ class Identified(Result):
     def _identification(self) -> Identification:
         if self.live is not None:
             return self.live
-        source = self.origin["source"]
-        if not source:
-            raise InputError(self.title, "source", "nothing", "a result whose logs came from files")
-        return simulated(named_data(Path(source)), self.estimate)
+        found = self.origin["manifest"]
+        if found is None:
+            expected = "a result whose logs came from files"
+            raise InputError(self.title, "manifest", "none", expected)
+        return simulated(read_data_set(Manifest.model_validate(found)), self.estimate)
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,10 @@ class Result(ABC):
         """Return `rows` as a person reads them."""
         return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
 
+    def portable(self, content: dict[str, Any], folder: Path) -> dict[str, Any]:  # noqa: ARG002
+        """Return the content of a file in a folder, with paths that last when both are moved."""
+        return content
+
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
         return {}
@@ -84,8 +88,9 @@ class Result(ABC):
         InputError
             If the file cannot be written.
         """
+        content = self.portable(self.to_dict(), Path(path).resolve().parent)
         with replacing(Path(path)) as draft:
-            text = json.dumps(self.to_dict(), indent=1, allow_nan=False, ensure_ascii=False)
+            text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
             draft.write_text(text + "\n", encoding="utf-8")
 
     def report(self, path: str | PathLike[str]) -> None:

@@ -16,8 +16,18 @@ if TYPE_CHECKING:
 _KINDS = {f"butterfly.{each.kind}": each for each in (Identified, Validated, Designed, Compared)}
 
 
-def load(path: str | PathLike[str]) -> Identified | Validated | Designed | Compared:
+def load(
+    path: str | PathLike[str], *, root: str | PathLike[str] | None = None
+) -> Identified | Validated | Designed | Compared:
     """Read a result that was saved.
+
+    Parameters
+    ----------
+    path
+        The file.
+    root
+        Folder of the logs, if they were moved; a result that was saved above its logs finds them
+        wherever both are moved together.
 
     Raises
     ------
@@ -38,6 +48,9 @@ def load(path: str | PathLike[str]) -> Identified | Validated | Designed | Compa
         expected = f"{kind.schema_number}: this file needs {remedy}"
         raise InputError(file, "schema_number", number, expected)
     try:
+        manifest = content.get("data", {}).get("manifest")
+        if manifest is not None:
+            manifest["root"] = str((file.parent / (root or manifest["root"])).resolve())
         return kind.of_content(content)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         expected = "a result as its method save writes it"

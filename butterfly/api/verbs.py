@@ -6,8 +6,6 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from butterfly.api.identified import Identified
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.compare.three_way import compare_three
@@ -18,13 +16,12 @@ from butterfly.experiment.methods import DEFAULT_METHOD
 from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.simulation import write_logs
-from butterfly.identify.data import DataSet
-from butterfly.identify.design import LARGEST_SWING, masses_at_hand, rank_experiments
+from butterfly.identify.data import DataSet, read_data_set
+from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.identification import identify as identify_data
 from butterfly.identify.judgement.validation import Split, hold_out
-from butterfly.identify.predict import Predictor
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.logs.manifest import read_entry
+from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.twin import MASS
 from butterfly.resources import locate
@@ -151,10 +148,9 @@ def simulate(experiment: Named | Experiment, *, out: Named | None = None) -> Dat
         else experiment
     )
     logs = list(simulated_logs(plan))
-    source = ""
     if out is not None:
-        source = str(write_logs(plan, logs, Path(out)).parent)
-    return DataSet.of(logs, name=plan.name, description=plan.description, source=source)
+        return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
+    return DataSet.of(logs, name=plan.name, description=plan.description)
 
 
 def validate(
@@ -210,9 +206,7 @@ def design(
         If they cannot determine the parameters, or give no covariance.
     """
     logs, found = _estimated(data, method, options)
-    misfit = 1 - float(np.median(Predictor(logs).fits(found))) / 100
-    ranked = rank_experiments(found, masses_at_hand(logs), misfit, largest_swing=swing)
-    return Designed.of(logs, found, ranked)
+    return Designed.of(logs, found, next_experiments(logs, found, largest_swing=swing))
 
 
 def compare(

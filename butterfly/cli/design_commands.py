@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from butterfly.cli.console import CONSOLE, new_table, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.options import DataArgument
-from butterfly.identify.design import LARGEST_SWING, rank_experiments
+from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.estimators import Estimator
-from butterfly.identify.predict import Predictor
-from butterfly.model.parameters import NO_ADDED_MASS
 
 
 @takes_data_options
@@ -36,9 +33,7 @@ def design_command(
     """
     logs = options.read(data)
     found = estimator(logs)
-    misfit = 1 - float(np.median(Predictor(logs).fits(found))) / 100
-    masses = sorted({*logs.masses, NO_ADDED_MASS})
-    ranked = rank_experiments(found, masses, misfit, largest_swing=swing, track=show_progress)
+    ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
     table = new_table(
         f"{logs.name}: standard errors after one more run, over those now",
         *("added mass", "input", "swing in rad", "mean", *found.names, "warning"),

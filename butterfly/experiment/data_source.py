@@ -41,7 +41,7 @@ def named_data(
     """Read the data that a user named (see `manifest_of`)."""
     about = {"arm": arm, "input_kind": input_kind, "intersample": intersample, "columns": columns}
     manifest = manifest_of(source, root=root, **about)  # type: ignore[arg-type]
-    return read_data_set(manifest, track, source=str(source))
+    return read_data_set(manifest, track)
 
 
 def manifest_of(
@@ -89,14 +89,7 @@ def manifest_of(
             path, arm=arm, input_kind=input_kind, intersample=intersample, columns=columns
         )
     if path.suffix == RESULT:
-        return manifest_of(
-            _source_of(path),
-            root=root,
-            arm=arm,
-            input_kind=input_kind,
-            intersample=intersample,
-            columns=columns,
-        )
+        return _saved_manifest(path, root)
     return read_manifest(path, root)
 
 
@@ -115,15 +108,15 @@ def _refuse_sweep(folder: Path) -> None:
         raise InputError(folder, "data", "the results of a sweep", which)
 
 
-def _source_of(path: Path) -> Path:
-    """Return where the data of a saved identification came from."""
-    expected = "an identification saved by butterfly that knows where its logs are"
+def _saved_manifest(path: Path, root: Path | None) -> Manifest:
+    """Return what a saved identification knows of its data."""
+    expected = "an identification saved by butterfly whose logs came from files"
     try:
-        source = json.loads(path.read_text(encoding="utf-8"))["data"]["source"]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(path, "data.source", "no such key", expected) from None
-    if not isinstance(source, str) or not source or source.endswith(RESULT):
-        raise InputError(path, "data.source", source, expected)
-    given = Path(source)
-    beside = path.parent / given
-    return beside if not given.is_absolute() and beside.exists() else given
+        found = json.loads(path.read_text(encoding="utf-8"))["data"]["manifest"]
+        manifest = Manifest.model_validate(found)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(path, "data.manifest", "none that can be used", expected) from None
+    folder = (path.parent / manifest.root).resolve() if root is None else root.absolute()
+    if not folder.is_dir():
+        raise InputError(path, "data.manifest.root", folder, "the folder of the logs, or --root")
+    return manifest.model_copy(update={"root": str(folder)})

@@ -1,7 +1,7 @@
 from .data import DataSet as DataSet
 from .data import read_data_set as read_data_set
 from .design import Candidate as Candidate
-from .design import rank_experiments as rank_experiments
+from .design import next_experiments as next_experiments
 from .estimate import ParameterEstimate as ParameterEstimate
 from .identification import Identification as Identification
 from .identification import identify as identify

@@ -29,8 +29,8 @@ class DataSet:
     ----------
     name, description
         Of the data set.
-    source
-        Where it was read, as the user named it; empty if it was not.
+    manifest
+        What it was read by; None if its logs came from no files.
     input_kind
         What its input commands.
     recorded
@@ -43,7 +43,7 @@ class DataSet:
 
     name: str
     description: str
-    source: str = ""
+    manifest: Manifest | None = None
     input_kind: InputKind
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
@@ -57,7 +57,7 @@ class DataSet:
         *,
         name: str = "logs",
         description: str = "",
-        source: str = "",
+        manifest: Manifest | None = None,
         repairs: frozenset[Repair] = DEFAULT_REPAIRS,
         track: Track = untracked,
     ) -> DataSet:
@@ -79,7 +79,7 @@ class DataSet:
         return cls(
             name=name,
             description=description,
-            source=source,
+            manifest=manifest,
             input_kind=recorded[0].input_kind,
             recorded=tuple(recorded),
             logs=tuple(logs),
@@ -120,7 +120,7 @@ class DataSet:
         return DataSet(
             name=self.name,
             description=self.description,
-            source=self.source,
+            manifest=self._part(rows),
             input_kind=self.input_kind,
             recorded=tuple(self.recorded[k] for k in rows),
             logs=tuple(self.logs[k] for k in rows),
@@ -128,9 +128,15 @@ class DataSet:
             points=tuple(self.points[k] for k in rows),
         )
 
+    def _part(self, rows: Sequence[int]) -> Manifest | None:
+        if self.manifest is None:
+            return None
+        entries = [self.manifest.logs[k] for k in rows]
+        return self.manifest.model_copy(update={"logs": entries})
 
-def read_data_set(manifest: Manifest, track: Track = untracked, *, source: str = "") -> DataSet:
-    """Read every log of a manifest, read at ``source`` (see `DataSet.of`).
+
+def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
+    """Read every log of a manifest (see `DataSet.of`).
 
     Raises
     ------
@@ -142,7 +148,7 @@ def read_data_set(manifest: Manifest, track: Track = untracked, *, source: str =
         recorded,
         name=manifest.name,
         description=manifest.description,
-        source=source,
+        manifest=manifest,
         repairs=frozenset(manifest.repair),
         track=track,
     )

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identify.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -126,6 +127,36 @@ def rank_experiments(
         )
         candidates = list(track(list(found), "Judging candidates"))
     return sorted(candidates, key=lambda c: (bool(c.warning), c.score))
+
+
+def next_experiments(
+    data: DataSet,
+    estimate: ParameterEstimate,
+    *,
+    largest_swing: float = LARGEST_SWING,
+    track: Track = untracked,
+) -> list[Candidate]:
+    """Rank what to do next with the added masses of a data set (see `rank_experiments`).
+
+    Parameters
+    ----------
+    data
+        From which the estimate was made; how well it is followed says how far to trust the model.
+    estimate
+        With its covariance.
+    largest_swing
+        Allowed, in rad.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the estimate has no covariance.
+    """
+    misfit = 1 - float(np.median(Predictor(data).fits(estimate))) / 100
+    masses = masses_at_hand(data)
+    return rank_experiments(estimate, masses, misfit, largest_swing=largest_swing, track=track)
 
 
 def masses_at_hand(data: DataSet) -> list[AddedMass]:

@@ -1,6 +1,7 @@
 """Results show, tabulate, save and report themselves; verbs take whatever holds data."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 
@@ -65,6 +66,22 @@ def test_what_was_saved_comes_back(result, data, tmp_path):
     assert (tmp_path / "again.html").stat().st_size > 1e5
 
 
+def test_a_result_above_its_logs_is_moved_with_them_and_any_finds_them_where_one_says(
+    quick_data, tmp_path, monkeypatch
+):
+    shutil.copytree(quick_data, tmp_path / "a/logs")
+    monkeypatch.chdir(tmp_path)
+    found = bf.identify("a/logs", check=False)
+    found.save("a/r.json")
+    shutil.move("a", "b")
+    monkeypatch.chdir("/")
+    assert bf.load(tmp_path / "b/r.json").data.logs[0].name == found.data.logs[0].name
+    shutil.move(tmp_path / "b/r.json", tmp_path / "r.json")
+    with pytest.raises(bf.InputError, match="no such file"):
+        _ = bf.load(tmp_path / "r.json").data
+    assert bf.load(tmp_path / "r.json", root=tmp_path / "b/logs").data.logs
+
+
 def test_local_values_and_unknown_ones_come_back(data, tmp_path):
     for method in (OutputError(terms=(), per_log=("zero",), check=False), "thesis"):
         found = bf.identify(data, method)
@@ -84,7 +101,7 @@ def test_local_values_and_unknown_ones_come_back(data, tmp_path):
         ({"schema_number": None}, "saved again"),
         ({"estimate": {}}, "content: got KeyError"),
         ({"fits": 3}, "content: got AttributeError"),
-        ({"data": None}, "content: got TypeError"),
+        ({"data": None}, "content: got AttributeError"),
     ],
 )
 def test_another_file_is_refused_with_what_to_do(result, tmp_path, change, message):

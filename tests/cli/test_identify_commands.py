@@ -1,10 +1,9 @@
 """`butterfly identify`."""
 
-import json
-
 import pytest
 import yaml
 
+import butterfly as bf
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.identify.estimators import harmonic_balance
 from butterfly.logs.manifest import read_manifest
@@ -84,7 +83,7 @@ def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
 
 def test_the_data_of_a_saved_result_are_data(butterfly, quick_data, tmp_path):
     saved = tmp_path / "saved.json"
-    saved.write_text(json.dumps({"data": {"source": str(quick_data)}}))
+    bf.identify(quick_data, check=False).save(saved)
     assert butterfly("identify", saved)[1] == butterfly("identify", quick_data)[1]
 
 

@@ -22,22 +22,26 @@ def _names(source, **about):
     return [log.name for log in named_data(source, **about).logs]
 
 
+def _saved(path, folder, **changes):
+    """Write what a saved identification knows of its data."""
+    manifest = manifest_of(folder).model_copy(update=changes)
+    path.write_text(json.dumps({"data": {"manifest": manifest.model_dump(mode="json")}}))
+    return path
+
+
 def test_a_manifest_its_folder_and_what_was_identified_from_it_are_the_same_data(
     quick_data, tmp_path
 ):
-    saved = tmp_path / "result.json"
-    saved.write_text(json.dumps({"data": {"source": str(quick_data)}}))
+    saved = _saved(tmp_path / "result.json", quick_data)
     expected = _names(quick_data)
     assert len(expected) == 12
     for source in (quick_data / "manifest.yaml", saved):
         assert _names(source) == expected
-        assert named_data(source).source == str(source)
 
 
 def test_a_result_finds_its_logs_beside_it_wherever_both_are_moved(quick_data, tmp_path):
     shutil.copytree(quick_data, tmp_path / "there/logs")
-    saved = tmp_path / "there/result.json"
-    saved.write_text(json.dumps({"data": {"source": "logs"}}))
+    saved = _saved(tmp_path / "there/result.json", quick_data, root="logs")
     assert _names(saved) == _names(quick_data)
 
 
@@ -94,26 +98,18 @@ def test_a_sweep_s_results_lead_to_the_logs_of_a_run(folder):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"data": 1}', '{"data": {"source": ""}}', '{"data": {"source": 3}}']
+    "text",
+    ["", "[]", "{}", '{"data": 1}', '{"data": {"manifest": null}}', '{"data": {"manifest": 3}}'],
 )
 def test_a_json_that_leads_nowhere_is_refused(tmp_path, text):
     path = tmp_path / "r.json"
     path.write_text(text)
-    with pytest.raises(InputError, match=r"data\.source"):
+    with pytest.raises(InputError, match=r"data\.manifest"):
         named_data(path)
 
 
-def test_a_result_that_names_a_result_leads_nowhere(tmp_path):
-    path = tmp_path / "r.json"
-    path.write_text(json.dumps({"data": {"source": str(path)}}))
-    with pytest.raises(InputError, match="where its logs are"):
-        named_data(path)
-
-
-def test_what_is_told_of_a_result_is_told_of_its_data(sine_log, tmp_path):
-    (tmp_path / "logs").mkdir()
-    write_mat(sine_log, tmp_path / "logs" / THESIS)
-    saved = tmp_path / "result.json"
-    saved.write_text(json.dumps({"data": {"source": "logs"}}))
-    told = {"arm": 0.1, "input_kind": InputKind.TORQUE}
-    assert manifest_of(saved, **told) == manifest_of(tmp_path / "logs", **told)
+def test_logs_that_are_gone_are_asked_for(quick_data, tmp_path):
+    saved = _saved(tmp_path / "r.json", quick_data, root="gone")
+    with pytest.raises(InputError, match=r"data\.manifest\.root: got .*gone"):
+        named_data(saved)
+    assert _names(saved, root=quick_data) == _names(quick_data)
