@@ -6,6 +6,7 @@
 
 import importlib
 import sys
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
@@ -31,9 +32,18 @@ def __dir__() -> list[str]:
 class _Room(ModuleType):
     """A package that does, when called, what its name says."""
 
-    def __call__(self, *arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of any verb
+    @property
+    def _verb(self) -> Callable[..., Any]:
         verbs = importlib.import_module("butterfly.api.verbs")
-        return getattr(verbs, self.__name__.rpartition(".")[2])(*arguments, **options)
+        verb: Callable[..., Any] = getattr(verbs, self.__name__.rpartition(".")[2])
+        return verb
+
+    @property
+    def __signature__(self) -> Any:  # noqa: ANN401 - an inspect.Signature, which is slow to import
+        return importlib.import_module("inspect").signature(self._verb)
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of any verb
+        return self._verb(*arguments, **options)
 
 
 class _Face(ModuleType):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from difflib import get_close_matches
+from numbers import Real
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -59,7 +60,8 @@ def require_number(source: str, *, positive: bool = False, unit: str = "", **val
     """
     sign = "positive" if positive else "non-negative"
     for field, value in values.items():
-        if not (math.isfinite(value) and (value > 0 or (value == 0 and not positive))):
+        number = isinstance(value, Real)
+        if not (number and math.isfinite(value) and (value > 0 or (value == 0 and not positive))):
             expected = f"a finite {sign} number" + (f" of {unit}" if unit else "")
             raise InputError(source, field, value, expected)
 

@@ -10,6 +10,7 @@ import numpy as np
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
@@ -49,23 +50,29 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         _keyed(key): _array(values) for key, values in content["left_out"]
     }
     names = tuple(str(name) for name in content["names"])
-    values, covariance = _array(content["values"]), _array(content["covariance"])
-    if values.shape != (len(names),) or covariance.shape != (len(names), len(names)):
-        raise ValueError("as many values and rows of the covariance as names")
+    columns = {key: _array(content[key]) for key in ("values", "lower", "upper")}
+    covariance = _array(content["covariance"])
+    lengths = [each.shape for each in (*columns.values(), *left_out.values())]
+    if covariance.shape != 2 * (len(names),) or any(each != (len(names),) for each in lengths):
+        raise ValueError("not as many values as names")
+    on_bound = tuple(content["on_bound"])
+    held = {str(name): float(value) for name, value in content["held"].items()}
+    if not {*names, *on_bound, *held} <= TERMS.keys() or len({*names}) < len(names):
+        raise ValueError("names that are no parameters, or twice the same")
+    if not np.isfinite(columns["values"]).all():
+        raise ValueError("values that are no numbers")
     return ParameterEstimate(
         method=str(content["method"]),
         names=names,
-        values=values,
         covariance=covariance,
-        lower=_array(content["lower"]),
-        upper=_array(content["upper"]),
+        **columns,
         left_out=left_out,
         condition=float(_array(content["condition"])),
-        on_bound=tuple(content["on_bound"]),
+        on_bound=on_bound,
         ending=Ending(content["ending"]),
         findings=tuple(_finding(**each) for each in content["findings"]),
-        held=dict(content["held"]),
-        resonances={_mass(key): float(omega) for key, omega in content["resonances"]},
+        held=held,
+        resonances={_mass(key): float(_array(omega)) for key, omega in content["resonances"]},
         local={_keyed(key): dict(each) for key, each in content["local"]},
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from butterfly import __version__
 from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
-from butterfly.api.result import Result
+from butterfly.api.result import Result, text, texts
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.identify.data import read_data_set
@@ -20,6 +20,7 @@ from butterfly.identify.identification import Identification, simulated
 from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
+from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import rows_of, summary, unit_of, write_report
 from butterfly.report.words import sentences
@@ -87,12 +88,16 @@ class Identified(Result):
     @classmethod
     def of_content(cls, content: dict[str, Any]) -> Identified:
         """Return what `to_dict` told of (see `estimate_of` for what is raised)."""
+        origin = dict(content["data"])
+        InputKind(origin["input"])
+        if origin["manifest"] is not None:
+            Manifest.model_validate(origin["manifest"])
         return cls(
             estimate=estimate_of(content["estimate"]),
-            estimator=content["estimator"],
-            origin=dict(content["data"]),
+            estimator=text(content["estimator"]),
+            origin=origin | {"name": text(origin["name"])},
             fits={str(name): _number(fit) for name, fit in content["fits"].items()},
-            summary=tuple(content["summary"]),
+            summary=texts(content["summary"]),
         )
 
     def content(self) -> dict[str, Any]:
@@ -193,13 +198,13 @@ class Identified(Result):
         """
         return self._identification.data
 
-    def measured(self, added_mass: AddedMass | None = None) -> control.FrequencyResponseData:
-        """Return the responses measured with an added mass, to lay over `model.linearised`.
+    def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
+        """Return the responses measured with an added mass, beside `model.linearised` with it.
 
         Parameters
         ----------
         added_mass
-            One of ``data.masses``; the lightest if not given.
+            One of ``data.masses``; none if not given.
 
         Raises
         ------
@@ -208,8 +213,7 @@ class Identified(Result):
         """
         from butterfly.signals.measured_response import measured_response  # noqa: PLC0415 - slow
 
-        mass = self.data.masses[0] if added_mass is None else added_mass
-        return measured_response(self.data.sines, mass)
+        return measured_response(self.data.sines, added_mass)
 
     @property
     def plot(self) -> IdentifiedPlots:
@@ -285,7 +289,7 @@ class IdentifiedPlots:
             if log not in names:
                 raise InputError("plot.time", "log", log, nearest(log, names))
             log = names.index(log)
-        if not -len(runs) <= log < len(runs):
+        if not isinstance(log, int) or not -len(runs) <= log < len(runs):
             raise InputError("plot.time", "log", log, f"a number below {len(runs)}")
         return time_figure(runs[log])
 

@@ -149,3 +149,17 @@ def shown(value: object) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)
+
+
+def text(value: object) -> str:
+    """Return a text that was saved; anything else is a TypeError."""
+    if not isinstance(value, str):
+        raise TypeError(f"{type(value).__name__} instead of a text")
+    return value
+
+
+def texts(values: object) -> tuple[str, ...]:
+    """Return texts that were saved; anything else is a TypeError."""
+    if not isinstance(values, list):
+        raise TypeError(f"{type(values).__name__} instead of texts")
+    return tuple(map(text, values))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from butterfly.api.identified import Identified
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
+from butterfly.experiment.data_source import root_of
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -37,7 +38,7 @@ def load(
     file = Path(path)
     content = _content(file)
     schema = content.get("schema")
-    if schema not in _KINDS:
+    if not isinstance(schema, str) or schema not in _KINDS:
         expected = "a result written by its method save (a report's numbers are none)"
         raise InputError(file, "schema", schema, expected)
     kind = _KINDS[schema]
@@ -50,11 +51,14 @@ def load(
     try:
         manifest = content.get("data", {}).get("manifest")
         if manifest is not None:
-            manifest["root"] = str((file.parent / (root or manifest["root"])).resolve())
-        return kind.of_content(content)
+            moved = None if root is None else Path(root)
+            manifest["root"] = str(root_of(file, manifest["root"], moved))
+        result = kind.of_content(content)
+        result.shown_rows()
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         expected = "a result as its method save writes it"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
+    return result
 
 
 def _content(file: Path) -> dict[str, Any]:

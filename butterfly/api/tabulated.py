@@ -9,7 +9,7 @@ import numpy as np
 from plotly.graph_objects import Bar, Figure, Scatter
 
 from butterfly import __version__
-from butterfly.api.result import Result
+from butterfly.api.result import Result, text, texts
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.report.figures import PALETTE
 from butterfly.report.three_way import three_way_page
@@ -49,12 +49,12 @@ class Tabulated(Result):
 
         Raises
         ------
-        KeyError, TypeError
+        KeyError, TypeError, ValueError
             If something is missing, or not what it should be.
         """
         return cls(
-            title=content["title"],
-            summary=tuple(content["summary"]),
+            title=text(content["title"]),
+            summary=texts(content["summary"]),
             table=tuple(dict(row) for row in content["rows"]),
         )
 
@@ -195,7 +195,7 @@ class TablePlots:
         """Draw every column of FITs, a point for each log."""
         rows = self.result.rows()
         columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-        logs = [row["log"] for row in rows]
+        logs = [row.get("log", number) for number, row in enumerate(rows)]
         figure = Figure(
             [
                 Scatter(

@@ -13,11 +13,12 @@ from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.options import (
     DataArgument,
     ReportOption,
-    parse_parameters,
+    parse_pairs,
 )
 from butterfly.cli.show_identification import show_identification
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify
+from butterfly.identify.other_parameters import told_parameters
 from butterfly.identify.physical import INSEPARABLE, PendulumEstimate, physical_hand
 from butterfly.report.identification import write_report
 
@@ -59,7 +60,9 @@ def identify_command(
     Try `butterfly identify results/quickstart` after `butterfly run quickstart`, or
     `butterfly identify real-logs --root LOGS --report report.html`.
     """
-    others = {text: parse_parameters(text, "--against") for text in against or []}
+    others = {
+        text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
+    }
     result = identify(options.read(data), estimator, against=others, track=show_progress)
     show_identification(result)
     if hand_mass is not None:

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from butterfly.errors import InputError, nearest
+from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.model.parameters import LumpedParameters
 
 ExperimentArgument = Annotated[
     Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
@@ -81,26 +80,3 @@ def parse_pairs(text: str, option: str) -> dict[str, str]:
 def parse_terms(text: str | None) -> tuple[str, ...] | None:
     """Split names separated by commas; None stays None, and an empty text gives none."""
     return None if text is None else tuple(filter(None, text.replace(" ", "").split(",")))
-
-
-def parse_parameters(text: str, option: str) -> LumpedParameters:
-    """Read ``p1=…,p2=…,p3=…[,p4=…][,coulomb=…][,delay=…]``; p4 is NaN if it is not given.
-
-    Raises
-    ------
-    InputError
-        Naming ``option`` and the part that is wrong.
-    """
-    known = LumpedParameters.__dataclass_fields__
-    values = {"p4": float("nan")}
-    for name, value in parse_pairs(text, option).items():
-        if name not in known:
-            raise InputError(option, name, "an unknown parameter", nearest(name, known))
-        try:
-            values[name] = float(value)
-        except ValueError:
-            raise InputError(option, name, value, "a number") from None
-    missing = {"p1", "p2", "p3"} - values.keys()
-    if missing:
-        raise InputError(option, min(missing), "nothing", "a value")
-    return LumpedParameters(**values)

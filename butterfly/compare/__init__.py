@@ -1,4 +1,7 @@
-"""MJCF, grey-box model and log side by side; estimators side by side."""
+"""MJCF, grey-box model and log side by side; estimators side by side.
+
+Called, as `butterfly.compare(data, ...)`, it is `butterfly.api.verbs.compare`.
+"""
 
 import lazy_loader
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_number
 from butterfly.experiment.store import SWEEP
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.logs.formats import FORMATS
@@ -20,9 +20,9 @@ from butterfly.logs.manifest import (
 )
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
+from butterfly.yaml_input import load_yaml
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+_OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 
 RESULT = ".json"
 """Ending of a saved result."""
@@ -73,6 +73,10 @@ def manifest_of(
     InputError
         If ``source`` is none of these, or cannot be read.
     """
+    if arm is not None:
+        require_number("data", unit="m", arm=arm)
+    if columns is not None and not isinstance(columns, Mapping):
+        raise InputError("data", "columns", columns, "a mapping such as {'time': 't', ...}")
     path = locate(source)
     if path.is_dir():
         if (path / MANIFEST_NAME).exists():
@@ -90,6 +94,7 @@ def manifest_of(
         )
     if path.suffix == RESULT:
         return _saved_manifest(path, root)
+    _refuse_experiment(path)
     return read_manifest(path, root)
 
 
@@ -108,6 +113,13 @@ def _refuse_sweep(folder: Path) -> None:
         raise InputError(folder, "data", "the results of a sweep", which)
 
 
+def _refuse_experiment(path: Path) -> None:
+    said = load_yaml(path).content.keys()
+    if "logs" not in said and said & _OF_EXPERIMENTS:
+        expected = f"data, as `butterfly run {path.name}` makes them in results/"
+        raise InputError(path, "data", "an experiment", expected)
+
+
 def _saved_manifest(path: Path, root: Path | None) -> Manifest:
     """Return what a saved identification knows of its data."""
     expected = "an identification saved by butterfly whose logs came from files"
@@ -116,7 +128,22 @@ def _saved_manifest(path: Path, root: Path | None) -> Manifest:
         manifest = Manifest.model_validate(found)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(path, "data.manifest", "none that can be used", expected) from None
-    folder = (path.parent / manifest.root).resolve() if root is None else root.absolute()
+    folder = root_of(path, manifest.root, root)
     if not folder.is_dir():
         raise InputError(path, "data.manifest.root", folder, "the folder of the logs, or --root")
     return manifest.model_copy(update={"root": str(folder)})
+
+
+def root_of(path: Path, said: str, root: Path | None = None) -> Path:
+    """Return the folder of the logs of which a result in a file says that they lie in ``said``.
+
+    Parameters
+    ----------
+    path
+        The file.
+    said
+        Absolute, or relative to the file's folder.
+    root
+        Where they lie instead, if they were moved.
+    """
+    return (path.parent / said).resolve() if root is None else root.absolute()

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of
+from butterfly.identify.estimators import Estimator
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
@@ -29,8 +30,6 @@ def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from butterfly.identify.estimators import Estimator
 
     MethodName = str
     AnyEstimator = Estimator
@@ -53,11 +52,13 @@ def make_estimator(method: str | Estimator, options: Mapping[str, Any]) -> Estim
     InputError
         If there is no such method, or it has no such option, or a value makes no sense.
     """
-    if not isinstance(method, str):
+    if isinstance(method, Estimator):
         if options:
             expected = "none beside an estimator, whose fields they are"
             raise InputError(method.method, "options", ", ".join(options), expected)
         return method
+    if not isinstance(method, str):
+        raise InputError("estimator", "method", method, nearest(str(method), ESTIMATORS))
     try:
         made: Estimator = _ADAPTER.validate_python({"method": method, **options})
     except ValidationError as error:

@@ -1,4 +1,7 @@
-"""From frequency responses or logs to parameters, and how far to trust them."""
+"""From frequency responses or logs to parameters, and how far to trust them.
+
+Called, as `butterfly.identify(data, ...)`, it is `butterfly.api.verbs.identify`.
+"""
 
 import lazy_loader
 

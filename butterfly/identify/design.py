@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.errors import IdentifiabilityError
+from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identify.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
@@ -113,9 +113,12 @@ def rank_experiments(
 
     Raises
     ------
+    InputError
+        If the swing is not positive.
     IdentifiabilityError
         If the estimate has no covariance.
     """
+    require_number("design", positive=True, unit="rad", swing=largest_swing)
     if not np.isfinite(estimate.covariance).all():
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance to improve on"

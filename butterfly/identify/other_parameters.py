@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from butterfly.errors import InputError, nearest, require_number
 from butterfly.identify.predict import FitSummary
 from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from butterfly.identify.predict import Predictor
-    from butterfly.model.parameters import LumpedParameters
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
 _GRID = 41
@@ -71,6 +74,30 @@ def try_parameters(
         parameters = replace(parameters, p4=best_gain(parameters, predictor, track=track))
     fits = predictor.fits_with(parameters)
     return OtherParameters(name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits)
+
+
+def told_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:
+    """Read parameters that somebody tells; p4 is NaN if it is not among them.
+
+    Raises
+    ------
+    InputError
+        Naming ``source`` and the part that is wrong.
+    """
+    known = LumpedParameters.__dataclass_fields__
+    values = {"p4": math.nan}
+    for name, value in told.items():
+        if name not in known:
+            raise InputError(source, name, "an unknown parameter", nearest(name, known))
+        try:
+            values[name] = float(value)  # type: ignore[arg-type]  # what is none is refused
+        except (TypeError, ValueError):
+            raise InputError(source, name, value, "a number") from None
+    missing = {"p1", "p2", "p3"} - values.keys()
+    if missing:
+        raise InputError(source, min(missing), "nothing", "a value")
+    require_number(source, positive=True, unit="kg m²", p1=values["p1"])
+    return LumpedParameters(**values)
 
 
 def best_gain(

@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import KW_ONLY, dataclass, replace
 from enum import StrEnum
 from pathlib import PurePath
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
 
+
+_NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
 SAMPLED = ("time", "input", "angle", "velocity")
 """The sampled columns of a log; the last may be missing."""
@@ -101,6 +104,10 @@ class Log:
                 object.__setattr__(self, name, self._column(name))
         for name, kind in (("input_kind", InputKind), ("intersample", Intersample)):
             object.__setattr__(self, name, self._choice(name, kind))
+        for name, kinds in (("added_mass", AddedMass), ("excitation", (Sine, NoneType))):
+            if not isinstance(getattr(self, name), kinds):
+                expected = "an AddedMass" if name == "added_mass" else "a Sine, or None"
+                raise InputError(self.source, name, getattr(self, name), expected)
         n = np.size(self.time)
         for name, column in self.columns().items():
             if column.shape != (n,):
@@ -142,13 +149,16 @@ class Log:
                 continue
             try:
                 columns[field] = frame[name]
-            except (KeyError, IndexError, ValueError):
+            except (KeyError, IndexError, ValueError, TypeError):
                 raise InputError("frame", field, name, "the name of a column") from None
         return cls(**columns, **properties)
 
     def _column(self, name: str) -> NDArray[np.float64]:
         try:
-            return np.asarray(getattr(self, name), dtype=np.float64)
+            given = np.asarray(getattr(self, name))
+            if given.dtype.kind in _NO_NUMBERS:
+                raise TypeError
+            return given.astype(np.float64, copy=False)
         except (TypeError, ValueError):
             raise InputError(self.source, name, "values that are no numbers", "numbers") from None
 

@@ -99,12 +99,12 @@ def transfer_function(
     parameters
         Of the hand with what it carries.
     pade_order
-        Of the approximation of the delay; 0 leaves it out.
+        Of the approximation of the delay; 0 leaves it out, as a negative one is.
     """
     p = Linearisation.of(parameters)
     slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
     plant = control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
-    if pade_order == 0 or p.delay == 0:
+    if pade_order == 0 or p.delay <= 0:
         return plant
     return plant * control.tf(*control.pade(p.delay, pade_order))
 

@@ -55,7 +55,7 @@ class DelayStates:
         """
         if not delay > 0:
             raise InputError("Padé", "delay", delay, "a positive number of s")
-        if order not in range(1, HIGHEST_ORDER + 1):
+        if not isinstance(order, int) or order not in range(1, HIGHEST_ORDER + 1):
             raise InputError(
                 "Padé", "order", order, f"a whole number between 1 and {HIGHEST_ORDER}"
             )

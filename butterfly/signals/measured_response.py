@@ -32,14 +32,14 @@ def measured_response(
     points
         Steady responses, as `DataSet.sines` has them.
     added_mass
-        Only what was measured with it is taken.
+        Only what was measured with it, or with one that loads alike, is taken.
 
     Raises
     ------
     InputError
         If nothing was.
     """
-    taken = [point for point in points if point.added_mass == added_mass]
+    taken = [point for point in points if _load(point.added_mass) == _load(added_mass)]
     if not taken:
         raise InputError(
             "measured response", "added mass", added_mass, "one that sines were logged with"
@@ -52,3 +52,7 @@ def measured_response(
         rows = which == k
         gains.append(np.vdot(inputs[rows], angles[rows]) / np.vdot(inputs[rows], inputs[rows]))
     return frequency_response_data(omegas, gains)
+
+
+def _load(mass: AddedMass) -> tuple[float, float]:
+    return mass.inertia, mass.gravity_moment

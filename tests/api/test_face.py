@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -53,6 +54,11 @@ def test_a_verb_that_bears_a_package_s_name_is_both(verb):
         f"room is bf.{verb}, data.DataSet is bf.DataSet)"
     )
     assert _python(code) == ["True"] * 4
+
+
+def test_the_signature_of_a_verb_is_its_own():
+    for verb in ("identify", "compare", "read"):
+        assert next(iter(inspect.signature(getattr(bf, verb)).parameters)) in {"data", "source"}
 
 
 def test_a_name_that_is_none_is_an_attribute_error():

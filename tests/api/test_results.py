@@ -3,17 +3,20 @@
 import json
 import shutil
 import sys
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 import butterfly as bf
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identify.design import masses_at_hand
 from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.logs.mat import write_mat
 
 
 @pytest.fixture(scope="module")
@@ -96,12 +99,17 @@ def test_local_values_and_unknown_ones_come_back(data, tmp_path):
     ("change", "message"),
     [
         ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a result"),
+        ({"schema": []}, "schema: got"),
         ({"schema_number": 2}, "needs a newer butterfly"),
         ({"schema_number": 0}, "saved again"),
         ({"schema_number": None}, "saved again"),
         ({"estimate": {}}, "content: got KeyError"),
         ({"fits": 3}, "content: got AttributeError"),
         ({"data": None}, "content: got AttributeError"),
+        ({"data": {}}, "content: got KeyError"),
+        ({"summary": "abc"}, "content: got TypeError"),
+        ({"summary": [1]}, "content: got TypeError"),
+        ({"estimator": 3}, "content: got TypeError"),
     ],
 )
 def test_another_file_is_refused_with_what_to_do(result, tmp_path, change, message):
@@ -109,6 +117,24 @@ def test_another_file_is_refused_with_what_to_do(result, tmp_path, change, messa
     path.write_text(json.dumps(result.to_dict() | change))
     with pytest.raises(bf.InputError, match=message):
         bf.load(path)
+
+
+@pytest.mark.parametrize("part", ["estimate", "data"])
+def test_no_damage_passes_and_fails_later(result, tmp_path, part):
+    """Each value of a part replaced by another, or left out."""
+    path, whole = tmp_path / "r.json", result.to_dict()
+    for key in whole[part]:
+        for other in (None, [], {}, 0, "x", [[1.0]], [["a", "b"]]):
+            damaged = {**whole[part], key: other}
+            path.write_text(json.dumps(whole | {part: damaged}))
+            with suppress(bf.InputError):
+                loaded = bf.load(path)
+                repr(loaded), str(loaded), loaded._repr_html_(), loaded.to_dict()
+        path.write_text(
+            json.dumps(whole | {part: {k: v for k, v in whole[part].items() if k != key}})
+        )
+        with suppress(bf.InputError):
+            repr(bf.load(path))
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000, "\x00"])
@@ -154,7 +180,26 @@ def test_the_other_results_show_and_save_themselves_too(result, data, tmp_path):
     assert len(compared.page().sections) > 3
 
 
-def test_slips_are_one_typed_error(data, tmp_path):
+def test_a_saved_resonance_may_be_unknown(data, tmp_path):
+    found = bf.identify(data, "thesis")
+    mass = next(iter(found.estimate.resonances))
+    estimate = replace(found.estimate, resonances={mass: float("nan")})
+    replace(found, estimate=estimate).save(tmp_path / "r.json")
+    assert np.isnan(bf.load(tmp_path / "r.json").estimate.resonances[mass])
+
+
+def test_several_sources_are_read_together_each_with_its_own_repairs(data, sine_log, tmp_path):
+    spoilt = replace(sine_log, angle=np.where(np.arange(40_000) == 7, np.nan, sine_log.angle))
+    write_mat(spoilt, tmp_path / "a.mat")
+    manifest = {"name": "a", "input": "voltage", "arm": 0.1, "repair": ["non_finite"]}
+    manifest["logs"] = [{"file": "a.mat", "added_mass": 0.05}]
+    (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(manifest))
+    together = bf.read([tmp_path, data, sine_log])
+    assert len(together.logs) == 1 + len(data.logs) + 1
+    assert bf.read([tmp_path]).manifest is not None
+
+
+def test_slips_are_one_typed_error(result, data, tmp_path):
     for slip, message in (
         (lambda: bf.identify(data, "weakform"), "did you mean"),
         (lambda: bf.identify(data, "weak-form", trms=()), "'terms'"),
@@ -163,9 +208,34 @@ def test_slips_are_one_typed_error(data, tmp_path):
         (lambda: bf.identify(data, against={"x": {"p1": 1}}), "against"),
         (lambda: bf.read(tmp_path / "nowhere"), "no such file or folder"),
         (lambda: bf.read([]), "at least one log"),
+        (lambda: bf.read(None), "NoneType"),
+        (lambda: bf.read(""), "an empty text"),
+        (lambda: bf.read([3]), "int"),
+        (lambda: bf.read(data, input_kind="torque"), "read already"),
+        (lambda: bf.identify(data, 3), "method: got 3"),
+        (lambda: bf.identify(data, None), "method: got None"),
+        (lambda: bf.identify(data, against={"x": None}), "x: got None"),
+        (lambda: bf.identify(data, against={"x": {"p1": "a"}}), "p1: got a"),
+        (lambda: bf.identify(data, against={"x": {"p1": -1, "p2": 0, "p3": 0}}), "p1: got -1"),
+        (lambda: bf.identify(data, against=[1]), "against"),
+        (lambda: bf.design(result, "weak-form"), "beside a result"),
+        (lambda: bf.design(result, terms=()), "beside a result"),
+        (lambda: bf.design(result, swing=-1), "swing: got -1"),
+        (lambda: bf.compare(result, logs=[]), "at least one"),
+        (lambda: bf.compare(result, logs=["a"]), "numbers of logs"),
+        (lambda: bf.compare(result, logs=0), "numbers of logs"),
+        (lambda: bf.simulate(None), "an experiment"),
+        (lambda: result.plot.time(1.5), "log: got 1.5"),
+        (lambda: bf.AddedMass(mass="a"), "mass: got a"),
+        (lambda: bf.Sine(omega=None, amplitude=1), "omega"),
+        (lambda: bf.Log(*3 * [range(20)], added_mass=0.05), "an AddedMass"),
+        (lambda: bf.Log(*3 * [range(20)], excitation=(1, 2)), "a Sine"),
+        (lambda: bf.Log(np.arange(20).astype("m8[s]"), range(20), range(20)), "no numbers"),
+        (lambda: bf.Log(range(20), range(20), 1j * np.arange(20)), "no numbers"),
+        (lambda: bf.Log.from_frame(None), "time: got time"),
         (lambda: bf.read(data.logs[0].source, input_kind="volts"), "voltage or torque"),
         (lambda: bf.validate(data, split="day"), "mass or frequency"),
-        (lambda: bf.compare(data, logs=[99]), "numbers below"),
+        (lambda: bf.compare(data, logs=[99]), "numbers from 0 to 11"),
         (lambda: bf.Log([0, 1], [0, 1], [0, 1]), "at least 16"),
         (lambda: bf.Log(["a"] * 20, [0] * 20, [0] * 20), "time"),
         (lambda: bf.Log(range(20), range(20), range(20), input_kind="volt"), "did you mean"),

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,3 +114,18 @@ def test_logs_that_are_gone_are_asked_for(quick_data, tmp_path):
     with pytest.raises(InputError, match=r"data\.manifest\.root: got .*gone"):
         named_data(saved)
     assert _names(saved, root=quick_data) == _names(quick_data)
+
+
+def test_an_experiment_is_no_data_and_says_so():
+    with pytest.raises(InputError, match="got an experiment; expected data, as `butterfly run"):
+        named_data(Path("quickstart"))
+
+
+@pytest.mark.parametrize("arm", [-0.1, float("nan"), "x"])
+def test_an_arm_that_is_none_is_refused(sine_log, tmp_path, arm):
+    write_mat(sine_log, tmp_path / THESIS)
+    for source in (tmp_path, tmp_path / THESIS):
+        with pytest.raises(InputError, match="arm: got"):
+            named_data(source, arm=arm)
+    with pytest.raises(InputError, match="columns: got"):
+        named_data(tmp_path / THESIS, columns="time=t")
