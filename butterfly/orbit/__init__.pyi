@@ -3,6 +3,8 @@ from .controller import gain_for as gain_for
 from .loop import Calibration as Calibration
 from .loop import Plan as Plan
 from .loop import calibrate as calibrate
+from .margins import Margins as Margins
+from .margins import loop_margins as loop_margins
 from .online import OnlineRecalibration as OnlineRecalibration
 from .online import SelfTuning as SelfTuning
 from .recalibration_options import RecalibrationOptions as RecalibrationOptions

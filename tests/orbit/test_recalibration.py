@@ -19,7 +19,6 @@ from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.motor import CommandPath
 from butterfly.report.words import sentences
-from butterfly.thesis.index_118 import Index, minimise_index
 from tests.orbit.setting import (
     AGAINST_COULOMB,
     EFFECTS,
@@ -160,34 +159,6 @@ def test_the_loop_converges_from_wrong_parameters(seed):
 def test_a_controller_needs_a_positive_gain():
     with pytest.raises(InputError, match="p4"):
         calibrate(None, replace(TRUE, p4=-1.0), 0.0, sixty_degrees(), rng=np.random.default_rng())
-
-
-@pytest.mark.parametrize(
-    ("index", "vanishing"),
-    [(Index.PRINTED, [0, 1]), (Index.NORMALISED, [2]), (Index.FIXED_INERTIA, [2])],
-)
-def test_118_fails_with_a_controller_built_on_wrong_parameters(index, vanishing):
-    rng = np.random.default_rng(2)
-    believed = replace(TRUE, coulomb=0.0, p2=1.3 * TRUE.p2, p4=0.8 * TRUE.p4)
-    orbit = Orbit.of_amplitude(believed, SIXTY)
-    gamma = gain_for(orbit, 0.5)
-    rig = grey_rig(plant(), rng)
-    log = rig(EnergyShaping(orbit, gamma), 1.4, 30.0, NO_ADDED_MASS)
-    found = minimise_index(log, 0.0, believed, SIXTY, gamma=gamma, index=index)
-    start = np.array([believed.p1, believed.p3, believed.p4])
-    assert (found[vanishing] < 0.1 * start[vanishing]).all()
-
-
-def test_118_works_only_with_the_inertia_fixed_and_an_exact_controller_without_noise():
-    smooth = plant().model_copy(update={"encoder": plant().encoder.__class__(steps=2**40)})
-    true = smooth.robot.lumped
-    orbit = Orbit.of_amplitude(true, SIXTY)
-    gamma = gain_for(orbit, 0.8)
-    rig = grey_rig(smooth, np.random.default_rng())
-    log = rig(EnergyShaping(orbit, gamma), 1.4, 12.0, NO_ADDED_MASS)
-    start = replace(true, p3=1.1 * true.p3, p4=0.9 * true.p4)
-    found = minimise_index(log, 0.0, start, SIXTY, gamma=gamma, index=Index.FIXED_INERTIA)
-    np.testing.assert_allclose(found[1:], [true.p3, true.p4], rtol=0.02)
 
 
 @pytest.mark.parametrize(("dither", "limit"), [(0.0, math.inf), (0.2, math.inf), (0.0, 4.5e-4)])
