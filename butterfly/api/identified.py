@@ -12,7 +12,7 @@ import numpy as np
 from butterfly import __version__
 from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
-from butterfly.api.result import Result, text, texts
+from butterfly.api.result import Result, aligned, text, texts
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.identify.data import read_data_set
@@ -157,6 +157,10 @@ class Identified(Result):
             for row in rows_of(records, InputKind(self.origin["input"]))
         ]
 
+    def shown_lines(self) -> list[str]:
+        """Return the table of parameters as lines."""
+        return aligned(self.shown_rows())
+
     def __repr__(self) -> str:
         pairs = zip(self.estimate.names, self.estimate.values, strict=True)
         values = ", ".join(f"{name} {value:.4g}" for name, value in pairs)
@@ -247,8 +251,8 @@ class Identified(Result):
             return self.live
         found = self.origin["manifest"]
         if found is None:
-            expected = "a result whose logs came from files"
-            raise InputError(self.title, "manifest", "none", expected)
+            expected = "one whose logs came from one source of files, to be read again"
+            raise InputError("a result that was loaded", "logs", "none", expected)
         return simulated(read_data_set(Manifest.model_validate(found)), self.estimate)
 
 

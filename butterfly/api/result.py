@@ -50,6 +50,10 @@ class Result(ABC):
         """Return `rows` as a person reads them."""
         return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
 
+    def shown_lines(self) -> list[str]:
+        """Return what `print` shows of the table, aligned; nothing where it would be long."""
+        return []
+
     def portable(self, content: dict[str, Any], folder: Path) -> dict[str, Any]:  # noqa: ARG002
         """Return the content of a file in a folder, with paths that last when both are moved."""
         return content
@@ -121,13 +125,23 @@ class Result(ABC):
         )
 
     def __str__(self) -> str:
-        return "\n".join([self.title, *self.summary])
+        return "\n".join([self.title, *self.summary, *self.shown_lines()])
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.title}>"
 
     def _repr_html_(self) -> str:
         return html_of(self.title, self.shown_rows(), self.summary)
+
+
+def aligned(rows: Sequence[dict[str, str]]) -> list[str]:
+    """Return a table as lines of text, numbers at the right."""
+    table = [list(rows[0]), *(list(row.values()) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return [
+        "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
+        for line in table
+    ]
 
 
 def html_of(title: str, rows: Sequence[dict[str, str]], sentences: Sequence[str]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from butterfly.errors import InputError, require_number
 from butterfly.experiment.store import SWEEP
 from butterfly.identify.data import DataSet, read_data_set
-from butterfly.logs.formats import FORMATS
+from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
@@ -23,6 +23,8 @@ from butterfly.resources import locate
 from butterfly.yaml_input import load_yaml
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
+
+_YAML = {".yaml", ".yml"}
 
 RESULT = ".json"
 """Ending of a saved result."""
@@ -94,6 +96,9 @@ def manifest_of(
         )
     if path.suffix == RESULT:
         return _saved_manifest(path, root)
+    if path.suffix.lower() not in _YAML:
+        expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT})"
+        raise InputError(path, "file name", path.suffix or "no ending", expected)
     _refuse_experiment(path)
     return read_manifest(path, root)
 
@@ -122,12 +127,15 @@ def _refuse_experiment(path: Path) -> None:
 
 def _saved_manifest(path: Path, root: Path | None) -> Manifest:
     """Return what a saved identification knows of its data."""
-    expected = "an identification saved by butterfly whose logs came from files"
+    expected = "an identification that butterfly saved"
     try:
         found = json.loads(path.read_text(encoding="utf-8"))["data"]["manifest"]
-        manifest = Manifest.model_validate(found)
+        manifest = None if found is None else Manifest.model_validate(found)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(path, "data.manifest", "none that can be used", expected) from None
+    if manifest is None:
+        expected = "one whose logs came from one source of files, to be read again"
+        raise InputError(path, "data.manifest", "none", expected)
     folder = root_of(path, manifest.root, root)
     if not folder.is_dir():
         raise InputError(path, "data.manifest.root", folder, "the folder of the logs, or --root")

@@ -43,6 +43,9 @@ def test_a_result_is_one_line_a_table_and_sentences(result):
     assert len(repr(result).splitlines()) == 1
     assert "p1 0.0032" in repr(result)
     assert "known within 10 %" in str(result)
+    lines = str(result).splitlines()
+    assert [line.split()[0] for line in lines[-6:]] == ["p₁", "p₂", "p₃", "p₄", "T_c", "delay"]
+    assert len({len(line) for line in lines[-7:]}) == 1
     frame = result.to_dataframe().set_index("parameter")
     assert isinstance(frame, pd.DataFrame)
     assert frame.loc["p1", "value"] == result.parameters.p1
@@ -150,7 +153,7 @@ def test_what_is_no_json_is_refused(tmp_path, text):
 def test_a_result_of_arrays_says_that_its_logs_are_not_to_be_found(data, tmp_path):
     found = bf.identify(list(data.recorded), check=False)
     found.save(tmp_path / "r.json")
-    with pytest.raises(bf.InputError, match="came from files"):
+    with pytest.raises(bf.InputError, match="one source of files"):
         _ = bf.load(tmp_path / "r.json").data
     assert found.data.logs
 

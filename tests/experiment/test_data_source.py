@@ -116,6 +116,12 @@ def test_logs_that_are_gone_are_asked_for(quick_data, tmp_path):
     assert _names(saved, root=quick_data) == _names(quick_data)
 
 
+def test_a_file_of_another_ending_is_no_data(tmp_path):
+    (tmp_path / "a.txt").write_text("1 2 3")
+    with pytest.raises(InputError, match=r"file name: got \.txt; expected \.mat"):
+        named_data(tmp_path / "a.txt")
+
+
 def test_an_experiment_is_no_data_and_says_so():
     with pytest.raises(InputError, match="got an experiment; expected data, as `butterfly run"):
         named_data(Path("quickstart"))

@@ -135,7 +135,8 @@ def _fit(
 def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> None:
     if not points:
         raise IdentifiabilityError(
-            "no log is a sine: the methods weak-form and output-error take other inputs"
+            "no log says that its input was a sine: give omega and amplitude in the manifest; the "
+            "methods weak-form and output-error take any input"
         )
     refuse_one_mass(point.added_mass for point in points)
     if 2 * len(points) <= len(names):

@@ -76,7 +76,11 @@ def hold_out(
     fits = np.empty(len(data.logs))
     estimates, predictor = {}, Predictor(data)
     for name, rows in track(parts.items(), f"Leaving out one {split} at a time"):
-        found = estimator(data.take([k for k in range(len(data.logs)) if k not in rows]))
+        rest = data.take([k for k in range(len(data.logs)) if k not in rows])
+        try:
+            found = estimator(rest)
+        except IdentifiabilityError as error:
+            raise IdentifiabilityError(f"without {name}: {error}") from None
         estimates[name] = found
         fits[rows] = predictor.fits(found, rows)
     return HeldOut(split=split, fits=fits, estimates=estimates)

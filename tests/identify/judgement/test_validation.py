@@ -80,3 +80,9 @@ def test_one_mass_cannot_be_held_out(real):
     alone = real.data.take(range(14))
     with pytest.raises(IdentifiabilityError, match="none can be held out"):
         hold_out(alone, BALANCE, Split.MASS)
+
+
+def test_of_two_masses_it_is_said_which_was_left_out_when_one_is_too_few(real):
+    two = real.data.take(range(27))
+    with pytest.raises(IdentifiabilityError, match=r"without .* g at .*: all logs carry the same"):
+        hold_out(two, BALANCE, Split.MASS)
