@@ -24,7 +24,7 @@ from tests.experiment.setting import small_plan, tables_of
 
 def _seconds(jobs, tmp_path, **how):
     tmp_path.mkdir()
-    tasks = [Job(str(k), tmp_path, 0.5, how.get("dies") == k) for k in range(jobs)]
+    tasks = [Job(str(k), tmp_path, 0.3, how.get("dies") == k) for k in range(jobs)]
     begun = time.perf_counter()
     outcomes = dict(LocalEngine(4).run(work, tasks))
     return time.perf_counter() - begun, outcomes
