@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import re
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
@@ -11,8 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError, SafeConstructor
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-from ruamel.yaml.representer import SafeRepresenter
+from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 from butterfly.errors import InputError, nearest
 
@@ -23,12 +20,7 @@ if TYPE_CHECKING:
 _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 
 _LONGEST = 120  # characters of a value that a message repeats
-_ONE_LINE = 1_000_000  # characters: nothing is wrapped
 _DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
-
-_WORDS = re.compile(
-    r"[^\W\d]([\w ./-]*[\w./-])?"
-)  # what needs no quotes, unless it reads as a value
 
 _NOWHERE = object()
 
@@ -104,25 +96,6 @@ def load_yaml(path: Path) -> Document:
     if not isinstance(content, dict):
         raise InputError(path, "content", type(content).__name__, "a mapping of keys to values")
     return Document(path=path, content=content, root=root)
-
-
-def yaml_text(content: dict[str, Any], *, flow: bool = False) -> str:
-    """Return plain values as YAML, in the order of their keys.
-
-    Parameters
-    ----------
-    content
-        The values.
-    flow
-        Whether to write mappings in braces.
-    """
-    writer = _plain_yaml()
-    writer.default_flow_style = flow
-    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # typed as None
-    writer.width = _ONE_LINE
-    text = io.StringIO()
-    writer.dump(content, text)
-    return text.getvalue()
 
 
 def read_yaml(path: Path, schema: type[_Model]) -> _Model:
@@ -293,38 +266,11 @@ _PlainValues.yaml_constructors = {
 }
 
 
-class _PlainWriter(SafeRepresenter):
-    """Writes numbers and texts so that every reader sees the same.
-
-    Readers of YAML 1.1 see numbers in 1.0e-05, not in 1e-05. Texts other than words are quoted:
-    ruamel.yaml 0.19 would write the text ``: 1`` bare in braces.
-    """
-
-    def represent_str(self, data: str) -> ScalarNode:
-        style = None if _WORDS.fullmatch(data) else '"'
-        return self.represent_scalar(_TAG + "str", data, style=style)
-
-    def represent_float(self, data: float) -> ScalarNode:
-        node = super().represent_float(data)
-        if "." not in node.value:
-            node.value = node.value.replace("e", ".0e")
-        return node
-
-
-_PlainWriter.add_representer(str, _PlainWriter.represent_str)
-_PlainWriter.add_representer(float, _PlainWriter.represent_float)
-
-
-def _plain_yaml() -> YAML:
-    yaml = YAML(typ="safe", pure=True)  # pure: the C parser knows YAML 1.1 only
-    yaml.Constructor, yaml.Representer = _PlainValues, _PlainWriter
-    yaml.max_depth = _DEEPEST
-    return yaml
-
-
 def _parsed(text: str) -> tuple[Any, Node]:
     """Return the values and the nodes of a text."""
-    yaml = _plain_yaml()
+    yaml = YAML(typ="safe", pure=True)  # pure: the C parser knows YAML 1.1 only
+    yaml.Constructor = _PlainValues
+    yaml.max_depth = _DEEPEST
     yaml.composer.warn_double_anchors = False  # an anchor may be set anew
     root = yaml.compose(text)
     return None if root is None else yaml.constructor.construct_document(root), root

@@ -15,7 +15,8 @@ from butterfly.logs.formats import ENDINGS, FORMATS, read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.parameters import AddedMass
-from butterfly.yaml_input import StrictModel, read_yaml, yaml_text
+from butterfly.yaml_input import StrictModel, read_yaml
+from butterfly.yaml_output import yaml_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
