@@ -99,8 +99,11 @@ def manifest_of(
     if path.suffix.lower() not in _YAML:
         expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT})"
         raise InputError(path, "file name", path.suffix or "no ending", expected)
-    _refuse_experiment(path)
-    return read_manifest(path, root)
+    try:
+        return read_manifest(path, root)
+    except InputError:
+        _refuse_experiment(path)
+        raise
 
 
 def _entry_of(path: Path, beside: Path, root: Path | None) -> Manifest | None:

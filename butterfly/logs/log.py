@@ -108,7 +108,7 @@ class Log:
             if not isinstance(getattr(self, name), kinds):
                 expected = "an AddedMass" if name == "added_mass" else "a Sine, or None"
                 raise InputError(self.source, name, getattr(self, name), expected)
-        n = np.size(self.time)
+        n = self.time.size
         for name, column in self.columns().items():
             if column.shape != (n,):
                 raise InputError(self.source, name, f"shape {column.shape}", f"shape ({n},)")
@@ -182,7 +182,7 @@ class Log:
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """Return the sampled columns that this log has, by name."""
         values = {name: getattr(self, name) for name in SAMPLED}
-        return {name: np.asarray(value) for name, value in values.items() if value is not None}
+        return {name: value for name, value in values.items() if value is not None}
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Log:
         """Return the log of the samples selected by a mask, or by their numbers."""
