@@ -14,7 +14,7 @@ from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.result import Result, aligned, text, texts
 from butterfly.errors import InputError, nearest
-from butterfly.experiment.estimate_record import ParameterRecord
+from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import Identification, simulated
 from butterfly.identify.predict import FitSummary
@@ -96,7 +96,7 @@ class Identified(Result):
             estimate=estimate_of(content["estimate"]),
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
-            fits={str(name): _number(fit) for name, fit in content["fits"].items()},
+            fits={str(name): float(or_nan(fit)) for name, fit in content["fits"].items()},
             summary=texts(content["summary"]),
         )
 
@@ -296,7 +296,3 @@ class IdentifiedPlots:
         if not isinstance(log, int) or not -len(runs) <= log < len(runs):
             raise InputError("plot.time", "log", log, f"a number below {len(runs)}")
         return time_figure(runs[log])
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)

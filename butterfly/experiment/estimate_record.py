@@ -137,3 +137,8 @@ class EstimateRecord:
 def or_none(value: float) -> float | None:
     """Return a number that is finite; JSON has no others."""
     return value if math.isfinite(value) else None
+
+
+def or_nan(value: float | None) -> float:
+    """Return a number of which JSON may have none (see `or_none`)."""
+    return math.nan if value is None else value

@@ -164,8 +164,7 @@ def next_experiments(
 
 def masses_at_hand(data: DataSet) -> list[AddedMass]:
     """Return the added masses of a data set, and none; those that load alike count once."""
-    different = {(mass.inertia, mass.gravity_moment): mass for mass in data.masses}
-    return sorted({(0.0, 0.0): NO_ADDED_MASS, **different}.values())
+    return sorted({mass.effect: mass for mass in (NO_ADDED_MASS, *data.masses)}.values())
 
 
 def _inputs(parameters: LumpedParameters, mass: AddedMass) -> list[_Input]:

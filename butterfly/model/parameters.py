@@ -167,6 +167,11 @@ class AddedMass:
         """X = m_a g l_a in N m (81)."""
         return self.weight * self.arm
 
+    @property
+    def effect(self) -> tuple[float, float]:
+        """Z and X (81), all that the motion tells of it but for friction by its weight."""
+        return self.inertia, self.gravity_moment
+
     def __str__(self) -> str:
         return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from butterfly.experiment.estimate_record import ParameterRecord
+from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.files import replacing
 from butterfly.logs.log import InputKind
 from butterfly.model.linear import resonance_frequency
@@ -55,10 +54,10 @@ def rows_of(parameters: Sequence[ParameterRecord], input_kind: InputKind) -> lis
         ParameterRow(
             symbol=TERMS[each.parameter].symbol,
             unit=unit_of(each.parameter, input_kind),
-            value=with_error(each.value, _or_nan(each.standard_error)),
+            value=with_error(each.value, or_nan(each.standard_error)),
             error="–" if each.standard_error is None else f"{each.standard_error:#.2g}",
-            interval=interval(_or_nan(each.lower), _or_nan(each.upper)),
-            left_out=interval(_or_nan(each.least_left_out), _or_nan(each.largest_left_out)),
+            interval=interval(or_nan(each.lower), or_nan(each.upper)),
+            left_out=interval(or_nan(each.least_left_out), or_nan(each.largest_left_out)),
             true="" if each.true is None else f"{each.true:.5g}",
             deviation="" if each.deviation is None else f"{100 * each.deviation:+.2f} %",
         )
@@ -163,7 +162,3 @@ def _records(
     identification: Identification, truth: LumpedParameters | None
 ) -> tuple[ParameterRecord, ...]:
     return ParameterRecord.all_of(identification.estimate, truth)
-
-
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else value

@@ -39,7 +39,7 @@ def measured_response(
     InputError
         If nothing was.
     """
-    taken = [point for point in points if _load(point.added_mass) == _load(added_mass)]
+    taken = [point for point in points if point.added_mass.effect == added_mass.effect]
     if not taken:
         raise InputError(
             "measured response", "added mass", added_mass, "one that sines were logged with"
@@ -52,7 +52,3 @@ def measured_response(
         rows = which == k
         gains.append(np.vdot(inputs[rows], angles[rows]) / np.vdot(inputs[rows], inputs[rows]))
     return frequency_response_data(omegas, gains)
-
-
-def _load(mass: AddedMass) -> tuple[float, float]:
-    return mass.inertia, mass.gravity_moment

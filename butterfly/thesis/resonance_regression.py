@@ -37,7 +37,7 @@ class _Data:
 
     @classmethod
     def of(cls, resonances: Mapping[AddedMass, Resonance]) -> _Data:
-        if len({(m.inertia, m.gravity_moment) for m in resonances}) < 2:  # noqa: PLR2004
+        if len({mass.effect for mass in resonances}) < 2:  # noqa: PLR2004
             raise IdentifiabilityError(
                 "resonances of fewer than two added masses leave p1, p3 open"
             )

@@ -77,7 +77,7 @@ class Conditioning:
 
 def refuse_one_mass(masses: Iterable[AddedMass]) -> None:
     """Raise IdentifiabilityError if all masses add the same inertia and gravity moment."""
-    if len({(mass.inertia, mass.gravity_moment) for mass in masses}) < 2:  # noqa: PLR2004
+    if len({mass.effect for mass in masses}) < 2:  # noqa: PLR2004
         raise IdentifiabilityError(
             "all logs carry the same added mass, so p1..p4 are known only up to a common factor: "
             "add a run with another known mass (none counts as one)"
