@@ -11,7 +11,8 @@ import mujoco
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
-from butterfly.model.greybox import Constants, least_steps, step
+from butterfly.model.greybox import step
+from butterfly.model.kernel import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
 from butterfly.plant.armature import Armature
 from butterfly.plant.mjcf import compile_model, mount

@@ -62,7 +62,19 @@ def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -
     -------
     (3, m - 1) coefficients in the input's unit.
     """
-    return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
+    return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, None))
+
+
+def moments_and_slopes(
+    time: Samples, inputs: Samples, edges: Samples, hold: Intersample
+) -> tuple[Samples, Samples]:
+    """Return `moments`, and (3, m - 1) derivatives of them by a delay of the input, per s.
+
+    A held input's moments have a kink where a stamp passes an edge; there it is one of the slopes.
+    """
+    slopes = np.empty((3, edges.size - 1))
+    found = _moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, slopes)
+    return np.asarray(found), slopes
 
 
 def gain(omega: float, step: float, hold: Intersample) -> complex:
@@ -78,32 +90,50 @@ def gain(omega: float, step: float, hold: Intersample) -> complex:
 
 
 @numba.njit(cache=True, nogil=True)
-def _moments(time, inputs, edges, linear):
-    """Integrate the input against 1, x and x^2 piece by piece, between stamps and edges."""
+def _moments(time, inputs, edges, linear, late):
+    """Sum the input against 1, x and x^2 piece by piece, between stamps and edges.
+
+    Fills (3, m) Legendre coefficients, and in ``late`` their derivatives by a delay of the input,
+    if it is not None: by partial integration they need the moments and the input at the edges only.
+    """
     count, last = edges.size - 1, time.size - 1
-    result = np.zeros((3, count))
+    result = np.empty((3, count))
     k = -1  # the latest stamp at or before the instant
     for cell in range(count):
         begin, end = edges[cell], edges[cell + 1]
-        middle, half = 0.5 * (begin + end), 0.5 * (end - begin)
+        middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)
         zeroth = first = second = 0.0
-        start = begin
+        x, square, cube = -1.0, 1.0, -1.0
+        start, level, slope, first_value, is_first = begin, 0.0, 0.0, 0.0, True
         while start < end:
             while k < last and time[k + 1] <= start:
                 k += 1
+            level = inputs[max(k, 0)] if k >= 0 or linear else 0.0
             stop = end if k == last else min(end, time[k + 1])
-            if k >= 0 or linear:
-                x, width = (0.5 * (start + stop) - middle) / half, (stop - start) / half
-                level, slope = inputs[max(k, 0)], 0.0
-                if linear and 0 <= k < last:
-                    slope = (inputs[k + 1] - inputs[k]) / (time[k + 1] - time[k])
-                    level += slope * (0.5 * (start + stop) - time[k])
-                spread = width**3 / 12.0
-                zeroth += level * width
-                first += level * x * width + slope * half * spread
-                second += level * (x * x * width + spread) + 2.0 * slope * half * x * spread
-            start = stop
+            x_stop = 1.0 if stop == end else (stop - middle) * rate
+            square_stop = x_stop * x_stop
+            cube_stop = square_stop * x_stop
+            if linear and 0 <= k < last:  # level + slope x, level in the middle of the cell
+                rise = (inputs[k + 1] - inputs[k]) / (time[k + 1] - time[k])
+                level += rise * (middle - time[k])
+                slope = rise / rate
+                first += slope * (cube_stop - cube) / 3.0
+                zeroth += slope * (square_stop - square) / 2.0
+                second += slope * (square_stop * square_stop - square * square) / 4.0
+            else:
+                slope = 0.0
+            zeroth += level * (x_stop - x)
+            first += level * (square_stop - square) / 2.0
+            second += level * (cube_stop - cube) / 3.0
+            if is_first:
+                first_value, is_first = level - slope, False
+            start, x, square, cube = stop, x_stop, square_stop, cube_stop
         result[0, cell] = 0.5 * zeroth
         result[1, cell] = 1.5 * first
         result[2, cell] = 1.25 * (3.0 * second - zeroth)
+        if late is not None:
+            jump, both = level + slope - first_value, level + slope + first_value
+            late[0, cell] = -0.5 * rate * jump
+            late[1, cell] = 1.5 * rate * (zeroth - both)
+            late[2, cell] = 1.25 * rate * (6.0 * first - 2.0 * jump)
     return result

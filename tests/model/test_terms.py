@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from butterfly.model.friction import Friction
-from butterfly.model.greybox import Constants, rates
+from butterfly.model.kernel import Constants, rates
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, compressed
 from butterfly.model.terms import TERMS, FrictionTerms
