@@ -21,6 +21,7 @@ from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import compressed
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.signals import hold
+from butterfly.signals.local_polynomial import slope
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
@@ -155,11 +156,8 @@ def weak_signals(
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
-    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
-
-    width = 2 * max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1) + 1
-    width = min(width, angle.size - 1 + angle.size % 2)
-    return np.asarray(savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step))
+    reach = max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
+    return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
 
 
 def _delivered(
