@@ -155,17 +155,17 @@ class Averaging:
             If the log is shorter than a test function.
         """
         place = self._place(delay)
-        missing = [name for name in names if name not in place.mean and name not in _DRIVEN]
-        place.mean.update(self._means(missing, place.bumps, self._motion))
         delivered = _delivered(self._log, self._grid - delay, self._step, compression)
-        driven = [name for name in names if name in _DRIVEN]
-        mean = place.mean | self._means(driven, place.bumps, self._motion._replace(input=delivered))
+        motion = self._motion._replace(input=delivered)
+        for name in names:
+            if name in _DRIVEN or name not in place.mean:
+                place.mean[name] = place.bumps.means(*self._column_of(TERMS[name], motion))
         centres = place.bumps.centres
         return WeakSignals(
             time=self._grid[centres],
             angle=self._motion.angle[centres],
             velocity=self._motion.velocity[centres],
-            mean={name: mean[name] for name in names},
+            mean={name: place.mean[name] for name in names},
             still=place.still,
         )
 
@@ -183,14 +183,9 @@ class Averaging:
             self._places[margin] = _Place(bumps, bumps.means(self._still), {})
         return self._places[margin]
 
-    def _means(
-        self, names: Sequence[str], bumps: Bumps, motion: Motion
-    ) -> dict[str, NDArray[np.float64]]:
-        return {name: bumps.means(*self._column_of(TERMS[name], motion)) for name in names}
-
 
 class _Place(NamedTuple):
-    """Test functions, the share of each that stands still, and means that no input enters."""
+    """Test functions, the share of each that stands still, and the last means over them."""
 
     bumps: Bumps
     still: NDArray[np.float64]

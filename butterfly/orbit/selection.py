@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.regression import Regression, Solution
-from butterfly.identify.weak_signals import WeakSignals, weak_signals
+from butterfly.identify.weak_signals import Averaging, WeakSignals
 from butterfly.orbit.recalibration_options import BASE, LEAST
 
 if TYPE_CHECKING:
@@ -52,7 +52,12 @@ class Selection:
     """
 
     def __init__(self, logs: Sequence[Log], zero: float, options: RecalibrationOptions) -> None:
-        self._logs, self._zero, self._options = logs, zero, options
+        self._logs, self._options = logs, options
+        known = options.known(zero)
+        self._averagings = [
+            Averaging(log, known.zero, options.half_width, known.settings, options.balance)
+            for log in logs
+        ]
         self._signals = lru_cache(maxsize=4)(self._all_signals)
 
     def fit(self, names: tuple[str, ...]) -> tuple[Solution, Equations]:
@@ -122,8 +127,7 @@ class Selection:
     def _all_signals(self, compression: float) -> list[WeakSignals]:
         options = self._options
         names = (*BASE, *options.candidates)
-        known = options.known(self._zero, compression)
         return [
-            weak_signals(log, names, known, options.half_width, options.balance)
-            for log in self._logs
+            averaging.signals(names, delay=options.delay, compression=compression)
+            for averaging in self._averagings
         ]
