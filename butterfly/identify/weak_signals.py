@@ -16,7 +16,6 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identify.bumps import Bumps
-from butterfly.logs.log import Intersample
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import compressed
 from butterfly.model.terms import TERMS, FrictionTerms
@@ -155,7 +154,9 @@ class Averaging:
             If the log is shorter than a test function.
         """
         place = self._place(delay)
-        delivered = _delivered(self._log, self._grid - delay, self._step, compression)
+        log = self._log
+        inputs = compressed(log.input, compression) if compression else log.input
+        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
         motion = self._motion._replace(input=delivered)
         for name in names:
             if name in _DRIVEN or name not in place.mean:
@@ -222,17 +223,6 @@ def weak_signals(
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
     reach = max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
     return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
-
-
-def _delivered(
-    log: Log, instants: NDArray[np.float64], step: float, compression: float
-) -> NDArray[np.float64]:
-    """Return the delivered input at instants: a held one's mean over the ``step`` s about each."""
-    inputs = compressed(log.input, compression) if compression else log.input
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        return hold.value(log.time, inputs, instants, log.intersample)
-    edges = np.concatenate([instants - step / 2, instants[-1:] + step / 2])
-    return hold.mean(log.time, inputs, edges, log.intersample)
 
 
 def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
