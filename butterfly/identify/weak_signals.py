@@ -24,7 +24,7 @@ from butterfly.signals.local_polynomial import slope
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -100,8 +100,8 @@ class Known:
 class Averaging:
     """One log, ready to be averaged over test functions with one delay after another.
 
-    Every signal is made once, and averaged once for each set of test functions; a delay or
-    compression makes anew what the input enters alone.
+    What was averaged is kept; another delay or compression makes anew what the input enters alone,
+    unless the delay moves the test functions.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Averaging:
         self._places: dict[int, _Place] = {}
 
     def signals(
-        self, names: Sequence[str], *, delay: float = 0.0, compression: float = 0.0
+        self, names: Iterable[str], *, delay: float = 0.0, compression: float = 0.0
     ) -> WeakSignals:
         """Average the terms of some parameters.
 
@@ -154,21 +154,25 @@ class Averaging:
             If the log is shorter than a test function.
         """
         place = self._place(delay)
-        log = self._log
-        inputs = compressed(log.input, compression) if compression else log.input
-        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
-        motion = self._motion._replace(input=delivered)
-        for name in names:
-            if name in _DRIVEN or name not in place.mean:
-                place.mean[name] = place.bumps.means(*self._column_of(TERMS[name], motion))
+        keys = {name: (name, delay, compression) if name in _DRIVEN else (name,) for name in names}
+        missing = [name for name, key in keys.items() if key not in place.mean]
+        motion = self._driven(delay, compression) if missing else self._motion
+        for name in missing:
+            place.mean[keys[name]] = place.bumps.means(*self._column_of(TERMS[name], motion))
         centres = place.bumps.centres
         return WeakSignals(
             time=self._grid[centres],
             angle=self._motion.angle[centres],
             velocity=self._motion.velocity[centres],
-            mean={name: place.mean[name] for name in names},
+            mean={name: place.mean[key] for name, key in keys.items()},
             still=place.still,
         )
+
+    def _driven(self, delay: float, compression: float) -> Motion:
+        log = self._log
+        inputs = compressed(log.input, compression) if compression else log.input
+        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
+        return self._motion._replace(input=delivered)
 
     def _place(self, delay: float) -> _Place:
         """Place the test functions where the input is known a delay before."""
@@ -186,11 +190,14 @@ class Averaging:
 
 
 class _Place(NamedTuple):
-    """Test functions, the share of each that stands still, and the last means over them."""
+    """Test functions, the share of each that stands still, and means over them.
+
+    The means are kept by name; what the input enters by name, delay and compression.
+    """
 
     bumps: Bumps
     still: NDArray[np.float64]
-    mean: dict[str, NDArray[np.float64]]
+    mean: dict[tuple[str | float, ...], NDArray[np.float64]]
 
 
 def weak_signals(
