@@ -68,9 +68,9 @@ def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -
 def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -> Samples:
     """Return samples whose sums against those of a smooth signal are integrals of the input.
 
-    A continuous signal's values will do. Of a held one, each step from b to b + d spreads over the
-    three samples about it so that sum_k g_k u_k over the clock's rate is int g u dt for every
-    parabola g, wherever the step falls; the error is of fourth order in the sampling period.
+    A continuous signal's values will do. Each step of a held one is spread over the three samples
+    about it, so that sum_k g_k u_k times the sampling period is int g u dt for every parabola g,
+    wherever the step falls; for other smooth g the error is of fourth order in the period.
 
     Parameters
     ----------
