@@ -10,21 +10,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from butterfly.errors import InputError
-from butterfly.logs.log import Intersample
+from butterfly.identify.bumps import Bumps
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import compressed
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.signals import hold
+from butterfly.signals.local_polynomial import slope
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -36,11 +36,9 @@ HALF_WIDTH = 0.25
 
 _VELOCITY_SHARE = 0.25  # half-width of the velocity's window over that of the test functions
 _VELOCITY_ORDER = 4  # of the polynomial whose slope it is
-SPACING = 0.5
-"""Of the test functions, in half-widths."""
-
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
+_DRIVEN = {"p4", *(row.name for row in TERMS.values() if row.of_gain)}  # what the input enters
 
 
 class Balance(StrEnum):
@@ -99,6 +97,109 @@ class Known:
     settings: FrictionTerms = field(default_factory=FrictionTerms)
 
 
+class Averaging:
+    """One log, ready to be averaged over test functions with one delay after another.
+
+    What was averaged is kept; another delay or compression makes anew what the input enters alone,
+    unless the delay moves the test functions.
+
+    Parameters
+    ----------
+    log
+        Of any input.
+    zero
+        Encoder reading in rad where the model's angle is 0.
+    half_width
+        Of the test functions in s; they stand half of it apart.
+    settings
+        Of these the periods of cogging and Stribeck's velocity.
+    balance
+        Of momentum, or of energy.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        zero: float,
+        half_width: float,
+        settings: FrictionTerms,
+        balance: Balance = Balance.MOMENTUM,
+    ) -> None:
+        self._log, self._half_width = log, half_width
+        self._column_of = _momentum if balance is Balance.MOMENTUM else _energy
+        self._grid = uniform_grid(log.time)
+        self._step = float(self._grid[1] - self._grid[0])
+        angle = resample(log.time, log.angle, self._grid) - zero
+        velocity = _velocity(angle, half_width, self._step)
+        self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
+        speed = float(np.sqrt(np.mean(velocity**2)))
+        self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
+        self._places: dict[int, _Place] = {}
+
+    def signals(
+        self, names: Iterable[str], *, delay: float = 0.0, compression: float = 0.0
+    ) -> WeakSignals:
+        """Average the terms of some parameters.
+
+        Parameters
+        ----------
+        names
+            Of the parameters.
+        delay, compression
+            See `Known`.
+
+        Raises
+        ------
+        InputError
+            If the log is shorter than a test function.
+        """
+        place = self._place(delay)
+        keys = {name: (name, delay, compression) if name in _DRIVEN else (name,) for name in names}
+        missing = [name for name, key in keys.items() if key not in place.mean]
+        motion = self._driven(delay, compression) if missing else self._motion
+        for name in missing:
+            place.mean[keys[name]] = place.bumps.means(*self._column_of(TERMS[name], motion))
+        centres = place.bumps.centres
+        return WeakSignals(
+            time=self._grid[centres],
+            angle=self._motion.angle[centres],
+            velocity=self._motion.velocity[centres],
+            mean={name: place.mean[key] for name, key in keys.items()},
+            still=place.still,
+        )
+
+    def _driven(self, delay: float, compression: float) -> Motion:
+        log = self._log
+        inputs = compressed(log.input, compression) if compression else log.input
+        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
+        return self._motion._replace(input=delivered)
+
+    def _place(self, delay: float) -> _Place:
+        """Place the test functions where the input is known a delay before."""
+        margin = math.ceil((self._half_width + abs(delay)) / self._step)
+        if margin not in self._places:
+            time = self._grid
+            if time.size < 2 * margin + 1:
+                longer = f"{2 * margin * self._step:.3g} s or more"
+                raise InputError(self._log.source, "time", f"{time[-1] - time[0]:.3g} s", longer)
+            bumps = Bumps(
+                half_width=self._half_width, step=self._step, size=time.size, margin=margin
+            )
+            self._places[margin] = _Place(bumps, bumps.means(self._still), {})
+        return self._places[margin]
+
+
+class _Place(NamedTuple):
+    """Test functions, the share of each that stands still, and means over them.
+
+    The means are kept by name; what the input enters by name, delay and compression.
+    """
+
+    bumps: Bumps
+    still: NDArray[np.float64]
+    mean: dict[tuple[str | float, ...], NDArray[np.float64]]
+
+
 def weak_signals(
     log: Log,
     names: Sequence[str],
@@ -106,109 +207,48 @@ def weak_signals(
     half_width: float,
     balance: Balance = Balance.MOMENTUM,
 ) -> WeakSignals:
-    """Average terms of the equation of motion over the test functions of one log.
+    """Average terms of the equation of motion over the test functions of one log, once.
 
     Parameters
     ----------
-    log
-        Of any input.
+    log, half_width, balance
+        As of `Averaging`.
     names
         Which parameters' terms.
     known
         What is known beforehand.
-    half_width
-        Of the test functions in s; they stand half of it apart.
-    balance
-        Of momentum, or of energy.
 
     Raises
     ------
     InputError
         If the log is shorter than a test function.
     """
-    grid = uniform_grid(log.time)
-    step = float(grid[1] - grid[0])
-    reach = math.ceil((half_width + abs(known.delay)) / step)
-    if grid.size < 2 * reach + 1:
-        longer = f"{2 * reach * step:.3g} s or more"
-        raise InputError(log.source, "time", f"{grid[-1] - grid[0]:.3g} s", longer)
-    angle = resample(log.time, log.angle, grid) - known.zero
-    velocity = _velocity(angle, half_width, step)
-    inputs = _delivered(log, grid - known.delay, step, known.compression)
-    weight = log.added_mass.weight
-    motion = Motion.of(known.settings, angle, velocity, input=inputs, weight=weight)
-    speed = float(np.sqrt(np.mean(velocity**2)))
-    still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
-    centres = np.arange(reach, grid.size - reach, max(1, round(SPACING * half_width / step)))
-    column_of = _momentum if balance is Balance.MOMENTUM else _energy
-    area = _against(0, np.ones_like(angle), half_width, step, centres[:1])
-    return WeakSignals(
-        time=grid[centres],
-        angle=angle[centres],
-        velocity=velocity[centres],
-        mean={
-            name: _against(*column_of(TERMS[name], motion), half_width, step, centres) / area
-            for name in names
-        },
-        still=_against(0, still, half_width, step, centres) / area,
-    )
+    averaging = Averaging(log, known.zero, half_width, known.settings, balance)
+    return averaging.signals(names, delay=known.delay, compression=known.compression)
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
-    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
-
-    width = 2 * max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1) + 1
-    width = min(width, angle.size - 1 + angle.size % 2)
-    return np.asarray(savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step))
+    reach = max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
+    return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
 
 
-def _delivered(
-    log: Log, instants: NDArray[np.float64], step: float, compression: float
-) -> NDArray[np.float64]:
-    """Return the delivered input at instants: a held one's mean over the ``step`` s about each."""
-    inputs = compressed(log.input, compression)
-    if log.intersample is Intersample.FIRST_ORDER_HOLD:
-        return hold.value(log.time, inputs, instants, log.intersample)
-    edges = np.concatenate([instants - step / 2, instants[-1:] + step / 2])
-    return hold.mean(log.time, inputs, edges, log.intersample)
-
-
-def _momentum(row: Term, motion: Motion) -> tuple[int, NDArray[np.float64]]:
-    """Return what a parameter multiplies: order of the bump's derivative, and (m,) signal.
+def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
+    """Return what a parameter multiplies: an (n,) signal, and the order of the bump's derivative.
 
     Derivatives of the angle go over to the bump, as does that of the input by which a delay acts.
     """
     if row.derivative:
-        return row.derivative, (-1) ** row.derivative * motion.angle
+        return (-1) ** row.derivative * motion.angle, row.derivative
     if row.basis is None:
-        return 1, -motion.input
-    return 0, row.basis(motion)
+        return -motion.input, 1
+    return row.basis(motion), 0
 
 
-def _energy(row: Term, motion: Motion) -> tuple[int, NDArray[np.float64]]:
+def _energy(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
     """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
     if row.derivative == 2:  # noqa: PLR2004 - of the angle: the inertia
-        return 1, -(motion.velocity**2) / 2
+        return -(motion.velocity**2) / 2, 1
     if row.potential is not None:
-        return 1, -row.potential(motion.angle, motion.periods)
+        return -row.potential(motion.angle, motion.periods), 1
     assert row.basis is not None  # noqa: S101 - a delay is known in the balance of energy
-    return 0, row.basis(motion) * motion.velocity
-
-
-def _against(
-    order: int,
-    signal: NDArray[np.float64],
-    half: float,
-    step: float,
-    centres: NDArray[np.intp],
-) -> NDArray[np.float64]:
-    """Integrate a signal against the bump's derivative of an order, centred at some samples."""
-    reach = int(half / step)
-    s = np.arange(-reach, reach + 1) * step / half
-    inside = 1 - s**2
-    bump = (
-        inside**4,
-        -8 * s * inside**3 / half,
-        (-8 * inside**3 + 48 * s**2 * inside**2) / half**2,
-    )[order]
-    return np.asarray(sliding_window_view(signal, bump.size)[centres - reach] @ bump * step)
+    return row.basis(motion) * motion.velocity, 0

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.identify.bumps import SPACING
 from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.regression import Regression
-from butterfly.identify.weak_signals import SPACING, weak_signals
+from butterfly.identify.weak_signals import weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.orbit.controller import gain_for
 from butterfly.orbit.recalibration import estimate_of, from_ratios

@@ -54,7 +54,7 @@ class RecalibrationOptions:
         require_number("recalibration", positive=True, half_width=self.half_width)
         require_number("recalibration", delay=self.delay)
 
-    def known(self, zero: float, compression: float = 0.0) -> Known:
+    def known(self, zero: float) -> Known:
         """Return what is known of the joint, its encoder reading ``zero`` rad at angle 0."""
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
-        return Known(zero=zero, delay=self.delay, compression=compression, settings=settings)
+        return Known(zero=zero, delay=self.delay, settings=settings)

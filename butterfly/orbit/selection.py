@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.identify.regression import Regression, Solution
-from butterfly.identify.weak_signals import WeakSignals, weak_signals
-from butterfly.orbit.recalibration_options import BASE, LEAST
+from butterfly.identify.weak_signals import Averaging
+from butterfly.orbit.recalibration_options import LEAST
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,8 +51,12 @@ class Selection:
     """
 
     def __init__(self, logs: Sequence[Log], zero: float, options: RecalibrationOptions) -> None:
-        self._logs, self._zero, self._options = logs, zero, options
-        self._signals = lru_cache(maxsize=4)(self._all_signals)
+        self._logs, self._delay = logs, options.delay
+        known = options.known(zero)
+        self._averagings = [
+            Averaging(log, known.zero, options.half_width, known.settings, options.balance)
+            for log in logs
+        ]
 
     def fit(self, names: tuple[str, ...]) -> tuple[Solution, Equations]:
         """Return values and which are on a bound, and the equations that they solve."""
@@ -99,7 +102,9 @@ class Selection:
 
     def _equations(self, names: tuple[str, ...], about: float) -> Equations:
         rows, targets, clusters, runs, count = [], [], [], [], 0
-        for number, (log, signals) in enumerate(zip(self._logs, self._signals(about), strict=True)):
+        needed = {*names, "p1", "p3"}
+        for number, (log, averaging) in enumerate(zip(self._logs, self._averagings, strict=True)):
+            signals = averaging.signals(needed, delay=self._delay, compression=about)
             moving = signals.moving
             mean = {name: column[moving] for name, column in signals.mean.items()}
             added = log.added_mass
@@ -118,12 +123,3 @@ class Selection:
             least=LEAST,
         )
         return Equations(regression=regression, run=np.concatenate(runs))
-
-    def _all_signals(self, compression: float) -> list[WeakSignals]:
-        options = self._options
-        names = (*BASE, *options.candidates)
-        known = options.known(self._zero, compression)
-        return [
-            weak_signals(log, names, known, options.half_width, options.balance)
-            for log in self._logs
-        ]

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from butterfly.model.energy import Orbit
+from butterfly.signals.local_polynomial import slope
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
@@ -60,13 +61,10 @@ def minimise_index(
     -------
     (3,) p1, p3, p4 at the minimum.
     """
-    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
-
     grid = uniform_grid(log.time)
     step = float(grid[1] - grid[0])
     angle = resample(log.time, log.angle, grid) - zero
-    width = 2 * max(round(_VELOCITY / step), _VELOCITY_ORDER) + 1
-    velocity = savgol_filter(angle, width, _VELOCITY_ORDER, deriv=1, delta=step)
+    velocity = slope(angle, max(round(_VELOCITY / step), _VELOCITY_ORDER), _VELOCITY_ORDER, step)
     area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2) * step])
     every = max(1, round(Orbit.of_amplitude(start, amplitude).period / _PARTS / step))
     kinetic, height = 0.5 * velocity[::every] ** 2, np.cos(amplitude) - np.cos(angle[::every])

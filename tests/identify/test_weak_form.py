@@ -6,9 +6,11 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import OutputError, WeakForm
+from butterfly.identify.weak_signals import Averaging, Known, weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import FrictionTerms
 from tests.conftest import MASSES
 
 ROBOT = LumpedParameters(
@@ -72,6 +74,49 @@ def test_a_third_of_the_sampling_rate_gives_the_same(logs):
     terms = ("drag", "p3_offset")
     fine, thinned = (WeakForm(terms=terms).of_logs(each, ZEROS).values for each in (logs, coarse))
     np.testing.assert_allclose(thinned[:4], fine[:4], rtol=0.01)
+
+
+def test_on_a_slow_clock_a_held_input_s_gain_is_right():
+    """Steps of 10 ms at up to 8 rad/s: by the means of the input, p4 would be 1.5e-4 too high."""
+    robot = LumpedParameters(p1=0.003, p2=1e-3, p3=0.04, p4=0.5)
+    time = np.arange(0, 60, 0.01)
+    fine = np.arange(0, 59.99 + 5e-5, 1e-4)
+    held = np.repeat(_multisine(time[:-1]), 100)
+    logs = []
+    for mass in MASSES:
+        angle, _ = simulate(robot.with_added_mass(mass), fine, np.column_stack([held] * 3), 0.0)
+        log = Log(
+            time=time,
+            input=_multisine(time),
+            angle=angle[::100],
+            input_kind=InputKind.TORQUE,
+            intersample=Intersample.ZERO_ORDER_HOLD,
+            added_mass=mass,
+        )
+        logs.append(log)
+    found = WeakForm(terms=(), check=False).of_logs(logs, dict.fromkeys(MASSES, 0.0)).parameters
+    assert found.p4 == pytest.approx(robot.p4, rel=1e-5)
+    assert found.delay == pytest.approx(0.0, abs=1e-6)
+
+
+def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
+    settings = FrictionTerms()
+    kept = Averaging(logs[1], 0.3, 0.25, settings)
+    for names, delay, compression in (
+        (("p1", "p4"), 0.0, 0.0),
+        (("p4", "coulomb", "delay"), 0.004, 0.0),
+        (("p1", "compression", "p4"), 0.0041, 2.0),
+        (("p4", "p1", "p3"), 0.0, 2.0),
+        (("delay", "p4"), 0.004, 0.0),
+    ):
+        known = Known(zero=0.3, delay=delay, compression=compression, settings=settings)
+        found = kept.signals(names, delay=delay, compression=compression)
+        fresh = weak_signals(logs[1], names, known, 0.25)
+        assert list(found.mean) == list(names)
+        np.testing.assert_array_equal(found.time, fresh.time)
+        np.testing.assert_array_equal(found.still, fresh.still)
+        for name in names:
+            np.testing.assert_array_equal(found.mean[name], fresh.mean[name])
 
 
 def test_output_error_starts_from_it_when_there_are_no_sines(logs):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identify.bumps import SPACING
 from butterfly.identify.judgement.findings import FindingKind
-from butterfly.identify.weak_signals import HALF_WIDTH, SPACING, weak_signals
+from butterfly.identify.weak_signals import HALF_WIDTH, weak_signals
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration
 from butterfly.orbit.recalibration import recalibrate

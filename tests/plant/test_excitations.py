@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import chirp, max_len_seq
 
 from butterfly.errors import InputError
 from butterfly.plant.excitations import (
@@ -64,6 +65,8 @@ def test_a_chirp_sweeps_from_start_to_stop():
     values = Chirp(start=2.0, stop=12.0, duration=20.0, amplitude=0.4).sample(TIME)
     exact = 0.4 * np.sin(2 * TIME + 0.5 * (10 / 20) * TIME**2)
     np.testing.assert_allclose(values, exact, atol=1e-9)
+    scipy = 0.4 * chirp(TIME, 2.0 / (2 * np.pi), 20.0, 12.0 / (2 * np.pi), phi=-90)
+    np.testing.assert_allclose(values, scipy, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("register", [4, 7, 10])
@@ -77,6 +80,13 @@ def test_a_prbs_is_balanced_white_and_repeats(register):
     assert abs(once.sum()) == 1
     for shift in range(1, length):
         assert np.dot(once, np.roll(once, shift)) == pytest.approx(-1)
+
+
+@pytest.mark.parametrize("register", range(2, 21))
+def test_the_bits_of_a_prbs_are_those_of_scipy_s_register(register):
+    expected = max_len_seq(register)[0]
+    bits = Prbs(amplitude=1.0, bit=1.0, register=register).sample(0.5 + np.arange(expected.size))
+    np.testing.assert_array_equal(bits > 0, expected == 1)
 
 
 def test_a_table_is_held_between_its_instants_and_zero_before():

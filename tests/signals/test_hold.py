@@ -79,3 +79,44 @@ def test_no_impulse_is_lost_wherever_the_edges_fall(kind, seed):
         edges = np.sort(np.concatenate([[begin, end], rng.uniform(begin, end, count)]))
         totals.append(hold.mean(time, inputs, edges, kind) @ np.diff(edges))
     assert totals[0] == pytest.approx(totals[1], rel=1e-9, abs=1e-9)
+
+
+@given(seed=st.integers(0, 1000), delay=st.floats(0, 0.5))
+def test_the_sums_of_a_held_input_against_parabolas_are_the_integrals(seed, delay):
+    rng = np.random.default_rng(seed)
+    grid = np.linspace(-2, 12, 29)
+    time, inputs = np.cumsum(rng.uniform(0.1, 1.0, 12)) + delay, rng.standard_normal(12)
+    inputs[-1] = 0.0  # so that no end of the clock counts
+    samples = hold.for_sums(time, inputs, grid, ZERO)
+    for order in range(3):
+        integral = inputs[:-1] @ np.diff(time ** (order + 1) / (order + 1))
+        assert samples @ grid**order * 0.5 == pytest.approx(integral, abs=1e-9)
+    early = grid > 5
+    cut = hold.for_sums(time, inputs, grid[early], ZERO)
+    np.testing.assert_allclose(cut, samples[early], rtol=0, atol=1e-12)
+
+
+def test_the_sums_of_a_held_sine_against_a_smooth_signal_converge_with_fourth_order():
+    """Of a sine, stamped between the samples; the smooth signal is a cosine under a bump."""
+    errors = []
+    for step in (0.08, 0.04, 0.02):
+        time = np.arange(0, 6, step) + 0.01
+        inputs = np.sin(5 * time)
+        grid = np.arange(0, 6, step)
+
+        def smooth(t):
+            return np.maximum(1 - (t - 3.1) ** 2, 0) ** 4 * np.cos(3 * t)
+
+        nodes, weights = np.polynomial.legendre.leggauss(12)
+        inner = time[:-1, None] + np.diff(time)[:, None] * (nodes + 1) / 2
+        integral = inputs[:-1] @ (smooth(inner) @ weights / 2 * np.diff(time))
+        errors.append(abs(hold.for_sums(time, inputs, grid, ZERO) @ smooth(grid) * step - integral))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders.min() > 3.5, orders
+    assert errors[-1] < 1e-6
+
+
+def test_the_values_of_a_continuous_input_stand_for_it_in_sums():
+    grid = np.linspace(0, 2, 21)
+    found = hold.for_sums(TIME, INPUTS, grid, FIRST)
+    np.testing.assert_array_equal(found, hold.value(TIME, INPUTS, grid, FIRST))

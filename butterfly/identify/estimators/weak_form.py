@@ -15,7 +15,7 @@ function of the motion. The delay enters as p4 d int phi' u, about the current o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.regression import Regression
-from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
+from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
 from butterfly.model.friction import require_periods
 from butterfly.model.terms import FrictionTerms
 
@@ -91,10 +91,11 @@ class WeakForm(Estimator):
             If a log is shorter than a test function.
         """
         refuse_one_mass(log.added_mass for log in logs)
-        solved = self._solve(logs, zeros)
+        windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
+        solved = self._solve(windows)
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
-            return self._solve([log for log in logs if log.added_mass != mass], zeros).values
+            return self._solve([each for each in windows if each.added != mass]).values
 
         left_out, said = without_each_mass(
             (log.added_mass for log in logs), without, asked=self.check
@@ -107,12 +108,12 @@ class WeakForm(Estimator):
             held={"cogging_periods": self.cogging_periods},
         )
 
-    def _solve(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> Solved:
+    def _solve(self, windows: Sequence[_Windows]) -> Solved:
         """Solve about a delay, and about the delay found, until it no longer moves."""
         names = names_of(self.method, self.terms)
         late, delay, settled = names.index("delay"), 0.0, False
         for _ in range(_ROUNDS):
-            regression = self._regression(logs, zeros, names, delay)
+            regression = _regression(windows, names, delay)
             solution = regression.solve()
             step, delay = solution.values[late] - delay, float(solution.values[late])
             settled = bool(abs(step) < _SETTLED)
@@ -121,35 +122,38 @@ class WeakForm(Estimator):
         rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Severity.WARNING)
         return Solved.of(regression, solution, unsettled=None if settled else rounds)
 
-    def _regression(
-        self,
-        logs: Sequence[Log],
-        zeros: Mapping[AddedMass, float],
-        names: tuple[str, ...],
-        delay: float,
-    ) -> Regression:
-        """Put the windows of all logs together, each log weighing the same."""
-        parts = [self._windows(log, zeros[log.added_mass], names, delay) for log in logs]
-        rows, targets = zip(*parts, strict=True)
-        numbers = [np.full(target.size, k) for k, target in enumerate(targets)]
-        return Regression(
-            names=names,
-            rows=np.concatenate(rows),
-            target=np.concatenate(targets),
-            cluster=np.concatenate(numbers),
-            about={"delay": delay},
-        )
-
-    def _windows(
-        self, log: Log, zero: float, names: tuple[str, ...], delay: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """One log's (m, n) regressors and (m,) targets, its rms inertial term being 1/sqrt(m)."""
+    def _windows(self, log: Log, zero: float) -> _Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
-        known = Known(zero=zero, delay=delay, settings=settings)
-        signals = weak_signals(log, names, known, min(self.half_width, period / 4))
-        rows = np.column_stack([signals.mean[name][signals.moving] for name in names])
+        half_width = min(self.half_width, period / 4)
+        return _Windows(log.added_mass, Averaging(log, zero, half_width, settings))
+
+
+class _Windows(NamedTuple):
+    """A log's added mass, and what the log says over test functions."""
+
+    added: AddedMass
+    averaging: Averaging
+
+    def equations(
+        self, names: tuple[str, ...], delay: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m)."""
+        signals = self.averaging.signals(names, delay=delay)
+        rows = np.column_stack([signals.mean[name] for name in names])[signals.moving]
         inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
         size = float(np.linalg.norm(inertia)) or 1.0
-        carried = log.added_mass.inertia * inertia + log.added_mass.gravity_moment * gravity
+        carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
         return rows / size, -carried / size
+
+
+def _regression(windows: Sequence[_Windows], names: tuple[str, ...], delay: float) -> Regression:
+    """Put the windows of all logs together, each log weighing the same."""
+    rows, targets = zip(*(each.equations(names, delay) for each in windows), strict=True)
+    return Regression(
+        names=names,
+        rows=np.concatenate(rows),
+        target=np.concatenate(targets),
+        cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
+        about={"delay": delay},
+    )
