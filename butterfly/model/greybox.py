@@ -99,7 +99,7 @@ def simulate(
 
 def step(constants: Constants, state: State, torque: float, duration: float) -> State:
     """Return the state after ``duration`` s as `simulate` finds it, p4 times the input held."""
-    return _interval(state, (torque, torque, torque), duration, constants)
+    return interval(state, (torque, torque, torque), duration, constants)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -242,7 +242,7 @@ def _advance(state, drives, h, c):
 
 
 @numba.njit(cache=True, nogil=True)
-def _interval(state, drives, h, c):
+def interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
     count = least_steps(c, state[1], h)
     if count == 1:
@@ -265,6 +265,6 @@ def _integrate(time, drives, state, c):
     angle[0], velocity[0] = state[0], state[1]
     for k in range(n - 1):
         row = (drives[k, 0], drives[k, 1], drives[k, 2])
-        state = _interval(state, row, time[k + 1] - time[k], c)
+        state = interval(state, row, time[k + 1] - time[k], c)
         angle[k + 1], velocity[k + 1] = state[0], state[1]
     return angle, velocity
