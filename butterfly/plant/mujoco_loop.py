@@ -45,11 +45,11 @@ class MujocoLoop:
         clock = setup.clock
         self._setup = setup
         self._time = clock.step * np.arange(clock.count(duration) + 1, dtype=np.float64)
-        self._pool = Rollout(nthread=threads)
         self._model = compile_model(setup.robot)
         self._substeps = steps_of(clock.step)
         self._model.opt.timestep = clock.step / self._substeps
         self._data = [mujoco.MjData(self._model) for _ in range(threads)]
+        self._pool = Rollout(nthread=threads)
 
     def __enter__(self) -> MujocoLoop:
         return self
