@@ -119,13 +119,14 @@ class Multisine:
             raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
         if len(set(self.harmonics)) != len(self.harmonics):
             raise InputError("Multisine", "harmonics", self.harmonics, "each harmonic once")
+        object.__setattr__(self, "harmonics", tuple(self.harmonics))
 
     @property
     def _points(self) -> int:
         return 16 * max(self.harmonics)
 
     def _of_low_crest(self) -> tuple[_Lines, float]:
-        return _of_low_crest(tuple(self.harmonics), self.seed, self._points)
+        return _of_low_crest(self.harmonics, self.seed, self._points)
 
     @property
     def crest_factor(self) -> float:

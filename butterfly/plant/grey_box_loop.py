@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from butterfly.plant.bench import recorded
-from butterfly.plant.excitations import initial_angle
+from butterfly.plant.excitations import Multisine, initial_angle
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.sensors import stamps_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
-    from butterfly.plant.excitations import Excitation
     from butterfly.plant.rollout import Job
     from butterfly.plant.setup import Setup
 
@@ -55,30 +56,26 @@ class GreyBoxLoop:
         InputError
             If a command cannot be used, or a simulation diverges.
         """
-        if self._setup.clock.jitter > 0:
-            return self._pool.map(self._on_its_own_clock, batch)
-        time = self._stamps(batch[0][1])
-        excitations = {id(excitation): excitation for (_, excitation), _ in batch}
-        commands = self._pool.map(lambda each: self._commands(each, time), excitations.values())
-        held = dict(zip(excitations, commands, strict=True))
-        return self._pool.map(lambda job: self._log(job, time, held[id(job[0][1])]), batch)
+        return self._pool.map(self._log, batch)
 
-    def _on_its_own_clock(self, job: Job) -> Log:
-        (_, excitation), rng = job
-        time = self._stamps(rng)
-        return self._log(job, time, self._commands(excitation, time))
-
-    def _stamps(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        return stamps_of(self._setup.clock.cycles(self._duration, rng))
-
-    def _commands(self, excitation: Excitation, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self._setup.path.shape_all(excitation.sample(time))
-
-    def _log(self, job: Job, time: NDArray[np.float64], commands: NDArray[np.float64]) -> Log:
+    def _log(self, job: Job) -> Log:
         ((added, excitation), rng), setup = job, self._setup
+        cycles = setup.clock.cycles(self._duration, rng)
+        time = stamps_of(cycles)
+        if setup.clock.jitter == 0 and isinstance(excitation, Multisine):
+            sampled = _on_a_regular_clock(excitation, setup.clock.step, cycles.size)
+        else:
+            sampled = excitation.sample(time)
+        commands = setup.path.shape_all(sampled)
         joint = GreyBoxJoint(setup.robot, added, angle=initial_angle(excitation))
         true = joint.angles_under(time, setup.path.deliver(commands), setup.path.delay)
         angle = setup.encoder.read(time, true, rng)
         about = setup.about(added, excitation)
         log = recorded(time, commands, angle, input_kind=setup.input_kind, **about)
         return setup.faults.apply(log, rng)
+
+
+@lru_cache(maxsize=4)
+def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> NDArray[np.float64]:
+    """Return a multisine at (count + 1,) stamps; runs that differ in the robot alone share it."""
+    return multisine.sample(stamps_of(np.full(count, step)))

@@ -18,7 +18,7 @@ from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.model.greybox import simulate
 from tests.benchmarks.bars import at_least, at_most
 
-_ROUNDS = 8
+_ROUNDS = 20
 
 
 def _least_seconds(*functions, rounds=_ROUNDS):
