@@ -16,9 +16,9 @@ from butterfly.logs.log import Sine
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+_IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
 _CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
 _CLIP = 0.9  # share of the peak at which a round clips
-_IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
 _LONGEST_REGISTER = 20  # bits; a sequence of a million
 
 
