@@ -8,7 +8,8 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample, Log
-from butterfly.plant.sensors import Clock, filtered_difference
+from butterfly.plant.motor import LARGEST_ANGLE
+from butterfly.plant.sensors import Clock, filtered_difference, stamps_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
     ControlLaw = Callable[[Reading], float]
     Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
     Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
-
-
-_DIVERGED = 1e5  # rad: sixteen thousand turns
 
 
 class Bench:
@@ -93,7 +91,7 @@ class Bench:
     def samples(self, signal: Signal, duration: float) -> Iterator[Sample]:
         """Yield the samples of `play` one by one, each when its cycle begins."""
         cycles = self._clock.cycles(duration, self._rng)
-        commands = iter(signal(np.concatenate([[0.0], np.cumsum(cycles)])).tolist())
+        commands = iter(signal(stamps_of(cycles)).tolist())
         return self._samples(lambda _: next(commands), cycles)
 
     def _samples(self, law: ControlLaw, cycles: NDArray[np.float64]) -> Iterator[Sample]:
@@ -129,7 +127,7 @@ def recorded(
     InputError
         If an angle is not finite, or beyond any that a hand turns to.
     """
-    if not (np.abs(angle) < _DIVERGED).all():
+    if not (np.abs(angle) < LARGEST_ANGLE).all():
         raise InputError(source, "angle", "a joint that diverged", "smaller commands")
     return Log(
         time=time,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from butterfly.logs.log import Sine
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+_IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
 _CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
 _CLIP = 0.9  # share of the peak at which a round clips
 _TAPS = {
@@ -86,12 +87,29 @@ class _Lines:
         spectrum[list(self.harmonics)] = 0.5 * points * np.exp(1j * self.phases)
         return np.fft.irfft(spectrum, points)
 
-    def clipped(self, points: int) -> _Lines:
-        """Take the phases of the signal with its peaks cut off (Van der Ouderaa et al., 1988)."""
-        signal = self.over_a_period(points)
+    def clipped(self, signal: NDArray[np.float64]) -> _Lines:
+        """Take the phases of their signal with its peaks cut off."""
         peak = _CLIP * np.abs(signal).max()
         spectrum = np.fft.rfft(np.clip(signal, -peak, peak))
         return _Lines(self.harmonics, np.angle(spectrum[list(self.harmonics)]))
+
+
+@lru_cache(maxsize=32)
+def _of_low_crest(harmonics: tuple[int, ...], seed: int, points: int) -> tuple[_Lines, float]:
+    """Find phases of a low peak by clipping it (Van der Ouderaa et al., 1988), and that peak.
+
+    The runs of a sweep share them.
+    """
+    phases = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(harmonics))
+    lines = best = _Lines(harmonics, phases)
+    least = math.inf
+    for _ in range(_CLIPPINGS + 1):
+        signal = lines.over_a_period(points)
+        peak = float(np.abs(signal).max())
+        if peak < least:
+            best, least = lines, peak
+        lines = lines.clipped(signal)
+    return best, least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,31 +139,32 @@ class Multisine:
             raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
         if len(set(self.harmonics)) != len(self.harmonics):
             raise InputError("Multisine", "harmonics", self.harmonics, "each harmonic once")
-
-    @cached_property
-    def _lines(self) -> _Lines:
-        phases = np.random.default_rng(self.seed).uniform(-np.pi, np.pi, len(self.harmonics))
-        lines = _Lines(self.harmonics, phases)
-        candidates = [lines]
-        for _ in range(_CLIPPINGS):
-            candidates.append(candidates[-1].clipped(self._points))
-        return min(candidates, key=lambda line: np.abs(line.over_a_period(self._points)).max())
+        object.__setattr__(self, "harmonics", tuple(self.harmonics))
 
     @property
     def _points(self) -> int:
         return 16 * max(self.harmonics)
 
+    def _of_low_crest(self) -> tuple[_Lines, float]:
+        return _of_low_crest(self.harmonics, self.seed, self._points)
+
     @property
     def crest_factor(self) -> float:
         """Peak over root mean square; sqrt(2) for a sine."""
-        signal = self._lines.over_a_period(self._points)
-        return float(np.abs(signal).max() / np.sqrt(np.mean(signal**2)))
+        lines, peak = self._of_low_crest()
+        return float(peak / np.sqrt(np.mean(lines.over_a_period(self._points) ** 2)))
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
-        scale = self.peak / np.abs(self._lines.over_a_period(self._points)).max()
-        angles = np.outer(time, self.base * np.array(self.harmonics)) + self._lines.phases
-        return np.asarray(scale * np.cos(angles).sum(axis=1))
+        lines, peak = self._of_low_crest()
+        omegas = self.base * np.array(self.harmonics)
+        values = np.empty(time.size)
+        for begin in range(0, time.size, _IN_CACHE):
+            rows = slice(begin, begin + _IN_CACHE)
+            angles = np.outer(time[rows], omegas)
+            angles += lines.phases
+            values[rows] = np.cos(angles, out=angles).sum(axis=1)
+        return self.peak / peak * values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,8 +296,13 @@ class Table:
 
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
-        index = np.searchsorted(self.time, time, side="right") - 1
-        return np.where(index >= 0, np.array(self.values)[np.maximum(index, 0)], 0.0)
+        instants, values = self._columns
+        index = np.searchsorted(instants, time, side="right") - 1
+        return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
+
+    @cached_property
+    def _columns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return np.array(self.time, dtype=np.float64), np.array(self.values, dtype=np.float64)
 
 
 Excitation = Sine | SteppedSine | Multisine | Chirp | Prbs | FreeDecay | Table

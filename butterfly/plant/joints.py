@@ -15,14 +15,15 @@ from butterfly.model.greybox import step
 from butterfly.model.kernel import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
 from butterfly.plant.armature import Armature
+from butterfly.plant.held_commands import angles_under, steps_of
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Assistance
 
 if TYPE_CHECKING:
-    from butterfly.plant.robot import Robot
+    import numpy as np
+    from numpy.typing import NDArray
 
-LONGEST_STEP = 1e-3
-"""Longest step in s: RK4's error is then 1.5e-11 rad over 70 s of small swings."""
+    from butterfly.plant.robot import Robot
 
 
 def kind_of(drive: Drive) -> InputKind:
@@ -52,7 +53,7 @@ class _DrivenJoint(ABC):
         self._drive = robot.drive
         self._loaded = robot.loaded(added)
         self._constants = Constants.of(self._loaded)
-        self._initial = angle
+        self._initial = float(angle)
 
     @property
     def input_kind(self) -> InputKind:
@@ -193,11 +194,26 @@ class GreyBoxJoint(_DrivenJoint):
         self._state = (self._initial, 0.0, 0.0, 0.0)
 
     def advance(self, command: float, duration: float) -> None:
-        """Integrate through ``duration`` s in equal steps of at most `LONGEST_STEP`."""
+        """Integrate through ``duration`` s in the equal steps of `steps_of`."""
         count = steps_of(duration)
         torque = self._loaded.p4 * command
         for _ in range(count):
             self._state = step(self._constants, self._state, torque, duration / count)
+
+    def angles_under(
+        self, stamps: NDArray[np.float64], commands: NDArray[np.float64], delay: float
+    ) -> NDArray[np.float64]:
+        """Return the (n,) angles of a whole run from here on; the joint itself stays as it is.
+
+        Parameters
+        ----------
+        stamps, commands
+            (n,) instants in s, and what is commanded at them.
+        delay
+            In s, from a command to its effect.
+        """
+        torques = self._loaded.p4 * commands
+        return angles_under(self._constants, self._state, stamps, torques, delay)
 
     def current(self, command: float) -> float:
         """Armature current in A (4); a state of the simulation if there is an inductance."""
@@ -223,10 +239,3 @@ class Simulator(StrEnum):
         if self is Simulator.MUJOCO:
             return MujocoJoint(robot, added, angle=angle, scene=scene)
         return GreyBoxJoint(robot, added, angle=angle)
-
-
-def steps_of(duration: float) -> int:
-    """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
-    if duration <= LONGEST_STEP:  # the usual cycle, in a loop that must be fast
-        return 1
-    return math.ceil(duration / LONGEST_STEP * (1 - 1e-9))

@@ -11,7 +11,7 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.parameters import compressed
-from butterfly.plant.sensors import Encoder
+from butterfly.plant.sensors import Encoder, rounded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 LARGEST_COMMAND = 1e10
 """In units of the command; MuJoCo takes none from there on."""
+
+LARGEST_ANGLE = 1e5
+"""In rad, sixteen thousand turns; a joint that has turned further has diverged."""
 
 _USABLE = f"a number smaller than {LARGEST_COMMAND:g}"
 
@@ -101,7 +104,7 @@ class CommandPath:
         if not usable.all():
             raise InputError("control law", "command", values[~usable][0], _USABLE)
         if self.resolution > 0:
-            values = self.resolution * np.round(values / self.resolution)
+            values = self.resolution * rounded(values / self.resolution)
         return np.clip(values, -self.limit, self.limit)
 
     def deliver(self, values: NDArray[np.float64]) -> NDArray[np.float64]:

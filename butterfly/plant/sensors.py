@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numba
 import numpy as np
 
 from butterfly.errors import InputError, require_number
@@ -53,8 +54,8 @@ class Encoder:
             angle = angle + self.noise * rng.standard_normal(angle.size)
         if self.band_limited is not None:
             angle = angle + self.band_limited.sample(time)
-        step = 2 * np.pi / self.steps
-        return np.asarray(step * np.round(angle / step))
+        step = math.tau / self.steps
+        return step * rounded(angle / step)
 
     def read_one(self, time: float, angle: float, rng: np.random.Generator) -> float:
         """Return the reading in rad of one true angle in rad."""
@@ -136,6 +137,16 @@ class Clock:
         return np.maximum(steps, _SHORTEST * self.step)
 
 
+def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (n,) values rounded as Python's ``round`` does, which knows no negative 0."""
+    return np.rint(values) + 0.0
+
+
+def stamps_of(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (n + 1,) instants in s at which (n,) cycles of given lengths in s begin or end."""
+    return np.concatenate([[0.0], np.cumsum(cycles)])
+
+
 def filtered_difference(
     time: NDArray[np.float64], angle: NDArray[np.float64], lag: float = VELOCITY_LAG
 ) -> NDArray[np.float64]:
@@ -154,8 +165,12 @@ def filtered_difference(
     """
     steps = np.diff(time)
     keep = np.exp(-steps / lag)
-    velocity, filtered = 0.0, [0.0]
-    for old, new in zip(keep.tolist(), (np.diff(angle) / steps).tolist(), strict=True):
-        velocity = old * velocity + (1 - old) * new
-        filtered.append(velocity)
-    return np.array(filtered)
+    return _low_passed(keep, np.diff(angle) / steps)
+
+
+@numba.njit(cache=True, nogil=True)
+def _low_passed(keep: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    filtered = np.zeros(values.size + 1)
+    for k in range(values.size):
+        filtered[k + 1] = keep[k] * filtered[k] + (1.0 - keep[k]) * values[k]
+    return filtered

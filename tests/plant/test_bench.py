@@ -57,7 +57,8 @@ def test_the_log_holds_commands_as_they_were_set():
 def test_one_command_or_all_at_once_leave_the_path_alike():
     path = CommandPath(limit=0.4, resolution=0.03)
     values = np.random.default_rng(0).uniform(-1, 1, 200)
-    np.testing.assert_array_equal(path.shape_all(values), [path.shape(float(v)) for v in values])
+    one_by_one = np.array([path.shape(float(v)) for v in values])
+    assert path.shape_all(values).tobytes() == one_by_one.tobytes()  # signs of 0 too
 
 
 @pytest.mark.parametrize("delay", [0.0007, 0.002, 0.0153])
@@ -143,6 +144,17 @@ def test_the_filtered_difference_lags_a_ramp_by_its_time_constant():
     assert velocity[-1] == pytest.approx(3.0)
     after = time[1:] - time[0]
     np.testing.assert_allclose(velocity[1:], 3 * (1 - np.exp(-after / 0.006)), atol=1e-9)
+
+
+def test_the_filtered_difference_is_its_recursion_to_the_bit():
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 500))
+    angle = rng.standard_normal(500)
+    expected = [0.0]
+    for step, change in zip(np.diff(time), np.diff(angle), strict=True):
+        keep = np.exp(-step / 0.006)
+        expected.append(keep * expected[-1] + (1 - keep) * (change / step))
+    np.testing.assert_array_equal(filtered_difference(time, angle), expected)
 
 
 class _FakeDrive(threading.Thread):

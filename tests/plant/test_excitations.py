@@ -44,6 +44,12 @@ def test_a_multisine_has_equal_lines_where_asked_and_nothing_elsewhere(harmonics
     assert np.abs(values).max() <= peak * 1.1
 
 
+def test_a_multisine_is_the_same_sampled_at_once_or_in_pieces():
+    signal = Multisine(base=0.5, harmonics=(3, 5, 8, 13), peak=1.0)
+    pieces = [signal.sample(part) for part in np.split(TIME, [1, 700, 5000])]
+    np.testing.assert_array_equal(signal.sample(TIME), np.concatenate(pieces))
+
+
 def test_the_crest_factor_is_optimised_below_that_of_random_phases_and_schroeder_s():
     lines = tuple(range(1, 32))
     time = np.arange(4096) * 2 * np.pi / 4096

@@ -29,7 +29,6 @@ STIFF = replace(ROBOT.drive, inductance=0.002)
 STICKS = replace(ROBOT.friction, stribeck=3e-4)
 
 NEEDING_THE_WRAPPER = {
-    "grey box": replace(PLAIN, simulator=Simulator.GREY_BOX),
     "jitter": replace(PLAIN, clock=Clock(jitter=1e-4)),
     "delay": replace(PLAIN, path=CommandPath(delay=0.003)),
     "inductance": replace(PLAIN, robot=replace(ROBOT, drive=STIFF)),
@@ -50,6 +49,11 @@ NOT_NEEDING_IT = {
         faults=Faults(dropped=0.1, duplicated=0.1),
     ),
 }
+GREY_BOXES = {
+    f"grey box, {name}": replace(setup, simulator=Simulator.GREY_BOX)
+    for name, setup in (NEEDING_THE_WRAPPER | NOT_NEEDING_IT).items()
+    if name != "clutch"
+}
 
 
 def _logs(setup, duration=0.3):
@@ -57,16 +61,21 @@ def _logs(setup, duration=0.3):
     return runs, list(simulate_runs(setup, runs, duration, np.random.SeedSequence(3).spawn(2)))
 
 
-@pytest.mark.parametrize("name", NEEDING_THE_WRAPPER | NOT_NEEDING_IT)
+@pytest.mark.parametrize("name", NEEDING_THE_WRAPPER | NOT_NEEDING_IT | GREY_BOXES)
 def test_the_compiled_loop_runs_what_it_can_and_gives_the_log_of_the_bench(name, monkeypatch):
-    setup = (NEEDING_THE_WRAPPER | NOT_NEEDING_IT)[name]
+    setup = (NEEDING_THE_WRAPPER | NOT_NEEDING_IT | GREY_BOXES)[name]
+    own = "GreyBoxLoop" if name in GREY_BOXES else "MujocoLoop"
     loops = []
-    compiled = rollout_module._CompiledLoop  # noqa: SLF001
-    monkeypatch.setattr(
-        rollout_module, "_CompiledLoop", lambda *parts: loops.append(1) or compiled(*parts)
-    )
+    for each in ("MujocoLoop", "GreyBoxLoop"):
+        compiled = getattr(rollout_module, each)
+        monkeypatch.setattr(
+            rollout_module,
+            each,
+            lambda *parts, each=each, compiled=compiled: loops.append(each) or compiled(*parts),
+        )
     runs, logs = _logs(setup)
-    assert bool(loops) == setup.runs_open_loop == (name in NOT_NEEDING_IT)
+    assert loops == [own] * (name not in NEEDING_THE_WRAPPER)
+    assert setup.runs_open_loop == (name not in NEEDING_THE_WRAPPER)
     for log, run, seed in zip(logs, runs, np.random.SeedSequence(3).spawn(2), strict=True):
         single = setup.play(*run, 0.3, np.random.default_rng(seed))
         np.testing.assert_allclose(log.time, single.time, atol=1e-12)

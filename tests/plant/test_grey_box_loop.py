@@ -1,0 +1,215 @@
+"""The compiled loop against the motor wrapper, which does a run from cycle to cycle in Python."""
+
+import math
+from dataclasses import replace
+from threading import get_ident
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from butterfly.errors import InputError
+from butterfly.logs.log import SAMPLED, Sine
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
+from butterfly.plant.excitations import (
+    Chirp,
+    FreeDecay,
+    Multisine,
+    Prbs,
+    SteppedSine,
+    Table,
+)
+from butterfly.plant.joints import Simulator
+from butterfly.plant.motor import LARGEST_COMMAND, CommandPath
+from butterfly.plant.robot import Clutch, Robot
+from butterfly.plant.rollout import simulate_runs
+from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.plant.setup import Setup
+from butterfly.plant.simulink_noise import BandLimitedNoise
+
+
+def _or_none(values):
+    return st.just(0.0) | values
+
+
+HANDS = st.builds(
+    Hand,
+    mass=st.floats(0.05, 0.3),
+    com_distance=st.floats(-0.08, 0.08),
+    com_offset=_or_none(st.floats(-0.02, 0.02)),
+    inertia=st.floats(1e-3, 6e-3),
+    tilt=_or_none(st.floats(0, 0.5)),
+)
+DRIVES = st.builds(
+    VoltageDrive,
+    resistance=st.floats(1, 4),
+    torque_constant=st.floats(0.02, 0.1),
+    back_emf_constant=st.floats(0, 0.1),
+    inductance=_or_none(st.floats(1e-4, 2e-2)),
+) | st.builds(TorqueDrive, gain=st.floats(0.01, 0.1))
+FRICTIONS = st.builds(
+    Friction,
+    viscous=_or_none(st.floats(0, 2e-3)),
+    coulomb=st.just(0.0) | st.floats(1e-5, 3e-3),
+    load=_or_none(st.floats(0, 1e-3)),
+    stribeck=_or_none(st.floats(0, 1e-3)),
+    stribeck_velocity=st.floats(0.01, 1),
+    drag=_or_none(st.floats(0, 1e-4)),
+    bias=_or_none(st.floats(-1e-3, 1e-3)),
+    cogging=_or_none(st.floats(-1e-3, 1e-3)),
+    cogging_cosine=_or_none(st.floats(-1e-3, 1e-3)),
+    cogging_periods=st.integers(1, 12),
+) | st.builds(
+    Friction,
+    coulomb=st.floats(1e-4, 3e-3),
+    stribeck=_or_none(st.floats(0, 1e-3)),
+    bristle_stiffness=st.floats(0.1, 10),
+    bristle_damping=_or_none(st.floats(0, 1e-3)),
+)
+ROBOTS = st.builds(Robot, hand=HANDS, drive=DRIVES, friction=FRICTIONS)
+MASSES = st.builds(AddedMass, mass=st.floats(0, 0.2), arm=st.floats(0, 0.15))
+
+SIZES = st.floats(1e-3, 2)
+RATES = st.floats(0.5, 40)
+EXCITATIONS = st.one_of(
+    st.builds(Sine, omega=RATES, amplitude=SIZES),
+    st.builds(
+        SteppedSine, omegas=st.tuples(RATES, RATES), amplitudes=st.tuples(SIZES, SIZES),
+        dwell=st.floats(0.01, 0.3),
+    ),
+    st.builds(
+        Multisine,
+        base=st.floats(0.2, 3),
+        harmonics=st.sets(st.integers(1, 20), min_size=1, max_size=12).map(tuple),
+        peak=SIZES,
+    ),
+    st.builds(Chirp, start=RATES, stop=RATES, duration=st.floats(0.1, 1), amplitude=SIZES),
+    st.builds(Prbs, amplitude=SIZES, bit=st.floats(1e-3, 0.1), register=st.integers(2, 10)),
+    st.builds(FreeDecay, angle=st.floats(-3, 3).filter(bool)),
+    st.builds(
+        Table,
+        time=st.just((0.0, 0.011, 0.05)),
+        values=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
+    ),
+)  # fmt: skip
+PATHS = st.builds(
+    CommandPath,
+    limit=st.just(math.inf) | st.floats(0.01, 1),
+    resolution=_or_none(st.floats(1e-4, 0.1)),
+    delay=_or_none(st.floats(1e-5, 0.05)),
+    compression=_or_none(st.floats(0, 1)),
+)
+ENCODERS = st.builds(
+    Encoder,
+    steps=st.sampled_from([1000, 32768, 2**40]),
+    noise=_or_none(st.floats(0, 1e-2)),
+    band_limited=st.none()
+    | st.builds(BandLimitedNoise, power=st.floats(0, 1e-6), sample_time=st.floats(1e-3, 0.1)),
+)
+FAULTS = st.builds(Faults, dropped=_or_none(st.floats(0, 0.2)), duplicated=st.floats(0, 0.2))
+
+
+@st.composite
+def clocks(draw):
+    step = draw(st.sampled_from([1e-3, 2.5e-4, 0.01, 0.00123]) | st.floats(1e-4, 0.03))
+    return Clock(step=step, jitter=draw(st.just(0.0) | st.floats(0, step / 2)))
+
+
+SETUPS = st.builds(
+    Setup,
+    robot=ROBOTS,
+    simulator=st.just(Simulator.GREY_BOX),
+    clock=clocks(),
+    encoder=ENCODERS,
+    path=PATHS,
+    faults=FAULTS,
+)
+
+PLAIN = Setup(
+    robot=Robot(
+        hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
+        drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
+        friction=Friction(viscous=2e-4, coulomb=3e-4),
+    ),
+    simulator=Simulator.GREY_BOX,
+)
+SINE = Sine(omega=4.0, amplitude=0.3)
+ADDED = AddedMass(mass=0.05, arm=0.104)
+
+
+def _compiled(setup, runs, duration, *, threads=1):
+    seeds = np.random.SeedSequence(3).spawn(len(runs))
+    return list(simulate_runs(setup, runs, duration, seeds, threads=threads))
+
+
+def _wrapped(setup, runs, duration):
+    seeds = np.random.SeedSequence(3).spawn(len(runs))
+    generators = map(np.random.default_rng, seeds)
+    return [setup.play(*run, duration, rng) for run, rng in zip(runs, generators, strict=True)]
+
+
+def _assert_same_bits(logs, others):
+    for log, other in zip(logs, others, strict=True):
+        for name in SAMPLED:
+            assert getattr(log, name).tobytes() == getattr(other, name).tobytes(), name
+        for name in ("input_kind", "intersample", "added_mass", "excitation", "source"):
+            assert getattr(log, name) == getattr(other, name)
+
+
+@given(setup=SETUPS, added=MASSES, excitation=EXCITATIONS, count=st.integers(40, 250))
+def test_it_gives_the_wrapper_s_log_to_the_bit(setup, added, excitation, count):
+    runs, duration = [(added, excitation), (AddedMass(), excitation)], count * setup.clock.step
+    _assert_same_bits(_compiled(setup, runs, duration), _wrapped(setup, runs, duration))
+
+
+def test_a_minute_at_1_khz_is_the_wrapper_s_to_the_bit():
+    """Long enough for the stamps to round, so that no two cycles are of quite the same length."""
+    setup = replace(PLAIN, encoder=Encoder(noise=1e-4), path=CommandPath(delay=0.0023))
+    runs = [(ADDED, Multisine(base=0.5, harmonics=(3, 5, 8, 13), peak=0.3))]
+    _assert_same_bits(_compiled(setup, runs, 60.0), _wrapped(setup, runs, 60.0))
+
+
+@pytest.mark.parametrize("jitter", [0.0, 2e-4])
+def test_any_number_of_threads_gives_the_same_logs(jitter):
+    runs = [(ADDED, Sine(omega=1.0 + k, amplitude=0.3)) for k in range(20)]
+    setup = replace(PLAIN, clock=Clock(jitter=jitter), encoder=Encoder(noise=1e-3))
+    one, three = (_compiled(setup, runs, 1.0, threads=k) for k in (1, 3))
+    _assert_same_bits(one, three)
+
+
+def test_it_takes_no_more_threads_than_it_may():
+    idents = set()
+
+    class Noted(FreeDecay):
+        def sample(self, time):
+            idents.add(get_ident())
+            return super().sample(time)
+
+    runs = [(ADDED, Noted(angle=0.1 + 0.01 * k)) for k in range(12)]
+    _compiled(PLAIN, runs, 0.1, threads=1)
+    assert len(idents) == 1
+
+
+def _with(**parts):
+    return replace(PLAIN, robot=replace(PLAIN.robot, **parts))
+
+
+REFUSED = {
+    "diverges": (_with(friction=Friction(viscous=20.0)), SINE),
+    "starts beyond any angle": (PLAIN, FreeDecay(angle=1e6)),
+    "command too large": (PLAIN, Table(time=(0.0, 0.05), values=(0.0, LARGEST_COMMAND))),
+    "friction": (_with(friction=Friction(load=-5e-3)), SINE),
+    "clutch": (_with(clutch=Clutch(backlash=0.01, rotor_inertia=1e-3)), SINE),
+}
+
+
+@pytest.mark.parametrize(("setup", "excitation"), REFUSED.values(), ids=REFUSED)
+def test_what_the_wrapper_refuses_is_refused_in_the_same_words(setup, excitation):
+    errors = []
+    for simulate in (_compiled, _wrapped):
+        with pytest.raises(InputError) as caught:
+            simulate(setup, [(ADDED, excitation)], 2.0)
+        errors.append(str(caught.value))
+    assert errors[0] == errors[1]
