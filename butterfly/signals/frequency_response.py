@@ -9,7 +9,13 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.signals import hold
-from butterfly.signals.sine_fit import SineFit, fit_sine
+from butterfly.signals.sine_fit import (
+    SineFit,
+    basis_amplitude,
+    fit_basis,
+    fit_sine,
+    sine_basis,
+)
 from butterfly.signals.window import STEADY_SECONDS, steady_window
 
 if TYPE_CHECKING:
@@ -84,7 +90,8 @@ def response_point(
     omega = log.excitation.omega
     rows = steady_window(log, omega, seconds)
     time, inputs, angle = log.time[rows], log.input[rows], log.angle[rows]
-    command = fit_sine(time, inputs, omega, harmonics=1)
+    basis = sine_basis(time, omega)
+    command = fit_basis(basis[:3], inputs, omega, harmonics=1)
     spread = float(np.std(inputs))
     explained = 1.0 - (command.residual_rms / spread) ** 2 if spread > 0 else 0.0
     if explained < MIN_COHERENCE:
@@ -96,9 +103,13 @@ def response_point(
         )
     middle = time.size // 2
     halves = [
-        fit_sine(time[s], angle[s], omega).amplitude for s in (slice(middle), slice(middle, None))
+        basis_amplitude(basis[:, half], angle[half])
+        for half in (slice(middle), slice(middle, None))
     ]
-    response = fit_sine(time, angle, omega, pole=pole)
+    if pole is None:
+        response = fit_basis(basis, angle, omega)
+    else:
+        response = fit_sine(time, angle, omega, pole=pole)
     return ResponsePoint(
         added_mass=log.added_mass,
         input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
