@@ -17,8 +17,10 @@ from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
 from butterfly.report.figures import frequency_response_figure
 from butterfly.report.format import interval, with_error
-from butterfly.report.identification import parameter_rows, summary, write_report
+from butterfly.report.identification import write_report
 from butterfly.report.inspection import health_rows, write_inspection
+from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.words import summary
 from butterfly.resources import shipped
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
