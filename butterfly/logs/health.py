@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,7 +107,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         If the log has a fault that ``repairs`` does not allow to be repaired, if its time does
         not advance, if its angle never changes, or its sine's input.
     """
-    finite = np.logical_and.reduce([np.isfinite(column) for column in log.columns().values()])
+    finite = reduce(np.logical_and, map(np.isfinite, log.columns().values()))
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
     sound = _only(log, finite)
     if np.ptp(sound.time) == 0.0:
