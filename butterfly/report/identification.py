@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.files import replacing
 from butterfly.model.linear import resonance_frequency
-from butterfly.report.figures import frequency_response_figure, time_figure
+from butterfly.report.figures import frequency_response_figure, time_figure, time_figures
 from butterfly.report.page import render, write_beside
 from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.words import sentences, summary
@@ -45,7 +46,6 @@ def write_report(
     parameters = estimate.parameters
     runs, data = identification.free_runs, identification.data
     response = frequency_response_figure(identification)
-    series = [time_figure(run) for run in runs]
     middle = int(np.argsort(identification.fits)[len(runs) // 2])
     page = render(
         "identification.html.j2",
@@ -71,9 +71,9 @@ def write_report(
         logs=list(zip(data.points, data.health, runs, strict=True)),
         first=middle,
         response=response.to_json(),
-        series=[figure.to_json() for figure in series],
+        series=json.dumps(time_figures(runs)),
     )
-    pictures = {"frequency-response": response, "time": series[middle]}
+    pictures = {"frequency-response": response, "time": time_figure(runs[middle])}
     write_beside(path, pictures, _numbers(identification, truth))
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")

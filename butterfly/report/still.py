@@ -49,7 +49,8 @@ def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
     """
     for name, figure in figures.items():
         still = draw(figure)
-        edges = still.get_tightbbox(FigureCanvasAgg(still).get_renderer()).padded(_MARGIN)
+        FigureCanvasAgg(still)  # what a figure is measured on
+        edges = still.get_tightbbox().padded(_MARGIN)
         for canvas, suffix in ((FigureCanvasAgg, "png"), (FigureCanvasSVG, "svg")):
             with replacing(folder / f"{name}.{suffix}") as draft:
                 canvas(still).print_figure(draft, format=suffix, bbox_inches=edges)
