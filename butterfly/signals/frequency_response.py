@@ -11,8 +11,8 @@ from butterfly.errors import InputError
 from butterfly.signals import hold
 from butterfly.signals.sine_fit import (
     SineFit,
-    basis_amplitude,
     fit_basis,
+    fit_halves,
     fit_sine,
     sine_basis,
 )
@@ -101,19 +101,13 @@ def response_point(
             f"a signal of which {explained:.0%} is at {omega:g} rad/s",
             f"a sine of {omega:g} rad/s",
         )
-    middle = time.size // 2
-    halves = [
-        basis_amplitude(basis[:, half], angle[half])
-        for half in (slice(middle), slice(middle, None))
-    ]
-    if pole is None:
-        response = fit_basis(basis, angle, omega)
-    else:
+    response, before, after = fit_halves(basis, angle, omega)
+    if pole is not None:
         response = fit_sine(time, angle, omega, pole=pole)
     return ResponsePoint(
         added_mass=log.added_mass,
         input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
         angle=response,
-        drift=(halves[1] - halves[0]) / response.amplitude,
+        drift=(after - before) / response.amplitude,
         label=log.label,
     )

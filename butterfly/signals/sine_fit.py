@@ -139,7 +139,7 @@ def fit_basis(
     omega: float,
     harmonics: int = HARMONICS,
 ) -> SineFit:
-    """Fit a signal by the rows of a basis; for several fits on the same stamps (see `fit_sine`).
+    """Fit a signal by the rows of a basis; for several signals on the same stamps (see `fit_sine`).
 
     Parameters
     ----------
@@ -150,36 +150,64 @@ def fit_basis(
     omega, harmonics
         Of the basis.
     """
-    coefficients, normal = _solve(basis, values)
+    return _fit(basis, values, omega, harmonics, _equations(basis, values))
+
+
+def fit_halves(
+    basis: NDArray[np.float64], values: NDArray[np.float64], omega: float
+) -> tuple[SineFit, float, float]:
+    """Fit a signal as a whole, and the amplitudes of its fundamental in its first and second half.
+
+    The equations of the whole are the sum of those of its halves.
+
+    Parameters
+    ----------
+    basis
+        (1 + 2 H, n) rows of `sine_basis`.
+    values, omega
+        As in `fit_basis`.
+    """
+    middle = values.size // 2
+    (first, of_first), (second, of_second) = (
+        _equations(basis[:, half], values[half]) for half in (slice(middle), slice(middle, None))
+    )
+    before, after = (
+        float(np.hypot(*np.linalg.solve(matrix, moments)[1:3]))
+        for matrix, moments in ((first, of_first), (second, of_second))
+    )
+    harmonics = basis.shape[0] // 2
+    whole = _fit(basis, values, omega, harmonics, (first + second, of_first + of_second))
+    return whole, before, after
+
+
+def _fit(
+    basis: NDArray[np.float64],
+    values: NDArray[np.float64],
+    omega: float,
+    harmonics: int,
+    equations: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> SineFit:
+    matrix, moments = equations
+    normal = np.linalg.inv(matrix)
+    coefficients = normal @ moments
     residual = values - coefficients @ basis
     edges = np.linspace(0, values.size, _BLOCKS + 1, dtype=np.intp)
     scores = np.array([basis[:, a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())])
     correction = _BLOCKS / (_BLOCKS - 1) * (values.size - 1) / (values.size - basis.shape[0])
     covariance = correction * normal @ (scores.T @ scores) @ normal
     flip = np.array([1.0, -1.0])  # the phasor is (cos part) - j (sin part)
+    waves = coefficients[1 : 1 + 2 * harmonics]
     return SineFit(
         omega=omega,
         offset=float(coefficients[0]),
-        phasors=_phasors(coefficients, harmonics),
+        phasors=waves[::2] - 1j * waves[1::2],
         covariance=covariance[1:3, 1:3] * np.outer(flip, flip),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
 
 
-def basis_amplitude(basis: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Return the amplitude alone of the fundamental that `fit_basis` finds."""
-    coefficients, _ = _solve(basis, values)
-    return float(abs(_phasors(coefficients, 1)[0]))
-
-
-def _solve(
+def _equations(
     basis: NDArray[np.float64], values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (m,) least-squares coefficients, and the inverse of the (m, m) normal matrix."""
-    normal = np.linalg.inv(basis @ basis.T)
-    return np.asarray(normal @ (basis @ values)), np.asarray(normal)
-
-
-def _phasors(coefficients: NDArray[np.float64], harmonics: int) -> NDArray[np.complex128]:
-    rows = coefficients[1 : 1 + 2 * harmonics]
-    return np.asarray(rows[::2] - 1j * rows[1::2])
+    """Return the (m, m) matrix and the (m,) right-hand side of the normal equations."""
+    return np.asarray(basis @ basis.T), np.asarray(basis @ values)

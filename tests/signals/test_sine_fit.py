@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.signals.sine_fit import basis_amplitude, fit_basis, fit_sine, sine_basis
+from butterfly.signals.sine_fit import fit_basis, fit_halves, fit_sine, sine_basis
 
 
 def _stamps(rng, count=4000, step=1e-2):
@@ -85,8 +85,19 @@ def test_a_fit_is_the_least_squares_solution_with_and_without_a_transient():
         np.testing.assert_allclose(fit.phasors, expected[1:4] - 1j * expected[4:7], atol=1e-12)
         assert fit.offset == pytest.approx(expected[0], abs=1e-12)
     basis = sine_basis(time, omega)
-    sine = fit_sine(time, values, omega)
-    assert basis_amplitude(basis, values) == sine.amplitude
     lone, first = fit_sine(time, values, omega, harmonics=1), fit_basis(basis[:3], values, omega, 1)
     np.testing.assert_allclose(first.phasors, lone.phasors, rtol=1e-12)
     np.testing.assert_allclose(first.covariance, lone.covariance, rtol=1e-12)
+
+
+def test_a_signal_and_its_halves_are_fitted_as_each_is_alone():
+    rng = np.random.default_rng(6)
+    time, omega = _stamps(rng, count=4001), 3.0
+    values = np.linspace(1, 2, time.size) * np.cos(omega * time) + rng.standard_normal(time.size)
+    whole, first, second = fit_halves(sine_basis(time, omega), values, omega)
+    alone = fit_sine(time, values, omega)
+    np.testing.assert_allclose(whole.phasors, alone.phasors, rtol=1e-10)
+    np.testing.assert_allclose(whole.covariance, alone.covariance, rtol=1e-10)
+    for half, amplitude in ((slice(2000), first), (slice(2000, None), second)):
+        expected = fit_sine(time[half], values[half], omega).amplitude
+        assert amplitude == pytest.approx(expected, rel=1e-10)
