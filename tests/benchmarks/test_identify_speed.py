@@ -29,6 +29,12 @@ from scipy.io import loadmat
 from scipy.optimize import least_squares
 """
 
+DRAWN = """
+import jinja2
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from plotly.graph_objects import Figure
+"""
+
 
 @pytest.fixture(scope="module")
 def quick_start(tmp_path_factory):
@@ -56,3 +62,18 @@ def test_identifying_the_quick_start_costs_no_more_than_twice_the_imports_it_nee
     ratio = own / needed
     print(f"\nbutterfly identify, quick start: {own:.2f} s, {ratio:.2f} times the imports it needs")
     at_most(ratio, 2, "butterfly identify over its imports")
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
+def test_its_report_costs_little_more_than_the_imports_that_drawing_needs(quick_start, tmp_path):
+    command = ("-m", "butterfly", "identify", str(quick_start))
+    needed, drawing, own, whole = least_seconds_of_processes(
+        ("-c", NEEDED),
+        ("-c", NEEDED + DRAWN),
+        command,
+        (*command, "--report", str(tmp_path / "report.html")),
+        repeats=5,
+    )
+    ratio = (whole - own) / (drawing - needed)
+    print(f"\n--report: {whole - own:.2f} s, {ratio:.1f} times the imports that drawing needs")
+    at_most(ratio, 5, "--report over the imports it needs")
