@@ -22,8 +22,9 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.report.figures import frequency_response_figure, time_figure
-from butterfly.report.identification import rows_of, summary, unit_of, write_report
-from butterfly.report.words import sentences
+from butterfly.report.identification import write_report
+from butterfly.report.parameter_rows import rows_of, unit_of
+from butterfly.report.words import sentences, summary
 
 if TYPE_CHECKING:
     from os import PathLike

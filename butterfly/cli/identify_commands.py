@@ -20,7 +20,6 @@ from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify
 from butterfly.identify.other_parameters import told_parameters
 from butterfly.identify.physical import INSEPARABLE, PendulumEstimate, physical_hand
-from butterfly.report.identification import write_report
 
 
 @takes_data_options
@@ -75,6 +74,8 @@ def identify_command(
         )
         typer.echo(INSEPARABLE)
     if report is not None:
+        from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import
+
         write_report(result, report)
         typer.echo(f"Report: {report}")
     if not result.estimate.usable:

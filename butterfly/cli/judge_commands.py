@@ -18,7 +18,6 @@ from butterfly.identify.judgement.residual_torque import residual_torque
 from butterfly.identify.judgement.term_selection import select_terms
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
-from butterfly.report.residual_torque import write_residual
 
 
 @takes_data_options
@@ -118,6 +117,8 @@ def residual_command(
         table.add_row(name, f"{100 * share:.1f}")
     CONSOLE.print(table)
     if plot is not None:
+        from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow to import
+
         write_residual(residual, log.label, plot)
         typer.echo(f"Plot: {plot}")
 

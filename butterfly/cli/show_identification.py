@@ -9,8 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from butterfly.cli.console import CONSOLE
-from butterfly.report.identification import parameter_rows, rows_of, summary
-from butterfly.report.words import sentences_of
+from butterfly.report.parameter_rows import parameter_rows, rows_of
+from butterfly.report.words import sentences_of, summary
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from butterfly.identify.identification import Identification
     from butterfly.logs.log import InputKind
     from butterfly.model.parameters import LumpedParameters
-    from butterfly.report.identification import ParameterRow
+    from butterfly.report.parameter_rows import ParameterRow
 
 
 def show_identification(result: Identification, truth: LumpedParameters | None = None) -> None:

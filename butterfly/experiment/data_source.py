@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from butterfly.errors import InputError, require_number
-from butterfly.experiment.store import SWEEP
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.log import InputKind, Intersample
@@ -115,6 +114,8 @@ def _entry_of(path: Path, beside: Path, root: Path | None) -> Manifest | None:
 
 
 def _refuse_sweep(folder: Path) -> None:
+    from butterfly.experiment.store import SWEEP  # noqa: PLC0415 - slow to import
+
     if (folder / SWEEP).exists():
         logs = sorted(path.parent for path in folder.glob(f"runs/*/*/{MANIFEST_NAME}"))
         which = f"the logs of one run, as {logs[0]}" if logs else "results with keep_signals: true"

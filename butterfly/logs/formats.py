@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from butterfly.errors import InputError
-from butterfly.logs.csv import read_csv, write_csv
-from butterfly.logs.mat import read_mat, write_mat
-from butterfly.logs.parquet import read_parquet, write_parquet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -23,23 +21,35 @@ class Format:
 
     Parameters
     ----------
-    read
-        Of a path and the fields of `Log` that the file does not hold.
-    write
-        Of a log and a path.
+    name
+        Of the module of this package that does it, imported when it is used: each is slow.
     mapped
         Whether the file's columns may have any names, said by a map that ``read`` takes second.
     """
 
-    read: Callable[..., Log]
-    write: Callable[[Log, Path], None]
+    name: str
     mapped: bool = False
+
+    @property
+    def read(self) -> Callable[..., Log]:
+        """Reader, of a path and the fields of `Log` that the file does not hold."""
+        return self._function("read")
+
+    @property
+    def write(self) -> Callable[[Log, Path], None]:
+        """Writer, of a log and a path."""
+        return self._function("write")
+
+    def _function(self, verb: str) -> Callable[..., Any]:
+        module = import_module(f"butterfly.logs.{self.name}")
+        function: Callable[..., Any] = getattr(module, f"{verb}_{self.name}")
+        return function
 
 
 FORMATS = {
-    ".mat": Format(read=read_mat, write=write_mat),
-    ".csv": Format(read=read_csv, write=write_csv, mapped=True),
-    ".parquet": Format(read=read_parquet, write=write_parquet),
+    ".mat": Format(name="mat"),
+    ".csv": Format(name="csv", mapped=True),
+    ".parquet": Format(name="parquet"),
 }
 
 ENDINGS = " or ".join([", ".join(list(FORMATS)[:-1]), list(FORMATS)[-1]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,9 +107,9 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         If the log has a fault that ``repairs`` does not allow to be repaired, if its time does
         not advance, if its angle never changes, or its sine's input.
     """
-    finite = np.logical_and.reduce([np.isfinite(column) for column in log.columns().values()])
+    finite = reduce(np.logical_and, map(np.isfinite, log.columns().values()))
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")
-    sound = log.take(finite)
+    sound = _only(log, finite)
     if np.ptp(sound.time) == 0.0:
         raise InputError(log.source, "time", "a clock that never advances", "increasing stamps")
     kept = increasing(sound.time)
@@ -116,11 +117,12 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     backward = ~(kept | repeats)
     _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, "stamps in ascending order")
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
-    clean = sound.take(kept)
+    clean = _only(sound, kept)
     _refuse_constant(clean)
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
     is_gap = intervals > GAP_FACTOR * step
+    regular = intervals[~is_gap] if is_gap.any() else intervals
     health = Health(
         samples=log.time.size,
         duration=float(clean.time[-1] - clean.time[0]),
@@ -131,12 +133,17 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         gaps=int(is_gap.sum()),
         longest_gap=float(intervals.max()),
         step=step,
-        jitter=float(np.sqrt(np.mean((intervals[~is_gap] - step) ** 2))),
+        jitter=float(np.sqrt(np.mean((regular - step) ** 2))),
         saturated=saturated(clean.input),
         clipped=clipped(clean.angle),
         idle=clean.time.size if np.ptp(clean.input) == 0 else 0,
     )
     return clean, health
+
+
+def _only(log: Log, kept: NDArray[np.bool_]) -> Log:
+    """Return the log of some samples, itself if that is all of them: copies of long logs cost."""
+    return log if kept.all() else log.take(kept)
 
 
 def _refuse_unless_allowed(

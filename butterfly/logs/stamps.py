@@ -52,8 +52,12 @@ def increasing(time: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def repeated(time: NDArray[np.float64], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which of the samples that were not kept repeat the stamp of the last one kept."""
-    rows = np.maximum.accumulate(np.where(kept, np.arange(time.size), 0))
-    return np.asarray(~kept & kept[rows] & (time == time[rows]))
+    dropped, stays = np.flatnonzero(~kept), np.flatnonzero(kept)
+    before = np.searchsorted(stays, dropped)
+    rows = dropped[before > 0]
+    repeats = np.zeros(time.size, dtype=np.bool_)
+    repeats[rows] = time[rows] == time[stays[before[before > 0] - 1]]
+    return repeats
 
 
 def _longest(time: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -62,8 +66,8 @@ def _longest(time: NDArray[np.float64]) -> NDArray[np.bool_]:
     A stamp that all earlier ones precede and all later ones follow belongs to every longest one;
     the others are sorted into piles (patience sorting, O(n log n)).
     """
-    if np.all(time[1:] > time[:-1]):
-        return np.ones(time.size, dtype=np.bool_)
+    if np.all(time[1:] >= time[:-1]):
+        return np.diff(time, prepend=-np.inf) > 0
     highest = np.maximum.accumulate(time)
     lowest = np.minimum.accumulate(time[::-1])[::-1]
     kept = np.ones(time.size, dtype=np.bool_)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from butterfly.errors import InputError
@@ -156,6 +155,8 @@ class Orbit:
 
     def solution(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return (n,) angles and velocities of the nominal motion, released at `upper`."""
+        from scipy.integrate import solve_ivp  # noqa: PLC0415 - slow to import
+
         p = self.parameters
 
         def rhs(_: float, state: NDArray[np.float64]) -> list[float]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from base64 import b64encode
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from plotly.graph_objects import Figure, Scatter
@@ -12,6 +13,8 @@ from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.linear import frequency_response
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from butterfly.identify.identification import Identification
@@ -103,12 +106,7 @@ def frequency_response_figure(identification: Identification) -> Figure:
 
 def time_figure(run: FreeRun) -> Figure:
     """Measured and simulated angle of one log, and their difference, against time."""
-    log = run.log
-    every = max(1, round(_DISPLAY_STEP / log.mean_step))
-    time, angle, simulated = (
-        np.asarray(column[::every], dtype=np.float32)
-        for column in (log.time, log.angle, run.simulated)
-    )
+    time, angle, simulated, difference = _curves(run)
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.7, 0.3]
     )
@@ -117,12 +115,43 @@ def time_figure(run: FreeRun) -> Figure:
     dashed = {"color": PALETTE[5], "width": 1.5, "dash": "dot"}
     _add(figure, 1, time, simulated, name="simulated", line=dashed, **lines)
     grey = {"color": "#888888", "width": 1}
-    _add(figure, 2, time, angle - simulated, name="difference", line=grey, **lines)
+    _add(figure, 2, time, difference, name="difference", line=grey, **lines)
     figure.update_yaxes(title="angle in rad", row=1)
     figure.update_yaxes(title="difference in rad", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)
     return figure
+
+
+def time_figures(runs: Sequence[FreeRun]) -> dict[str, Any]:
+    """Return what a page needs to draw `time_figure` of each run, as JSON has it.
+
+    Returns
+    -------
+    ``data`` and ``layout`` of all the figures, their traces without points; and ``curves``, for
+    each run the x of all its traces, then the y of each.
+    """
+    common = time_figure(runs[0]).to_dict()
+    traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
+    layout = {key: value for key, value in common["layout"].items() if key != "template"}
+    curves = [[_typed(curve) for curve in _curves(run)] for run in runs]
+    return {"data": traces, "layout": layout, "curves": curves}
+
+
+def _curves(run: FreeRun) -> tuple[NDArray[np.float32], ...]:
+    """Return (n,) times in s, and measured, simulated and difference of angles in rad."""
+    log = run.log
+    every = max(1, round(_DISPLAY_STEP / log.mean_step))
+    time, angle, simulated = (
+        np.asarray(column[::every], dtype=np.float32)
+        for column in (log.time, log.angle, run.simulated)
+    )
+    return time, angle, simulated, angle - simulated
+
+
+def _typed(values: NDArray[np.float32]) -> dict[str, str]:
+    """Return the form in which plotly.js takes an array of single precision from JSON."""
+    return {"dtype": "f4", "bdata": b64encode(values.astype("<f4").tobytes()).decode("ascii")}
 
 
 def log_figure(

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.files import replacing
-from butterfly.report.figures import log_figure
 from butterfly.signals.amplitude import rms_amplitude
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
@@ -53,6 +52,8 @@ def write_inspection(log: Log, health: Health, path: Path) -> None:
     InputError
         If the file cannot be written.
     """
+    from butterfly.report.figures import log_figure  # noqa: PLC0415 - slow to import
+
     titles = {"input": "input", "angle": "angle in rad", "velocity": "velocity in rad/s"}
     columns = {titles[name]: values for name, values in log.columns().items() if name in titles}
     middles = (log.time[1:] + log.time[:-1]) / 2

@@ -12,7 +12,6 @@ from plotly.offline import get_plotlyjs
 
 from butterfly import __version__
 from butterfly.files import replacing
-from butterfly.report.still import write_stills
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -123,6 +122,8 @@ def write_beside(path: Path, figures: Mapping[str, Figure], numbers: dict[str, A
     InputError
         If a file cannot be written.
     """
+    from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
+
     write_stills(figures, path.with_name(f"{path.stem}-figures"))
     with replacing(path.with_suffix(".json")) as draft:
         text = json.dumps(finite(numbers), indent=1, allow_nan=False)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _INCH = 100  # plotly's pixels
 _WIDTH = 900  # pixels
+_MARGIN = 0.1  # inches
 _BAR = 0.35  # width of a bar
 _DASHES = {"dot": ":", "dash": "--", "dashdot": "-."}
 _MARKERS = {
@@ -48,9 +49,11 @@ def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
     """
     for name, figure in figures.items():
         still = draw(figure)
+        FigureCanvasAgg(still)  # what a figure is measured on
+        edges = still.get_tightbbox().padded(_MARGIN)
         for canvas, suffix in ((FigureCanvasAgg, "png"), (FigureCanvasSVG, "svg")):
             with replacing(folder / f"{name}.{suffix}") as draft:
-                canvas(still).print_figure(draft, format=suffix, bbox_inches="tight")
+                canvas(still).print_figure(draft, format=suffix, bbox_inches=edges)
 
 
 def draw(figure: Figure) -> Still:

@@ -1,4 +1,4 @@
-"""What an estimate's ending and findings say, in plain English."""
+"""What an identification, an estimate's ending and its findings say, in plain English."""
 
 from __future__ import annotations
 
@@ -10,11 +10,29 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
 
     Values = Mapping[str, float]
 
 _LEAST_MASSES = 3  # of which one can be left out
+
+
+def summary(identification: Identification) -> list[str]:
+    """Say in plain words what was found."""
+    fit, data = identification.summary, identification.data
+    flagged = sum(bool(health.findings) for health in data.health)
+    voltage = data.input_kind == "voltage"
+    return [
+        f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
+        f"{'voltage' if voltage else 'torque command'}, "
+        f"method: {identification.estimate.method}.",
+        f"Simulated from the first sample on with the recorded input alone, the model follows "
+        f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
+        f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        *sentences(identification.estimate),
+        f"{flagged} of {len(data.logs)} logs have findings in their health record.",
+    ]
 
 
 def sentences(estimate: ParameterEstimate) -> list[str]:

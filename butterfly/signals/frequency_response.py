@@ -9,7 +9,13 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.signals import hold
-from butterfly.signals.sine_fit import SineFit, fit_sine
+from butterfly.signals.sine_fit import (
+    SineFit,
+    fit_basis,
+    fit_halves,
+    fit_sine,
+    sine_basis,
+)
 from butterfly.signals.window import STEADY_SECONDS, steady_window
 
 if TYPE_CHECKING:
@@ -84,7 +90,8 @@ def response_point(
     omega = log.excitation.omega
     rows = steady_window(log, omega, seconds)
     time, inputs, angle = log.time[rows], log.input[rows], log.angle[rows]
-    command = fit_sine(time, inputs, omega, harmonics=1)
+    basis = sine_basis(time, omega)
+    command = fit_basis(basis[:3], inputs, omega, harmonics=1)
     spread = float(np.std(inputs))
     explained = 1.0 - (command.residual_rms / spread) ** 2 if spread > 0 else 0.0
     if explained < MIN_COHERENCE:
@@ -94,15 +101,13 @@ def response_point(
             f"a signal of which {explained:.0%} is at {omega:g} rad/s",
             f"a sine of {omega:g} rad/s",
         )
-    middle = time.size // 2
-    halves = [
-        fit_sine(time[s], angle[s], omega).amplitude for s in (slice(middle), slice(middle, None))
-    ]
-    response = fit_sine(time, angle, omega, pole=pole)
+    response, before, after = fit_halves(basis, angle, omega)
+    if pole is not None:
+        response = fit_sine(time, angle, omega, pole=pole)
     return ResponsePoint(
         added_mass=log.added_mass,
         input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
         angle=response,
-        drift=(halves[1] - halves[0]) / response.amplitude,
+        drift=(after - before) / response.amplitude,
         label=log.label,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -99,26 +100,114 @@ def fit_sine(
     pole
         In 1/s; if given, a transient Re{c e^(pole t)} of any amplitude and phase is fitted too.
     """
-    angles = np.outer(time, omega * np.arange(1, harmonics + 1))
-    columns = [np.ones(time.size), np.cos(angles), np.sin(angles)]
+    basis = sine_basis(time, omega, harmonics)
     if pole is not None:
         transient = np.exp(pole * (time - time[0]))
-        columns += [transient.real, transient.imag]
-    design = np.column_stack(columns)
-    normal = np.linalg.inv(design.T @ design)
-    coefficients = normal @ (design.T @ values)
-    residual = values - design @ coefficients
-    starts = np.linspace(0, time.size, _BLOCKS, endpoint=False, dtype=np.intp)
-    scores = np.add.reduceat(design * residual[:, None], starts, axis=0)
-    correction = _BLOCKS / (_BLOCKS - 1) * (time.size - 1) / (time.size - design.shape[1])
+        basis = np.vstack([basis, transient.real, transient.imag])
+    return fit_basis(basis, values, omega, harmonics)
+
+
+def sine_basis(
+    time: NDArray[np.float64], omega: float, harmonics: int = HARMONICS
+) -> NDArray[np.float64]:
+    """Return what `fit_sine` fits: 1, then cos(k w t) and sin(k w t) for k = 1, 2, ...
+
+    Parameters
+    ----------
+    time, omega, harmonics
+        As in `fit_sine`.
+
+    Returns
+    -------
+    (1 + 2 H, n) rows; the first 1 + 2 h are those of h harmonics.
+    """
+    basis = np.empty((1 + 2 * harmonics, time.size))
+    basis[0] = 1.0
+    cosines, sines = basis[1::2], basis[2::2]
+    angle = omega * time
+    np.cos(angle, out=cosines[0])
+    np.sin(angle, out=sines[0])
+    for k in range(1, harmonics):  # the sum of two angles is cheaper than another cosine
+        cosines[k] = cosines[k - 1] * cosines[0] - sines[k - 1] * sines[0]
+        sines[k] = sines[k - 1] * cosines[0] + cosines[k - 1] * sines[0]
+    return basis
+
+
+def fit_basis(
+    basis: NDArray[np.float64],
+    values: NDArray[np.float64],
+    omega: float,
+    harmonics: int = HARMONICS,
+) -> SineFit:
+    """Fit a signal by the rows of a basis; for several signals on the same stamps (see `fit_sine`).
+
+    Parameters
+    ----------
+    basis
+        (m, n) rows of `sine_basis`, then any others to be fitted beside.
+    values
+        (n,) samples.
+    omega, harmonics
+        Of the basis.
+    """
+    return _fit(basis, values, omega, harmonics, _equations(basis, values))
+
+
+def fit_halves(
+    basis: NDArray[np.float64], values: NDArray[np.float64], omega: float
+) -> tuple[SineFit, float, float]:
+    """Fit a signal as a whole, and the amplitudes of its fundamental in its first and second half.
+
+    The equations of the whole are the sum of those of its halves.
+
+    Parameters
+    ----------
+    basis
+        (1 + 2 H, n) rows of `sine_basis`.
+    values, omega
+        As in `fit_basis`.
+    """
+    middle = values.size // 2
+    (first, of_first), (second, of_second) = (
+        _equations(basis[:, half], values[half]) for half in (slice(middle), slice(middle, None))
+    )
+    before, after = (
+        float(np.hypot(*np.linalg.solve(matrix, moments)[1:3]))
+        for matrix, moments in ((first, of_first), (second, of_second))
+    )
+    harmonics = basis.shape[0] // 2
+    whole = _fit(basis, values, omega, harmonics, (first + second, of_first + of_second))
+    return whole, before, after
+
+
+def _fit(
+    basis: NDArray[np.float64],
+    values: NDArray[np.float64],
+    omega: float,
+    harmonics: int,
+    equations: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> SineFit:
+    matrix, moments = equations
+    normal = np.linalg.inv(matrix)
+    coefficients = normal @ moments
+    residual = values - coefficients @ basis
+    edges = np.linspace(0, values.size, _BLOCKS + 1, dtype=np.intp)
+    scores = np.array([basis[:, a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())])
+    correction = _BLOCKS / (_BLOCKS - 1) * (values.size - 1) / (values.size - basis.shape[0])
     covariance = correction * normal @ (scores.T @ scores) @ normal
-    fundamental = np.array([1, 1 + harmonics])  # columns of cos(w t) and sin(w t)
     flip = np.array([1.0, -1.0])  # the phasor is (cos part) - j (sin part)
+    waves = coefficients[1 : 1 + 2 * harmonics]
     return SineFit(
         omega=omega,
         offset=float(coefficients[0]),
-        phasors=coefficients[1 : 1 + harmonics]
-        - 1j * coefficients[1 + harmonics : 1 + 2 * harmonics],
-        covariance=covariance[np.ix_(fundamental, fundamental)] * np.outer(flip, flip),
+        phasors=waves[::2] - 1j * waves[1::2],
+        covariance=covariance[1:3, 1:3] * np.outer(flip, flip),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
+
+
+def _equations(
+    basis: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the (m, m) matrix and the (m,) right-hand side of the normal equations."""
+    return np.asarray(basis @ basis.T), np.asarray(basis @ values)

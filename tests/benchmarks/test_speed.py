@@ -7,13 +7,9 @@ import time
 
 import mujoco
 import numpy as np
-import pytest
 from mujoco.rollout import Rollout
-from scipy.io import loadmat
 
-from butterfly.identify.data import read_data_set
 from butterfly.identify.estimators import HarmonicBalance, OutputError
-from butterfly.identify.identification import identify
 from butterfly.identify.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
@@ -35,15 +31,6 @@ def _seconds(function, repeats=3):
         function()
         durations.append(time.perf_counter() - start)
     return min(durations)
-
-
-@pytest.mark.usefixtures("real")  # compiles the kernels
-def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_manifest):
-    paths = [f"{real_manifest.root}/{entry.file}" for entry in real_manifest.logs]
-    reading = _seconds(lambda: [loadmat(path) for path in paths])
-    whole = _seconds(lambda: identify(read_data_set(real_manifest)))
-    print(f"\nidentify 41 real logs: {whole:.2f} s, {whole / reading:.1f} times the bare reading")
-    at_most(whole / reading, 6, "identify over bare reading")
 
 
 def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):

@@ -78,6 +78,11 @@ def test_the_help_of_a_command_that_reads_logs_needs_no_simulator(command):
     assert not _imported(command, "--help") & {"mujoco", "numba", "matplotlib"}
 
 
+def test_identifying_without_a_report_imports_no_simulator_and_nothing_that_draws(quick_data):
+    unused = {"mujoco", "control", "pyarrow", "plotly", "matplotlib", "jinja2"}
+    assert not _imported("identify", str(quick_data)) & unused
+
+
 TAKE_DATA = {
     *("inspect", "identify", "validate", "select", "residual", "design", "compare", "leaderboard"),
     *("model show", "model render", "model export"),

@@ -2,9 +2,11 @@
 
 import dataclasses
 import html
+import json
 import re
 import shutil
 import subprocess
+from base64 import b64decode
 
 import numpy as np
 import pytest
@@ -15,10 +17,12 @@ from butterfly.identify.estimators import Linear
 from butterfly.identify.identification import identify
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
-from butterfly.report.figures import frequency_response_figure
+from butterfly.report.figures import frequency_response_figure, time_figure, time_figures
 from butterfly.report.format import interval, with_error
-from butterfly.report.identification import parameter_rows, summary, write_report
+from butterfly.report.identification import write_report
 from butterfly.report.inspection import health_rows, write_inspection
+from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.words import summary
 from butterfly.resources import shipped
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -101,6 +105,19 @@ def test_the_lines_of_the_frequency_response_are_the_state_space_s(simulated):
         np.testing.assert_allclose(gain.y, np.abs(expected), rtol=1e-8)
         turn = np.exp(1j * np.radians(phase.y))
         np.testing.assert_allclose(turn, expected / np.abs(expected), rtol=1e-8)
+
+
+def test_a_page_s_time_series_are_the_points_of_each_log_s_own_figure(simulated):
+    runs = simulated[0].free_runs
+    shown = json.loads(json.dumps(time_figures(runs)))
+    assert len(shown["curves"]) == len(runs)
+    for run, curves in zip(runs, shown["curves"], strict=True):
+        x, *ys = (np.frombuffer(b64decode(each["bdata"]), each["dtype"]) for each in curves)
+        drawn = time_figure(run)
+        assert [trace["name"] for trace in shown["data"]] == [trace.name for trace in drawn.data]
+        for y, trace in zip(ys, drawn.data, strict=True):
+            np.testing.assert_array_equal(x, trace.x)
+            np.testing.assert_array_equal(y, trace.y)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")

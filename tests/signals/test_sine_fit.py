@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.signals.sine_fit import fit_sine
+from butterfly.signals.sine_fit import fit_basis, fit_halves, fit_sine, sine_basis
 
 
 def _stamps(rng, count=4000, step=1e-2):
@@ -60,3 +60,44 @@ def test_standard_errors_hold_for_noise_that_is_correlated_over_a_second():
         fits.append(fit_sine(time, 0.4 * np.cos(omega * time) + coloured, omega))
     claimed = np.sqrt(np.mean([f.amplitude_error**2 for f in fits]))
     assert np.std([f.amplitude for f in fits]) == pytest.approx(claimed, rel=0.25)
+
+
+@given(omega=st.floats(0.7, 20), harmonics=st.integers(1, 5))
+def test_the_basis_is_the_sines_themselves_to_rounding(omega, harmonics):
+    time = _stamps(np.random.default_rng(1), count=500)
+    basis = sine_basis(time, omega, harmonics)
+    angles = omega * np.outer(np.arange(1, harmonics + 1), time)
+    np.testing.assert_array_equal(basis[0], 1.0)
+    np.testing.assert_allclose(basis[1::2], np.cos(angles), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(basis[2::2], np.sin(angles), rtol=0, atol=1e-12)
+
+
+def test_a_fit_is_the_least_squares_solution_with_and_without_a_transient():
+    rng = np.random.default_rng(5)
+    time, omega, pole = _stamps(rng), 3.0, -0.2 + 2j
+    values = rng.standard_normal(time.size)
+    angles = omega * np.outer(time, [1, 2, 3])
+    sines = np.column_stack([np.ones(time.size), np.cos(angles), np.sin(angles)])
+    wave = np.exp(pole * (time - time[0]))
+    for design, asked in ((sines, None), (np.column_stack([sines, wave.real, wave.imag]), pole)):
+        expected = np.linalg.lstsq(design, values)[0]
+        fit = fit_sine(time, values, omega, pole=asked)
+        np.testing.assert_allclose(fit.phasors, expected[1:4] - 1j * expected[4:7], atol=1e-12)
+        assert fit.offset == pytest.approx(expected[0], abs=1e-12)
+    basis = sine_basis(time, omega)
+    lone, first = fit_sine(time, values, omega, harmonics=1), fit_basis(basis[:3], values, omega, 1)
+    np.testing.assert_allclose(first.phasors, lone.phasors, rtol=1e-12)
+    np.testing.assert_allclose(first.covariance, lone.covariance, rtol=1e-12)
+
+
+def test_a_signal_and_its_halves_are_fitted_as_each_is_alone():
+    rng = np.random.default_rng(6)
+    time, omega = _stamps(rng, count=4001), 3.0
+    values = np.linspace(1, 2, time.size) * np.cos(omega * time) + rng.standard_normal(time.size)
+    whole, first, second = fit_halves(sine_basis(time, omega), values, omega)
+    alone = fit_sine(time, values, omega)
+    np.testing.assert_allclose(whole.phasors, alone.phasors, rtol=1e-10)
+    np.testing.assert_allclose(whole.covariance, alone.covariance, rtol=1e-10)
+    for half, amplitude in ((slice(2000), first), (slice(2000, None), second)):
+        expected = fit_sine(time[half], values[half], omega).amplitude
+        assert amplitude == pytest.approx(expected, rel=1e-10)

@@ -1,0 +1,63 @@
+"""The parameters of an identification as rows of texts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from butterfly.experiment.estimate_record import ParameterRecord, or_nan
+from butterfly.logs.log import InputKind
+from butterfly.model.terms import TERMS
+from butterfly.report.format import interval, with_error
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from butterfly.identify.identification import Identification
+    from butterfly.model.parameters import LumpedParameters
+
+_INPUT_UNITS = {InputKind.VOLTAGE: "V", InputKind.TORQUE: "unit"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRow:
+    """One line of the table of parameters, as text; empty where there is nothing to say."""
+
+    symbol: str
+    unit: str
+    value: str
+    error: str
+    interval: str
+    left_out: str
+    true: str
+    deviation: str
+
+
+def parameter_rows(
+    identification: Identification, truth: LumpedParameters | None = None
+) -> list[ParameterRow]:
+    """Tabulate the estimate, beside the true parameters if they are known."""
+    records = ParameterRecord.all_of(identification.estimate, truth)
+    return rows_of(records, identification.data.input_kind)
+
+
+def rows_of(parameters: Sequence[ParameterRecord], input_kind: InputKind) -> list[ParameterRow]:
+    """Tabulate the records of parameters; ``input_kind`` tells the unit of p4."""
+    return [
+        ParameterRow(
+            symbol=TERMS[each.parameter].symbol,
+            unit=unit_of(each.parameter, input_kind),
+            value=with_error(each.value, or_nan(each.standard_error)),
+            error="–" if each.standard_error is None else f"{each.standard_error:#.2g}",
+            interval=interval(or_nan(each.lower), or_nan(each.upper)),
+            left_out=interval(or_nan(each.least_left_out), or_nan(each.largest_left_out)),
+            true="" if each.true is None else f"{each.true:.5g}",
+            deviation="" if each.deviation is None else f"{100 * each.deviation:+.2f} %",
+        )
+        for each in parameters
+    ]
+
+
+def unit_of(parameter: str, input_kind: InputKind) -> str:
+    """Return the unit of a parameter, that of the input filled in."""
+    return TERMS[parameter].unit.replace("unit", _INPUT_UNITS[input_kind])

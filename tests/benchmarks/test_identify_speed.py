@@ -1,0 +1,79 @@
+"""What `identify` costs, as a ratio to what cannot be avoided: to read, and to import.
+
+Run with ``make bench``.
+"""
+
+import os
+
+import pytest
+from scipy.io import loadmat
+
+from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.identify.data import read_data_set
+from butterfly.identify.identification import identify
+from butterfly.resources import shipped
+from tests.benchmarks.bars import at_most
+from tests.benchmarks.cpu_time import least_seconds, least_seconds_of_processes
+
+NEEDED = """
+import numba
+import numpy
+import typer
+from pydantic import BaseModel
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from ruamel.yaml import YAML
+from scipy.io import loadmat
+from scipy.optimize import least_squares
+"""
+
+DRAWN = """
+import jinja2
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from plotly.graph_objects import Figure
+"""
+
+
+@pytest.fixture(scope="module")
+def quick_start(tmp_path_factory):
+    """The logs of the quick start, whole."""
+    experiment = read_experiment(shipped("experiments/quickstart.yaml"))
+    return write_logs(experiment, simulate(experiment), tmp_path_factory.mktemp("quick")).parent
+
+
+@pytest.mark.usefixtures("real")  # compiles the kernels
+def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_manifest):
+    paths = [f"{real_manifest.root}/{entry.file}" for entry in real_manifest.logs]
+    reading, whole = least_seconds(
+        lambda: [loadmat(path) for path in paths], lambda: identify(read_data_set(real_manifest))
+    )
+    ratio = whole / reading
+    print(f"\nidentify 41 real logs: {1e3 * whole:.0f} ms, {ratio:.2f} times the bare reading")
+    at_most(ratio, 2, "identify over bare reading")
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
+def test_identifying_the_quick_start_costs_no_more_than_twice_the_imports_it_needs(quick_start):
+    needed, own = least_seconds_of_processes(
+        ("-c", NEEDED), ("-m", "butterfly", "identify", str(quick_start))
+    )
+    ratio = own / needed
+    print(f"\nbutterfly identify, quick start: {own:.2f} s, {ratio:.2f} times the imports it needs")
+    at_most(ratio, 2, "butterfly identify over its imports")
+
+
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
+def test_its_report_costs_little_more_than_the_imports_that_drawing_needs(quick_start, tmp_path):
+    command = ("-m", "butterfly", "identify", str(quick_start))
+    needed, drawing, own, whole = least_seconds_of_processes(
+        ("-c", NEEDED),
+        ("-c", NEEDED + DRAWN),
+        command,
+        (*command, "--report", str(tmp_path / "report.html")),
+        repeats=5,
+    )
+    ratio = (whole - own) / (drawing - needed)
+    print(f"\n--report: {whole - own:.2f} s, {ratio:.1f} times the imports that drawing needs")
+    at_most(ratio, 5, "--report over the imports it needs")
