@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from butterfly.model.greybox import Constants, State, interval
+from butterfly.model.kernel import Constants, State, interval
 from butterfly.plant.motor import LARGEST_ANGLE
 
 if TYPE_CHECKING:
