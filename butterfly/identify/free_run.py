@@ -10,10 +10,13 @@ import numpy as np
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import compressed
-from butterfly.signals import hold
+from butterfly.model.sensitivities import Columns, Readings, differentiate, read_off
+from butterfly.signals import hermite, hold
 from butterfly.signals.resample import uniform_grid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Samples = NDArray[np.float64]
@@ -30,6 +33,10 @@ _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 class Trajectory:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.
 
+    Between two instants of the grid the input is the parabola that has the mean and the first and
+    second moment of the recorded one, so that no impulse is lost or gained where steps fall between
+    the instants.
+
     Parameters
     ----------
     log
@@ -45,7 +52,7 @@ class Trajectory:
         grid = uniform_grid(log.time, grid_step(log, parameters))
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
-        self._inputs = lru_cache(maxsize=4)(self._delivered)
+        self._inputs = lru_cache(maxsize=2)(self._delivered)
 
     def simulate(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
@@ -62,9 +69,8 @@ class Trajectory:
             At the first sample, in rad/s.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
-        start = float(self.log.angle[0]) - zero
-        inputs = self._inputs(parameters.delay, parameters.compression)
-        angle, speed = simulate(loaded, self.grid, inputs, start, velocity)
+        inputs = self._inputs(parameters.delay, parameters.compression)[:, 0]
+        angle, speed = simulate(loaded, self.grid, inputs, self._start(zero), velocity)
         return zero + angle, speed
 
     def at_stamps(
@@ -72,80 +78,96 @@ class Trajectory:
     ) -> NDArray[np.float64]:
         """Return the simulated angles at the log's own stamps (see `simulate`)."""
         angle, speed = self.simulate(parameters, zero, velocity)
-        begin, weights = self._at_stamps
-        ends = (angle[begin], speed[begin], angle[begin + 1], speed[begin + 1])
-        return np.asarray(sum(w * end for w, end in zip(weights, ends, strict=True)))
+        return hermite.interpolate(self.grid, angle, speed, self.log.time)
+
+    def fit(self, parameters: LumpedParameters, zero: float, velocity: float = 0.0) -> float:
+        """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
+        angle, speed = self.simulate(parameters, zero, velocity)
+        log = self.log
+        square = hermite.squared_distance(self.grid, angle, speed, log.time, log.angle)
+        return float(100 * (1 - np.sqrt(square) / self._spread))
 
     def errors(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
     ) -> NDArray[np.float64]:
         """Return simulated less measured angle, averaged over the samples of each grid interval.
 
-        The average keeps what the samples tell at a fraction of their number. Being linear in the
-        ends of the interval, it takes four numbers for each, worked out beforehand.
+        The average keeps what the samples tell at a fraction of their number.
 
         Parameters
         ----------
         parameters, zero, velocity
             As in `simulate`.
         """
-        angle, speed = self.simulate(parameters, zero, velocity)
-        begin, (from_start, start_slope, from_end, end_slope, measured) = self._averages
-        end = begin + 1
-        return np.asarray(
-            from_start * angle[begin]
-            + start_slope * speed[begin]
-            + from_end * angle[end]
-            + end_slope * speed[end]
-            - measured
+        loaded = parameters.with_added_mass(self.log.added_mass)
+        inputs = self._inputs(parameters.delay, parameters.compression)[:, 0]
+        start = self._start(zero), velocity
+        readings, measured = self._averages
+        return read_off(loaded, self.grid, inputs, start, readings) + (zero - measured)
+
+    def linearised(
+        self,
+        names: Sequence[str],
+        parameters: LumpedParameters,
+        zero: float,
+        velocity: float = 0.0,
+    ) -> tuple[Samples, Samples, Samples]:
+        """Return `errors`, and what they change by with n parameters, zero or velocity.
+
+        Parameters
+        ----------
+        names
+            Of the n.
+        parameters, zero, velocity
+            As in `simulate`.
+
+        Returns
+        -------
+        (m,) errors, and (m, k) and (k, n) matrices whose product is the Jacobian.
+        """
+        columns = Columns.of(names, parameters, self.log.added_mass)
+        loaded = parameters.with_added_mass(self.log.added_mass)
+        inputs = self._inputs(parameters.delay, parameters.compression)
+        moved = inputs[:, : columns.drives].copy()
+        moved[:, 1:] *= parameters.p4
+        if columns.drives > moved.shape[1]:
+            moved = np.concatenate([moved, self._by_compression(parameters)], axis=1)
+        start = self._start(zero), velocity
+        readings, measured = self._averages
+        values, rows = differentiate(
+            loaded, self.grid, inputs[:, 0], start, readings, columns, moved
         )
+        rows[:, columns.initial[0] < 0] += 1  # the zero moves the start back, and all readings on
+        return values + (zero - measured), rows, columns.mixture
+
+    def _start(self, zero: float) -> float:
+        return float(self.log.angle[0]) - zero
 
     @cached_property
-    def _averages(self) -> tuple[NDArray[np.intp], Samples]:
-        """Average the cubic Hermite polynomials, and the measured angle, over each grid interval.
-
-        Returns
-        -------
-        (m,) numbers of the intervals that hold samples, and (5, m) weights of angle and velocity at
-        both ends, and mean measured angle.
-        """
-        cell, weights = self._hermite(self.log.time[self._first :])
-        values = np.vstack([weights, self.log.angle[self._first :]])
-        starts = np.flatnonzero(np.diff(cell, prepend=-1))
-        counts = np.diff(starts, append=cell.size)
-        return cell[starts], np.add.reduceat(values, starts, axis=1) / counts
+    def _averages(self) -> tuple[Readings, Samples]:
+        """What is read off, and the (m,) averages of the measured angle."""
+        log, first = self.log, self._first
+        into, weights, measured = hermite.averages(
+            self.grid, log.time[first:], log.angle[first:]
+        )
+        return Readings(into=into, weights=weights), measured
 
     @cached_property
-    def _at_stamps(self) -> tuple[NDArray[np.intp], Samples]:
-        """The weights of `_hermite` at the log's own stamps."""
-        return self._hermite(self.log.time)
+    def _spread(self) -> float:
+        return float(np.linalg.norm(self.log.angle - self.log.angle.mean()))
 
-    def _hermite(self, time: Samples) -> tuple[NDArray[np.intp], Samples]:
-        """Interpolate between the instants of the grid by cubic Hermite polynomials.
-
-        Returns
-        -------
-        (n,) numbers of the intervals that hold (n,) instants, and (4, n) weights of angle and
-        velocity at their start and their end.
-        """
-        cell = np.searchsorted(self.grid, time, "right") - 1
-        cell = np.minimum(cell, self.grid.size - 2)
-        length = np.diff(self.grid)[cell]
-        s = (time - self.grid[cell]) / length
-        r = 1 - s
-        weights = [(1 + 2 * s) * r**2, s * r**2 * length, (1 + 2 * r) * s**2, -r * s**2 * length]
-        return cell, np.array(weights)
-
-    def _delivered(self, delay: float, compression: float) -> NDArray[np.float64]:
-        """(n - 1, 3) delivered input at start, middle and end of each interval, ``delay`` s late.
-
-        The parabola that has the held input's mean and first and second moment over the interval,
-        so that no impulse is lost or gained where steps fall between the instants of the grid.
-        """
+    def _delivered(self, delay: float, compression: float) -> Samples:
+        """(n - 1, 2, 3) delivered input, ``delay`` s late (see `butterfly.signals.hold.parabolas`)."""
         log = self.log
         inputs = compressed(log.input, compression)
-        mean, slope, bend = hold.moments(log.time, inputs, self.grid - delay, log.intersample)
-        return np.column_stack([mean - slope + bend, mean - bend / 2, mean + slope + bend])
+        return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
+
+    def _by_compression(self, parameters: LumpedParameters) -> Samples:
+        """(n - 1, 1, 3) derivative of p4 times the delivered input by the drive's compression."""
+        log = self.log
+        inputs = -log.input * abs(log.input) / (1 + parameters.compression * abs(log.input)) ** 2
+        instants = self.grid - parameters.delay
+        return parameters.p4 * hold.parabolas(log.time, inputs, instants, log.intersample)[:, :1]
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:

@@ -125,7 +125,7 @@ class Predictor:
     ) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs, or some, with an estimate."""
         chosen = range(len(self.data.logs)) if numbers is None else numbers
-        return np.array([self.run(number, estimate).fit for number in chosen])
+        return np.array([self._fit(k, self.setting(k, estimate)) for k in chosen])
 
     def fits_with(self, parameters: LumpedParameters) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs with parameters of the bare hand."""
@@ -133,7 +133,11 @@ class Predictor:
             Setting(parameters=parameters, zero=self.equilibria[log.added_mass])
             for log in self.data.logs
         ]
-        return np.array([self.run_with(k, each).fit for k, each in enumerate(settings)])
+        return np.array([self._fit(k, each) for k, each in enumerate(settings)])
+
+    def _fit(self, number: int, setting: Setting) -> float:
+        trajectory = self._trajectory(number, setting.parameters)
+        return trajectory.fit(setting.parameters, setting.zero, setting.velocity)
 
     def _trajectory(self, number: int, parameters: LumpedParameters) -> Trajectory:
         log = self.data.logs[number]

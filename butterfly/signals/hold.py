@@ -65,16 +65,28 @@ def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -
     return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, None))
 
 
-def moments_and_slopes(
-    time: Samples, inputs: Samples, edges: Samples, hold: Intersample
-) -> tuple[Samples, Samples]:
-    """Return `moments`, and (3, m - 1) derivatives of them by a delay of the input, per s.
+def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
+    """Return the input over each interval as the parabola that has its moments, and its delay's.
 
-    A held input's moments have a kink where a stamp passes an edge; there it is one of the slopes.
+    Parameters
+    ----------
+    time, inputs, edges, hold
+        As in `moments`.
+
+    Returns
+    -------
+    (m - 1, 2, 3) values at the start, middle and end of each interval: of the parabola, and of its
+    derivative by a delay of the input, per s. A held input's moments have a kink where a stamp
+    passes an edge; there it is one of the slopes.
     """
-    slopes = np.empty((3, edges.size - 1))
-    found = _moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, slopes)
-    return np.asarray(found), slopes
+    late = np.empty((3, edges.size - 1))
+    found = _moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, late)
+    result = np.empty((edges.size - 1, 2, 3))
+    for number, (middle, slope, bend) in enumerate((found, late)):
+        result[:, number, 0] = middle - slope + bend
+        result[:, number, 1] = middle - bend / 2
+        result[:, number, 2] = middle + slope + bend
+    return result
 
 
 def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -> Samples:
@@ -113,12 +125,24 @@ def gain(omega: float, step: float, hold: Intersample) -> complex:
     return complex(shape * np.exp(-1j * half))
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _at(time, inputs, instant, k, linear):
+    """Input at an instant of which k is the latest stamp at or before, -1 if there is none."""
+    if k < 0:
+        return inputs[0] if linear else 0.0
+    if not linear or k == time.size - 1:
+        return inputs[k]
+    share = (instant - time[k]) / (time[k + 1] - time[k])
+    return inputs[k] + share * (inputs[k + 1] - inputs[k])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _moments(time, inputs, edges, linear, late):
     """Sum the input against 1, x and x^2 piece by piece, between stamps and edges.
 
-    Fills (3, m) Legendre coefficients, and in ``late`` their derivatives by a delay of the input,
-    if it is not None: by partial integration they need the moments and the input at the edges only.
+    Returns (3, m) Legendre coefficients, and writes into ``late`` their derivatives by a delay of
+    the input, if it is not None: by partial integration they need the moments and the input at the
+    edges only.
     """
     count, last = edges.size - 1, time.size - 1
     result = np.empty((3, count))
@@ -126,39 +150,38 @@ def _moments(time, inputs, edges, linear, late):
     for cell in range(count):
         begin, end = edges[cell], edges[cell + 1]
         middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)
+        while k < last and time[k + 1] <= begin:
+            k += 1
         zeroth = first = second = 0.0
-        x, square, cube = -1.0, 1.0, -1.0
-        start, level, slope, first_value, is_first = begin, 0.0, 0.0, 0.0, True
-        while start < end:
-            while k < last and time[k + 1] <= start:
-                k += 1
-            level = inputs[max(k, 0)] if k >= 0 or linear else 0.0
-            stop = end if k == last else min(end, time[k + 1])
-            x_stop = 1.0 if stop == end else (stop - middle) * rate
-            square_stop = x_stop * x_stop
-            cube_stop = square_stop * x_stop
-            if linear and 0 <= k < last:  # level + slope x, level in the middle of the cell
-                rise = (inputs[k + 1] - inputs[k]) / (time[k + 1] - time[k])
-                level += rise * (middle - time[k])
-                slope = rise / rate
-                first += slope * (cube_stop - cube) / 3.0
-                zeroth += slope * (square_stop - square) / 2.0
-                second += slope * (square_stop * square_stop - square * square) / 4.0
+        x, value = -1.0, _at(time, inputs, begin, k, linear)
+        at_begin = value
+        while True:
+            is_last = k == last or time[k + 1] >= end
+            if is_last:
+                x_stop, value_stop = 1.0, _at(time, inputs, end, k, linear)
             else:
-                slope = 0.0
-            zeroth += level * (x_stop - x)
-            first += level * (square_stop - square) / 2.0
-            second += level * (cube_stop - cube) / 3.0
-            if is_first:
-                first_value, is_first = level - slope, False
-            start, x, square, cube = stop, x_stop, square_stop, cube_stop
+                x_stop, value_stop = (time[k + 1] - middle) * rate, value
+                if linear:
+                    value_stop = inputs[k + 1]
+            width, both = x_stop - x, value + value_stop  # a straight line between the two
+            zeroth += width * both
+            first += width * (both * (x + x_stop) + value * x + value_stop * x_stop)
+            second += width * (
+                both * (x + x_stop) ** 2 + 2.0 * (value * x * x + value_stop * x_stop * x_stop)
+            )
+            if is_last:
+                at_end = value_stop
+                break
+            k += 1
+            x, value = x_stop, inputs[k]
+        zeroth, first, second = zeroth / 2.0, first / 6.0, second / 12.0
         result[0, cell] = 0.5 * zeroth
         result[1, cell] = 1.5 * first
         result[2, cell] = 1.25 * (3.0 * second - zeroth)
         if late is not None:
-            jump, both = level + slope - first_value, level + slope + first_value
+            jump = at_end - at_begin
             late[0, cell] = -0.5 * rate * jump
-            late[1, cell] = 1.5 * rate * (zeroth - both)
+            late[1, cell] = 1.5 * rate * (zeroth - at_end - at_begin)
             late[2, cell] = 1.25 * rate * (6.0 * first - 2.0 * jump)
     return result
 

@@ -4,32 +4,31 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.estimators.loss import Loss
 from butterfly.identify.free_run import Trajectory
 from butterfly.model.kinematics import Motion
+from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
+    Samples = NDArray[np.float64]
     Key = tuple[str, AddedMass | str | None]  # a parameter, and whose it is: all logs', if None
-
-_T = TypeVar("_T")
 
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
-_STEP = 1e-4  # of the differences, as a share of a parameter's scale
-_DOUBTFUL = 5e-3  # share of the largest singular value below which a combination is looked at again
-_LOOKS = 2  # each squares the share by which a combination without effect seems to have one
 _PHASES = np.linspace(0, 2 * np.pi, 400)
 
 
@@ -59,151 +58,238 @@ class Choice:
         return tuple(name for name in (*PARAMETERS, *self.terms) if name not in owned)
 
 
-@dataclass(frozen=True, eq=False)
-class LogResiduals:
-    """One log's (m,) residuals and their (m, n) derivatives by the n scaled parameters."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogEquations:
+    """One log's residuals, and their derivatives by the scaled parameters as a product.
 
-    residuals: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
+    Parameters
+    ----------
+    residuals
+        (m,).
+    rows, mixture
+        (m, k) derivatives by what the simulation knows, and (k, n) of that by the parameters.
+    """
+
+    residuals: Samples
+    rows: Samples
+    mixture: Samples
+
+    @property
+    def jacobian(self) -> Samples:
+        """(m, n) derivatives of the residuals."""
+        return np.asarray(self.rows @ self.mixture)
+
+    def compressed(self, weights: Samples) -> tuple[Samples, Samples]:
+        """Return (p, n) rows and (p,) residuals that say of the log what its weighted ones do."""
+        root = np.sqrt(weights)[:, None]
+        both = np.column_stack([self.rows, self.residuals]) * root
+        triangle = np.linalg.qr(both, mode="r")
+        count = self.rows.shape[1]
+        return triangle[:count, :count] @ self.mixture, triangle[:count, count]
 
 
-class FreeRunResiduals:
-    """Residuals and Jacobian of a set of logs, in parameters scaled to be of order 1.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Equations:
+    """All logs' equations about one set of parameters.
 
     Parameters
     ----------
     logs
-        The logs, each of a name of its own.
-    start
-        First guess of the parameters, and the values of those that are not fitted.
-    zeros
-        First guess of the encoder's reading in rad of the hand at rest, per added mass.
-    choice
-        What is fitted.
+        One for each.
+    loss, scale
+        How their residuals count.
     """
 
-    def __init__(
-        self,
+    logs: tuple[LogEquations, ...]
+    loss: Loss = Loss.LINEAR
+    scale: float = 1.0
+
+    def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:
+        """Return the equations of some logs in some of the parameters."""
+        logs = [self.logs[k] for k in numbers]
+        return replace(
+            self, logs=tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs)
+        )
+
+    @cached_property
+    def cost(self) -> float:
+        """Half of what the residuals count."""
+        counted = (self.loss.values(log.residuals, self.scale) for log in self.logs)
+        return 0.5 * float(sum(np.sum(each) for each in counted))
+
+    @property
+    def gradient(self) -> Samples:
+        """(n,) derivatives of the cost."""
+        return self._normal[0]
+
+    @property
+    def curvature(self) -> Samples:
+        """(n, n) second derivatives of the cost, but for those of the residuals."""
+        return self._normal[1]
+
+    @cached_property
+    def _normal(self) -> tuple[Samples, Samples]:
+        parts = [self._of_log(log) for log in self.logs]
+        gradients, curvatures = zip(*parts, strict=True)
+        return np.sum(gradients, axis=0), np.sum(curvatures, axis=0)
+
+    def _of_log(self, log: LogEquations) -> tuple[Samples, Samples]:
+        rows, residuals, mixture = log.rows, log.residuals, log.mixture
+        if self.loss is not Loss.LINEAR:
+            weights = self.loss.weights(residuals, self.scale)
+            rows, residuals = rows * np.sqrt(weights)[:, None], residuals * np.sqrt(weights)
+        return mixture.T @ (rows.T @ residuals), mixture.T @ (rows.T @ rows) @ mixture
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRunResiduals:
+    """Residuals of a set of logs and their derivatives, in parameters scaled to be of order 1.
+
+    Parameters
+    ----------
+    start
+        Values of the parameters that are not fitted.
+    keys
+        The n parameters, and whose each is.
+    shared
+        How many of them, the first ones, all logs share, the encoder's zero aside.
+    scale, lower, initial
+        (n,) sizes, and least values and first guesses in units of them.
+    trajectories
+        The logs.
+    motion
+        Rms motion of each in rad.
+    workers
+        Threads.
+    """
+
+    start: LumpedParameters
+    keys: tuple[Key, ...]
+    shared: int
+    scale: Samples
+    lower: Samples
+    initial: Samples
+    trajectories: tuple[Trajectory, ...]
+    motion: tuple[float, ...]
+    workers: int
+
+    @classmethod
+    def of(
+        cls,
         logs: Sequence[Log],
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
         choice: Choice,
-    ) -> None:
-        self.logs, self.start, self._zeros = logs, start, zeros
-        self._workers = choice.workers
-        self.names = choice.shared
-        self.keys = [*((name, None) for name in self.names), *_local_keys(logs, choice)]
-        scales = _scales(logs, start)
-        self.scale = np.array([scales[name] for name, _ in self.keys])
-        self.lower = np.asarray(lower_bounds([name for name, _ in self.keys]) / self.scale)
-        self.initial = np.array([self._first_guess(*key) for key in self.keys]) / self.scale
+    ) -> FreeRunResiduals:
+        """Make logs ready to be fitted.
+
+        Parameters
+        ----------
+        logs
+            The logs, each of a name of its own.
+        start
+            First guess of the parameters, and the values of those that are not fitted.
+        zeros
+            First guess of the encoder's reading in rad of the hand at rest, per added mass.
+        choice
+            What is fitted.
+        """
+        keys = (*((name, None) for name in choice.shared), *_local_keys(logs, choice))
+        sizes = _scales(logs, start)
+        scale = np.array([sizes[name] for name, _ in keys])
+        guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         first = [_first_sample(log, choice.window) for log in logs]
-        self._trajectories = [Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)]
-        self._motion = [float(np.std(log.angle[k:])) for log, k in zip(logs, first, strict=True)]
-
-    def residuals(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Errors of all logs relative to their rms motion; a log's squares sum to their mean."""
-        values = scaled * self.scale
-        return np.concatenate(self._over_logs(lambda k: self._errors(k, values)))
-
-    def jacobian(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        """All logs' Jacobians, one below another, by one-sided differences."""
-        values = scaled * self.scale
-        return np.concatenate(self._over_logs(lambda k: self._differentiate(k, values)))
-
-    def by_log(self, scaled: NDArray[np.float64]) -> list[LogResiduals]:
-        """Return residuals and Jacobian of each log.
-
-        Combinations that the data tell little about are differentiated once more as a whole: only
-        this tells columns that the data cannot tell apart from columns that they can hardly.
-        """
-        values = scaled * self.scale
-        logs = self._over_logs(
-            lambda k: LogResiduals(self._errors(k, values), self._differentiate(k, values))
+        return cls(
+            start=start,
+            keys=keys,
+            shared=len(choice.shared),
+            scale=scale,
+            lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
+            initial=np.array(guesses) / scale,
+            trajectories=tuple(
+                Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)
+            ),
+            motion=tuple(float(np.std(log.angle[k:])) for log, k in zip(logs, first, strict=True)),
+            workers=choice.workers,
         )
-        for _ in range(_LOOKS):
-            jacobian = np.concatenate([log.jacobian for log in logs])
-            for direction, share in self._doubtful(jacobian, values):
-                slopes = self._slopes_along(direction, values)
-                logs = [
-                    replace(
-                        log, jacobian=log.jacobian + np.outer(s - log.jacobian @ direction, share)
-                    )
-                    for log, s in zip(logs, slopes, strict=True)
-                ]
-        return logs
 
-    def _over_logs(self, work: Callable[[int], _T]) -> list[_T]:
-        with ThreadPoolExecutor(self._workers) as pool:
-            return list(pool.map(work, range(len(self.logs))))
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the shared parameters."""
+        return tuple(name for name, _ in self.keys[: self.shared])
 
-    def _first_guess(self, name: str, whose: AddedMass | str | None) -> float:
-        if name != "zero":
-            guess = float(getattr(self.start, name, 0.0))
-            lost = guess == 0 and name in TERMS and not TERMS[name].sign_observable
-            # Where the sign does not show the derivative is 0 at 0: the fit would stay there.
-            return self.scale[self.keys.index((name, whose))] if lost else guess
-        masses = {log.added_mass for log in self.logs if whose in {None, log.added_mass, log.name}}
-        return float(np.median([self._zeros[mass] for mass in masses]))
+    def equations(self, scaled: Samples) -> Equations:
+        """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
+        values = scaled * self.scale
+        if self.workers == 1:
+            return Equations(logs=tuple(self._of_log(k, values) for k in range(len(self.motion))))
+        with ThreadPoolExecutor(self.workers) as pool:
+            work = pool.map(lambda k: self._of_log(k, values), range(len(self.motion)))
+            return Equations(logs=tuple(work))
 
-    def _errors(self, index: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        log = self.logs[index]
-        own = {self.keys[k][0]: float(values[k]) for k in self._columns(log)}
-        errors = self._trajectories[index].errors(
-            zero=own.pop("zero"),
-            velocity=own.pop("velocity", 0.0),
-            parameters=replace(self.start, **own),
+    def residuals(self, scaled: Samples) -> Samples:
+        """(m,) residuals of `equations`."""
+        return np.concatenate([log.residuals for log in self.equations(scaled).logs])
+
+    def jacobian(self, scaled: Samples) -> Samples:
+        """(m, n) derivatives of `residuals`, all logs' one below another."""
+        return np.concatenate([log.jacobian for log in self.equations(scaled).logs])
+
+    def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
+        """Return the residuals of some logs, and the numbers of the parameters that concern them."""
+        chosen = [self.trajectories[k] for k in numbers]
+        concerned = {k for each in chosen for k in self._columns(each.log)}
+        kept = np.array(sorted(concerned))
+        return (
+            replace(
+                self,
+                keys=tuple(self.keys[k] for k in kept),
+                scale=self.scale[kept],
+                lower=self.lower[kept],
+                initial=self.initial[kept],
+                trajectories=tuple(chosen),
+                motion=tuple(self.motion[k] for k in numbers),
+            ),
+            kept,
         )
-        return np.asarray(errors / (self._motion[index] * errors.size**0.5))
 
-    def _differentiate(self, index: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        residuals = self._errors(index, values)
-        jacobian = np.zeros((residuals.size, len(self.keys)))
-        for k in self._columns(self.logs[index]):
-            moved = values.copy()
-            moved[k] += _STEP * self.scale[k]
-            jacobian[:, k] = (self._errors(index, moved) - residuals) / _STEP
-        return jacobian
-
-    def _doubtful(
-        self, jacobian: NDArray[np.float64], values: NDArray[np.float64]
-    ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Return the directions, in scaled parameters, along which a Jacobian is small.
-
-        Each with the (n,) vector that reads its share off a move; parameters on a bound stay.
-        """
-        free = values / self.scale - _STEP >= self.lower
-        size = np.linalg.norm(jacobian, axis=0)
-        size[size == 0] = 1.0
-        columns = jacobian[:, free] / size[free]
-        _, singular, right = np.linalg.svd(columns, full_matrices=False)
-        found = []
-        for row in right[singular < _DOUBTFUL * singular[0]]:
-            direction, share = np.zeros(free.size), np.zeros(free.size)
-            direction[free], share[free] = row / size[free], row * size[free]
-            longest = float(np.abs(direction).max())
-            found.append((direction / longest, share * longest))
-        return found
-
-    def _slopes_along(
-        self, direction: NDArray[np.float64], values: NDArray[np.float64]
-    ) -> list[NDArray[np.float64]]:
-        """Return the derivative of each log's residuals along a direction, by central differences.
-
-        Differences along the axes leave 1e-6 to 1e-5 of their columns, where a reversal moves from
-        one step of the simulation to the next; along a combination without effect nothing moves.
-        """
-        step = _STEP * self.scale * direction
-        return self._over_logs(
-            lambda k: (
-                (self._errors(k, values + step) - self._errors(k, values - step)) / (2 * _STEP)
-            )
+    def _of_log(self, index: int, values: Samples) -> LogEquations:
+        trajectory = self.trajectories[index]
+        columns = self._columns(trajectory.log)
+        own = {self.keys[k][0]: float(values[k]) for k in columns}
+        parameters = {name: value for name, value in own.items() if name not in INITIAL}
+        errors, rows, mixture = trajectory.linearised(
+            list(own),
+            replace(self.start, **parameters),
+            own["zero"],
+            own.get("velocity", 0.0),
         )
+        unit = 1 / (self.motion[index] * errors.size**0.5)
+        scaled = np.zeros((mixture.shape[0], len(self.keys)))
+        scaled[:, columns] = unit * mixture * self.scale[columns]
+        return LogEquations(residuals=unit * errors, rows=rows, mixture=scaled)
 
     def _columns(self, log: Log) -> list[int]:
         """Numbers of the parameters that concern one log."""
         owners = {None, log.added_mass, log.name}
         return [k for k, (_, whose) in enumerate(self.keys) if whose in owners]
+
+
+def _first_guess(
+    key: Key,
+    logs: Sequence[Log],
+    start: LumpedParameters,
+    zeros: Mapping[AddedMass, float],
+    sizes: Mapping[str, float],
+) -> float:
+    name, whose = key
+    if name == "zero":
+        masses = {log.added_mass for log in logs if whose in {None, log.added_mass, log.name}}
+        return float(np.median([zeros[mass] for mass in masses]))
+    guess = float(getattr(start, name, 0.0))
+    lost = guess == 0 and name in TERMS and not TERMS[name].sign_observable
+    # Where the sign does not show the derivative is 0 at 0: the fit would stay there.
+    return sizes[name] if lost else guess
 
 
 def _local_keys(logs: Sequence[Log], choice: Choice) -> list[Key]:

@@ -11,16 +11,21 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from butterfly.errors import InputError, require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, require_names
-from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
+from butterfly.identify.estimators.free_run_residuals import (
+    LOCAL,
+    Choice,
+    Equations,
+    FreeRunResiduals,
+)
+from butterfly.identify.estimators.gauss_newton import minimise
+from butterfly.identify.estimators.loss import Loss, outlying
 from butterfly.identify.estimators.starts import closed_form_start
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import refuse_one_mass
@@ -38,55 +43,14 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
-_TOLERANCE = 3e-4  # relative change of the cost; an interval's limits are at some 5e-2
-_SMALLEST_STEP = 1e-6  # relative, of the parameters
-_MAX_EVALUATIONS = 60
-_ON_BOUND = 1e-4  # share of a parameter's scale within which it is on its bound
-_NORMAL = 1.4826  # standard deviation over median absolute deviation
-_OUTLYING = (
-    1.5  # robust standard deviations beyond which robust losses take a residual for an outlier
-)
-
-
-class Loss(StrEnum):
-    """How residuals, in robust standard deviations, count (see `scipy.optimize.least_squares`)."""
-
-    LINEAR = "linear"
-    SOFT_L1 = "soft_l1"
-    HUBER = "huber"
-    CAUCHY = "cauchy"
-
-    def weights(self, residuals: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-        """(n,) weights that residuals get at the minimum: the slope of the loss in their square.
-
-        Parameters
-        ----------
-        residuals
-            (n,).
-        scale
-            Size from which on a residual counts less.
-        """
-        squares = (residuals / scale) ** 2
-        match self:
-            case Loss.SOFT_L1:
-                return np.asarray((1 + squares) ** -0.5)
-            case Loss.HUBER:
-                return np.asarray(np.maximum(squares, 1.0) ** -0.5)
-            case Loss.CAUCHY:
-                return np.asarray(1 / (1 + squares))
-            case Loss.LINEAR:
-                return np.ones_like(residuals)
-
-
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where the optimiser stopped, in scaled parameters; the scale is the loss's."""
+    """Where the descent stopped, in scaled parameters, and the equations about it."""
 
     scaled: NDArray[np.float64]
-    on_bound: NDArray[np.bool_]
+    equations: Equations
     converged: bool
     simulations: int
-    scale: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,16 +134,14 @@ class OutputError(Estimator):
         refuse_one_mass(log.added_mass for log in logs)
         problem = self.problem(logs, start, zeros)
         end = self._minimise(problem, problem.initial)
-        values = end.scaled * problem.scale
-        known = dict(zip(problem.keys, values.tolist(), strict=True))
-        shared = len(problem.names)
+        known = dict(zip(problem.keys, (end.scaled * problem.scale).tolist(), strict=True))
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
-            """Fit from where the whole fit ended."""
-            kept = [log for log in logs if log.added_mass != mass]
-            part = self.problem(kept, start, zeros)
-            initial = np.array([known[key] for key in part.keys]) / part.scale
-            return np.asarray((self._minimise(part, initial).scaled * part.scale)[:shared])
+            """Fit from where the whole fit ended, whose equations give the first step."""
+            rest = [k for k, log in enumerate(logs) if log.added_mass != mass]
+            part, kept = problem.part(rest)
+            end_of_part = self._minimise(part, end.scaled[kept], end.equations.part(rest, kept))
+            return np.asarray((end_of_part.scaled * part.scale)[: problem.shared])
 
         masses = (log.added_mass for log in logs)
         left_out, said = without_each_mass(masses, without, asked=self.check)
@@ -187,10 +149,10 @@ class OutputError(Estimator):
             self._solved(problem, end),
             method="output error",
             left_out=left_out,
-            shared=shared,
+            shared=problem.shared,
             findings=said,
             held={name: getattr(problem.start, name) for name in (*self.fixed, "cogging_periods")},
-            local=_local(list(known.items())[shared:]),
+            local=_local(list(known.items())[problem.shared :]),
         )
 
     def minimum(
@@ -205,7 +167,7 @@ class OutputError(Estimator):
         """
         problem = self.problem(logs, start, zeros)
         end = self._minimise(problem, problem.initial)
-        return float(np.sum(problem.residuals(end.scaled) ** 2))
+        return float(sum(np.sum(log.residuals**2) for log in end.equations.logs))
 
     def holding(self, name: str) -> OutputError:
         """Return the estimator with a parameter held at the start's value."""
@@ -224,37 +186,35 @@ class OutputError(Estimator):
             workers=self.workers or os.cpu_count() or 1,
         )
         turning = replace(start, cogging_periods=self.cogging_periods)
-        return FreeRunResiduals(logs, turning, zeros, choice)
+        return FreeRunResiduals.of(logs, turning, zeros, choice)
 
-    def _minimise(self, problem: FreeRunResiduals, initial: NDArray[np.float64]) -> _End:
-        lower = problem.lower
-        fit = {
-            "jac": problem.jacobian,
-            "bounds": (lower, np.inf),
-            "ftol": _TOLERANCE,
-            "xtol": _SMALLEST_STEP,
-            "max_nfev": _MAX_EVALUATIONS,
-        }
-        inside = np.maximum(initial, lower + _ON_BOUND)
-        result, scale = least_squares(problem.residuals, inside, **fit), 1.0
+    def _minimise(
+        self,
+        problem: FreeRunResiduals,
+        initial: NDArray[np.float64],
+        known: Equations | None = None,
+    ) -> _End:
+        found = minimise(problem.equations, initial, problem.lower, known)
+        evaluations = found.evaluations
         if self.loss is not Loss.LINEAR:
-            scale = _OUTLYING * _NORMAL * float(np.median(np.abs(result.fun)))
-            robust = {"loss": self.loss.value, "f_scale": scale}
-            result = least_squares(problem.residuals, result.x, **fit, **robust)
-        on_bound = result.x <= lower + _ON_BOUND
-        return _End(
-            scaled=np.where(on_bound, lower, result.x),
-            on_bound=on_bound,
-            converged=result.status > 0,
-            simulations=int(result.nfev),
-            scale=scale,
-        )
+            residuals = np.concatenate([log.residuals for log in found.at.logs])
+            robust = {"loss": self.loss, "scale": outlying(residuals)}
+            found = minimise(
+                lambda scaled: replace(problem.equations(scaled), **robust),
+                found.point,
+                problem.lower,
+                replace(found.at, **robust),
+            )
+            evaluations += found.evaluations
+        return _End(found.point, found.at, found.converged, evaluations)
 
     def _solved(self, problem: FreeRunResiduals, end: _End) -> Solved:
-        logs = problem.by_log(end.scaled)
-        residuals = np.concatenate([log.residuals for log in logs])
-        jacobian = np.concatenate([log.jacobian for log in logs]) / problem.scale
-        root = np.sqrt(self.loss.weights(residuals, end.scale))
+        equations = end.equations
+        parts = [
+            log.compressed(equations.loss.weights(log.residuals, equations.scale))
+            for log in equations.logs
+        ]
+        rows, residuals = zip(*parts, strict=True)
         took = Finding(
             kind=FindingKind.SIMULATIONS,
             number=end.simulations,
@@ -263,10 +223,10 @@ class OutputError(Estimator):
         return Solved(
             names=tuple(name for name, _ in problem.keys),
             values=end.scaled * problem.scale,
-            jacobian=jacobian * root[:, None],
-            residuals=residuals * root,
-            cluster=np.repeat(np.arange(len(logs)), [log.residuals.size for log in logs]),
-            on_bound=end.on_bound,
+            jacobian=np.concatenate(rows) / problem.scale,
+            residuals=np.concatenate(residuals),
+            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
+            on_bound=end.scaled <= problem.lower,
             lower=problem.lower * problem.scale,
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),

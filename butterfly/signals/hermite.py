@@ -1,0 +1,126 @@
+"""Between the instants of a simulation: cubic Hermite polynomials through angles and velocities."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numba
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Samples = NDArray[np.float64]
+
+
+def interpolate(grid: Samples, angle: Samples, velocity: Samples, instants: Samples) -> Samples:
+    """Return the (m,) angles at increasing instants.
+
+    Parameters
+    ----------
+    grid
+        (n,) increasing instants in s.
+    angle, velocity
+        (n,) at them, in rad and rad/s.
+    instants
+        (m,) in s, not decreasing. Beyond the grid the outermost polynomials go on.
+    """
+    result = np.empty(instants.size)
+    _interpolate(grid, angle, velocity, instants, result)
+    return result
+
+
+def squared_distance(
+    grid: Samples, angle: Samples, velocity: Samples, instants: Samples, values: Samples
+) -> float:
+    """Return the sum of the squared differences of `interpolate` to (m,) values."""
+    return float(_squared_distance(grid, angle, velocity, instants, values))
+
+
+def averages(
+    grid: Samples, instants: Samples, values: Samples
+) -> tuple[NDArray[np.int64], Samples, Samples]:
+    """Average the polynomials, and values, over the instants in each interval of a grid.
+
+    What is averaged is linear in the ends of the interval, so that four numbers, worked out once,
+    stand for many instants.
+
+    Parameters
+    ----------
+    grid, instants
+        As in `interpolate`.
+    values
+        (m,) at the instants.
+
+    Returns
+    -------
+    (n - 1,) number of the average that belongs to each interval, -1 where it holds no instant;
+    (4, k) weights of angle and velocity at its start, and at its end; and (k,) mean values.
+    """
+    into = np.empty(grid.size - 1, dtype=np.int64)
+    means = np.empty((5, grid.size - 1))
+    count = _averages(grid, instants, values, into, means)
+    return into, np.ascontiguousarray(means[:4, :count]), means[4, :count].copy()
+
+
+_compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_compiled
+def _cubic(grid, angle, velocity, cell):
+    """Coefficients of 1, s, s^2 and s^3, s running from 0 to 1 over the interval; and 1/length."""
+    length = grid[cell + 1] - grid[cell]
+    start, end = length * velocity[cell], length * velocity[cell + 1]
+    rise = angle[cell + 1] - angle[cell]
+    return angle[cell], start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise, 1.0 / length
+
+
+@_compiled
+def _interpolate(grid, angle, velocity, instants, result):
+    k, last = 0, grid.size - 2
+    for cell in range(grid.size - 1):
+        c0, c1, c2, c3, rate = _cubic(grid, angle, velocity, cell)
+        while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
+            s = (instants[k] - grid[cell]) * rate
+            result[k] = c0 + s * (c1 + s * (c2 + s * c3))
+            k += 1
+
+
+@_compiled
+def _squared_distance(grid, angle, velocity, instants, values):
+    k, last, total = 0, grid.size - 2, 0.0
+    for cell in range(grid.size - 1):
+        c0, c1, c2, c3, rate = _cubic(grid, angle, velocity, cell)
+        while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
+            s = (instants[k] - grid[cell]) * rate
+            total += (c0 + s * (c1 + s * (c2 + s * c3)) - values[k]) ** 2
+            k += 1
+    return total
+
+
+@_compiled
+def _averages(grid, instants, values, into, means):
+    """Fill ``into`` and the columns of ``means``; return how many are filled."""
+    k, last, count = 0, grid.size - 2, 0
+    for cell in range(grid.size - 1):
+        length = grid[cell + 1] - grid[cell]
+        rate, first = 1.0 / length, k
+        one = two = three = value = 0.0  # sums of s, s^2, s^3 and the values
+        while k < instants.size and (instants[k] < grid[cell + 1] or cell == last):
+            s = (instants[k] - grid[cell]) * rate
+            one += s
+            two += s * s
+            three += s * s * s
+            value += values[k]
+            k += 1
+        into[cell] = -1
+        if k > first:
+            share = 1.0 / (k - first)
+            one, two, three = share * one, share * two, share * three
+            means[0, count] = 1.0 - 3.0 * two + 2.0 * three
+            means[1, count] = length * (one - 2.0 * two + three)
+            means[2, count] = 3.0 * two - 2.0 * three
+            means[3, count] = length * (three - two)
+            means[4, count] = share * value
+            into[cell], count = count, count + 1
+    return count
