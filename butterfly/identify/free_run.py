@@ -147,9 +147,7 @@ class Trajectory:
     def _averages(self) -> tuple[Readings, Samples]:
         """What is read off, and the (m,) averages of the measured angle."""
         log, first = self.log, self._first
-        into, weights, measured = hermite.averages(
-            self.grid, log.time[first:], log.angle[first:]
-        )
+        into, weights, measured = hermite.averages(self.grid, log.time[first:], log.angle[first:])
         return Readings(into=into, weights=weights), measured
 
     @cached_property
@@ -159,7 +157,7 @@ class Trajectory:
     def _delivered(self, delay: float, compression: float) -> Samples:
         """(n - 1, 2, 3) delivered input, ``delay`` s late (see `butterfly.signals.hold.parabolas`)."""
         log = self.log
-        inputs = compressed(log.input, compression)
+        inputs = compressed(log.input, compression) if compression else log.input
         return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
 
     def _by_compression(self, parameters: LumpedParameters) -> Samples:

@@ -72,7 +72,13 @@ def _cubic(grid, angle, velocity, cell):
     length = grid[cell + 1] - grid[cell]
     start, end = length * velocity[cell], length * velocity[cell + 1]
     rise = angle[cell + 1] - angle[cell]
-    return angle[cell], start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise, 1.0 / length
+    return (
+        angle[cell],
+        start,
+        3.0 * rise - 2.0 * start - end,
+        start + end - 2.0 * rise,
+        1.0 / length,
+    )
 
 
 @_compiled

@@ -81,12 +81,7 @@ def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample)
     """
     late = np.empty((3, edges.size - 1))
     found = _moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, late)
-    result = np.empty((edges.size - 1, 2, 3))
-    for number, (middle, slope, bend) in enumerate((found, late)):
-        result[:, number, 0] = middle - slope + bend
-        result[:, number, 1] = middle - bend / 2
-        result[:, number, 2] = middle + slope + bend
-    return result
+    return np.asarray(_values(found, late))
 
 
 def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -> Samples:
@@ -123,6 +118,19 @@ def gain(omega: float, step: float, hold: Intersample) -> complex:
     if hold is Intersample.FIRST_ORDER_HOLD:
         return complex(shape**2)
     return complex(shape * np.exp(-1j * half))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _values(found, late):
+    """Evaluate two parabolas at the start, middle and end of each interval."""
+    result = np.empty((found.shape[1], 2, 3))
+    for cell in range(found.shape[1]):
+        for number, of in enumerate((found, late)):
+            middle, slope, bend = of[0, cell], of[1, cell], of[2, cell]
+            result[cell, number, 0] = middle - slope + bend
+            result[cell, number, 1] = middle - 0.5 * bend
+            result[cell, number, 2] = middle + slope + bend
+    return result
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

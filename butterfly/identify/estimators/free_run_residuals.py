@@ -107,9 +107,15 @@ class Equations:
     def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:
         """Return the equations of some logs in some of the parameters."""
         logs = [self.logs[k] for k in numbers]
-        return replace(
-            self, logs=tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs)
+        return replace(self, logs=tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs))
+
+    def moved(self, step: Samples) -> Equations:
+        """Return what these equations say of the parameters a step away."""
+        logs = (
+            replace(log, residuals=log.residuals + log.rows @ (log.mixture @ step))
+            for log in self.logs
         )
+        return replace(self, logs=tuple(logs))
 
     @cached_property
     def cost(self) -> float:

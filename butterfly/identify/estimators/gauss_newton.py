@@ -9,7 +9,7 @@ Numerical Optimization, 2nd ed. 2006, chapters 4 and 10).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
     Samples = NDArray[np.float64]
 
-_FORETOLD = 1e-5  # share of the cost that a further step would have to take off
+_FORETOLD = 1e-4  # share of the cost that the last step takes off, without being looked back at
+_NEGLIGIBLE = 1e-8  # the same of a step that is not worth taking
 _SMALLEST_STEP = 1e-6
 _MOST = 60
 _FLAT = 1e-15  # share of the largest curvature, below which there is only rounding
-_POOR, _GOOD = 0.25, 0.75  # shares of the foretold decrease
+_POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the foretold decrease
 
 
 class Expansion(Protocol):
@@ -43,6 +44,9 @@ class Expansion(Protocol):
     def curvature(self) -> Samples:
         """(n, n) J^T J."""
 
+    def moved(self, step: Samples) -> Self:
+        """Return what the derivatives say of the cost a step of (n,) away."""
+
 
 _E = TypeVar("_E", bound=Expansion)
 
@@ -56,7 +60,7 @@ class Minimum(Generic[_E]):
     point
         (n,).
     at
-        The cost about it.
+        The cost about it, as its last expansion says.
     converged
         Whether no further step promised anything.
     evaluations
@@ -77,6 +81,8 @@ def minimise(
 ) -> Minimum[_E]:
     """Descend from a point to a minimum.
 
+    Once steps do what they promise, the last one, which promises little, is taken on trust.
+
     Parameters
     ----------
     expand
@@ -88,14 +94,16 @@ def minimise(
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)
-    reach = max(float(np.linalg.norm(point)), 1.0)
+    reach, kept = max(float(np.linalg.norm(point)), 1.0), 0.0
     while evaluations < _MOST:
         step = _step(at, np.maximum(lower - point, -reach), reach)
         foretold = -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
         longest = float(np.abs(step).max(initial=0.0))
-        if foretold <= _FORETOLD * at.cost or longest < _SMALLEST_STEP:
-            return Minimum(point=point, at=at, converged=True, evaluations=evaluations)
         there = np.maximum(point + step, lower)
+        trusted = foretold <= _FORETOLD * at.cost and _GOOD < kept < _BETTER and evaluations > 0
+        if trusted or foretold <= _NEGLIGIBLE * at.cost or longest < _SMALLEST_STEP:
+            end = at.moved(there - point)
+            return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         tried = expand(there)
         evaluations += 1
         kept = (at.cost - tried.cost) / foretold if np.isfinite(tried.cost) else -np.inf

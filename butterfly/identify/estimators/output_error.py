@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
+
 @dataclass(frozen=True, eq=False)
 class _End:
     """Where the descent stopped, in scaled parameters, and the equations about it."""
