@@ -10,12 +10,13 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.kinematics import Motion
-from butterfly.model.terms import DISSIPATIVE, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 from butterfly.orbit.velocity import FilteredDifference
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
+    from butterfly.model.kinematics import Term
     from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.velocity import VelocityEstimator
     from butterfly.plant.bench import ControlLaw
@@ -28,6 +29,11 @@ _STARTED = 0.01  # share of the target's energy above which the hand needs no ki
 _LEAST_GAIN = 0.1  # share of its gain that a drive is believed to keep at any command
 _SINES = 12  # of a dither
 _STANDSTILL = 1e-3  # rad/s, below which Coulomb friction is not compensated
+
+
+def _present(parameters: LumpedParameters, rows: Iterable[Term]) -> tuple[Term, ...]:
+    """Return the rows of which a hand has something."""
+    return tuple(row for row in rows if getattr(parameters, row.name))
 
 
 def gain_for(orbit: Orbit, multiplier: float) -> float:
@@ -114,21 +120,32 @@ class EnergyShaping:
         self._target = orbit.energy
         self._rest = energy(p, 0.0, 0.0)
         self._gain = math.copysign(gamma, p.p4)
+        # Looking for the terms that a hand has takes longer than what is left of the law.
+        self._stored = _present(p, CONSERVATIVE)
+        self._braked = _present(p, _FRICTION) if self._compensate_terms else ()
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
         p = self._p
         speed = self._velocity.update(reading.time, reading.angle, self._command)
         angle = reading.angle - self._zero
-        excess = energy(p, angle, speed) - self._target
+        excess = 0.5 * p.p1 * speed**2 + self._potential(angle) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
-        if self._compensate_terms and abs(speed) > _STANDSTILL:
-            command += torque_of(p, Motion.of(p, angle, speed), _FRICTION) / p.p4
+        if self._braked and abs(speed) > _STANDSTILL:
+            command += torque_of(p, Motion.of(p, angle, speed), self._braked) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         if excess < (1 - _STARTED) * (self._rest - self._target):
             command += math.copysign(self._kick, speed)
         self._command = float(command)
         return self._command
+
+    def _potential(self, angle: float) -> float:
+        """Potential energy in J (`butterfly.model.energy.potential`) at an angle in rad."""
+        p, total = self._p, 0.0
+        for row in self._stored:
+            assert row.potential is not None  # noqa: S101 - or it would not be conservative
+            total += getattr(p, row.name) * float(row.potential(angle, p.cogging_periods))
+        return total
 
 
 class Dithered:
