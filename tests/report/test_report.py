@@ -15,6 +15,7 @@ from butterfly.identify.estimators import Linear
 from butterfly.identify.identification import identify
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
+from butterfly.plant.joints import Simulator
 from butterfly.report.figures import frequency_response_figure
 from butterfly.report.format import interval, with_error
 from butterfly.report.identification import parameter_rows, summary, write_report
@@ -32,9 +33,12 @@ FLAGS = (
 @pytest.fixture(scope="module")
 def simulated():
     experiment = read_experiment(shipped("experiments/quickstart.yaml"))
-    brief = experiment.model_copy(
-        update={"duration": 12.0, "excitations": experiment.excitations[::2]}
-    )
+    changes = {
+        "duration": 12.0,
+        "excitations": experiment.excitations[::2],
+        "plant": experiment.plant.model_copy(update={"simulator": Simulator.GREY_BOX}),
+    }
+    brief = experiment.model_copy(update=changes)
     (result,) = perform(brief).identifications.values()
     return result, experiment.plant.robot.lumped
 
