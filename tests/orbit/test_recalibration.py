@@ -17,6 +17,7 @@ from butterfly.orbit.online import OnlineRecalibration, SelfTuning
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
+from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import CommandPath
 from butterfly.report.words import sentences
 from tests.orbit.setting import (
@@ -118,12 +119,12 @@ def test_options_that_make_no_sense_are_refused():
 
 
 def test_the_recalibrated_model_predicts_a_hundred_times_better():
-    """With a compressed drive; the benchmarks do it for all effects, in MuJoCo."""
+    """With a compressed drive, by the grey box; the benchmarks do all effects, in MuJoCo."""
     spec, amplitudes, told = EFFECTS["gain compression"]
     rng = np.random.default_rng(1)
     study = study_orbit(
         grey_rig(spec, rng),
-        generic(spec, amplitudes),
+        generic(spec, amplitudes, Simulator.GREY_BOX),
         0.0,
         sixty_degrees(),
         RecalibrationOptions(**told),

@@ -68,7 +68,7 @@ def _orbit_page():
     rng = np.random.default_rng(0)
     rig = grey_rig(ROUGH, rng)
     believed = wrong(ROUGH.robot.lumped, rng)
-    plan = sixty_degrees(duration=12.0)
+    plan = sixty_degrees(duration=12.0, starts=(0.6, 1.5))
     options = RecalibrationOptions()
     study = study_orbit(rig, believed, 0.0, plan, options, amplitudes=(0.8, 1.0), rng=rng)
     return orbit_page(study, ROUGH.robot.lumped)
