@@ -124,7 +124,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
     rng = np.random.default_rng(1)
     study = study_orbit(
         grey_rig(spec, rng),
-        generic(spec, amplitudes, Simulator.GREY_BOX),
+        generic(spec, amplitudes, simulator=Simulator.GREY_BOX),
         0.0,
         sixty_degrees(),
         RecalibrationOptions(**told),
@@ -136,7 +136,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
 
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
-    small = generic(ROUGH, AGAINST_COULOMB)
+    small = generic(ROUGH, AGAINST_COULOMB, duration=40.0)
     found = calibrate(simulated_rig(ROUGH.setup, rng), small, 0.0, sixty_degrees(), rng=rng)
     reached = [math.degrees(each.amplitude) for each in found.rounds]
     assert reached[0] == pytest.approx(97.0, abs=1.0)
