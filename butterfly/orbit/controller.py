@@ -31,11 +31,6 @@ _SINES = 12  # of a dither
 _STANDSTILL = 1e-3  # rad/s, below which Coulomb friction is not compensated
 
 
-def _present(parameters: LumpedParameters, rows: Iterable[Term]) -> tuple[Term, ...]:
-    """Return the rows of which a hand has something."""
-    return tuple(row for row in rows if getattr(parameters, row.name))
-
-
 def gain_for(orbit: Orbit, multiplier: float) -> float:
     """Return gamma with which perturbations shrink to ``multiplier`` of themselves in a period.
 
@@ -129,7 +124,7 @@ class EnergyShaping:
         p = self._p
         speed = self._velocity.update(reading.time, reading.angle, self._command)
         angle = reading.angle - self._zero
-        excess = 0.5 * p.p1 * speed**2 + self._potential(angle) - self._target
+        excess = energy(p, angle, speed, self._stored) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
         if self._braked and abs(speed) > _STANDSTILL:
             command += torque_of(p, Motion.of(p, angle, speed), self._braked) / p.p4
@@ -138,14 +133,6 @@ class EnergyShaping:
             command += math.copysign(self._kick, speed)
         self._command = float(command)
         return self._command
-
-    def _potential(self, angle: float) -> float:
-        """Potential energy in J (`butterfly.model.energy.potential`) at an angle in rad."""
-        p, total = self._p, 0.0
-        for row in self._stored:
-            assert row.potential is not None  # noqa: S101 - or it would not be conservative
-            total += getattr(p, row.name) * float(row.potential(angle, p.cogging_periods))
-        return total
 
 
 class Dithered:
@@ -181,3 +168,8 @@ class Dithered:
         self._square = fade * self._square + (1 - fade) * command**2
         sines = float(np.sin(self._omega * reading.time + self._phase).sum())
         return command + self._share * math.sqrt(2 * self._square / _SINES) * sines
+
+
+def _present(parameters: LumpedParameters, rows: Iterable[Term]) -> tuple[Term, ...]:
+    """Return the rows of which a hand has something."""
+    return tuple(row for row in rows if getattr(parameters, row.name))
