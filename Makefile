@@ -8,8 +8,9 @@ BIN := $(VENV)/bin
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
 
+# Every core has a worker already: threads of a matrix library would only wait for each other.
 test: $(VENV)/.development
-	$(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks
+	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .

@@ -94,9 +94,10 @@ def butterfly(monkeypatch, capsys):
     return run
 
 
-def _brief_quickstart(folder):
+def _brief_quickstart(folder, simulator):
     content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
     content.update(duration=12.0, excitations=content["excitations"][::2])
+    content["plant"]["simulator"] = simulator
     path = folder / "quick.yaml"
     path.write_text(yaml.safe_dump(content))
     return path
@@ -104,13 +105,19 @@ def _brief_quickstart(folder):
 
 @pytest.fixture
 def quick(tmp_path):
-    """The quick start on fewer logs, short but steady enough to fit."""
-    return _brief_quickstart(tmp_path)
+    """The quick start on fewer logs, short but steady enough to fit, by the fast simulator."""
+    return _brief_quickstart(tmp_path, "grey-box")
+
+
+@pytest.fixture
+def quick_in_mujoco(tmp_path):
+    """The same in MuJoCo, as it is shipped."""
+    return _brief_quickstart(tmp_path, "mujoco")
 
 
 @pytest.fixture(scope="session")
 def quick_data(tmp_path_factory):
-    """Its data set, as `butterfly simulate` writes it; only to be read."""
+    """The data set of `quick`, as `butterfly simulate` writes it; only to be read."""
     folder = tmp_path_factory.mktemp("quick")
-    experiment = read_experiment(_brief_quickstart(folder))
+    experiment = read_experiment(_brief_quickstart(folder, "grey-box"))
     return write_logs(experiment, simulate(experiment), folder / "data").parent

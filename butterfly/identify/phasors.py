@@ -80,11 +80,18 @@ class Phasors:
         known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
         hand = LumpedParameters(**known)
         slopes = np.empty(self.omega.size)
-        for mass in set(self.masses):
-            rows = np.array([each == mass for each in self.masses])
+        for mass, rows in self._of_mass.items():
             loaded = hand.with_added_mass(mass)
             slopes[rows] = _slope(loaded, self.omega[rows], self.swing[rows])
         return slopes
+
+    @cached_property
+    def _of_mass(self) -> dict[AddedMass, NDArray[np.intp]]:
+        """Rows of each added mass."""
+        numbers: dict[AddedMass, list[int]] = {}
+        for number, mass in enumerate(self.masses):
+            numbers.setdefault(mass, []).append(number)
+        return {mass: np.array(rows, dtype=np.intp) for mass, rows in numbers.items()}
 
     @cached_property
     def _columns(self) -> dict[str, NDArray[np.complex128]]:
@@ -110,7 +117,7 @@ def _slope(
 ) -> NDArray[np.float64]:
     """Rms, over its directions, of the slope of torque in angle at the swings of some logs."""
     h = _SWING_STEP * swing
-    torques = [a / quasi_linear_response(loaded, omega, a) for a in (swing - h, swing, swing + h)]
-    below, there, above = (loaded.p4 * torque for torque in torques)
+    swings = np.array([swing - h, swing, swing + h])
+    below, there, above = loaded.p4 * (swings / quasi_linear_response(loaded, omega, swings))
     radial, tangential = (above - below) / (2 * h), there / swing
     return np.asarray(np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2))

@@ -14,10 +14,11 @@ from butterfly.model.kinematics import Motion
 from butterfly.model.terms import CONSERVATIVE, torque_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from numpy.typing import NDArray
 
+    from butterfly.model.kinematics import Term
     from butterfly.model.parameters import LumpedParameters
 
 _GRID = 721  # angles at which the potential is looked at
@@ -25,7 +26,11 @@ _POINTS = 1000  # of the quadrature over half a period
 _ASIDE = 1e-20  # rad, of an imaginary step
 
 
-def potential(p: LumpedParameters, angle: Any) -> Any:  # noqa: ANN401
+def potential(
+    p: LumpedParameters,
+    angle: Any,  # noqa: ANN401
+    rows: Iterable[Term] = CONSERVATIVE,
+) -> Any:  # noqa: ANN401
     """Potential energy in J above that at angle 0: gravity, offset, bias and cogging.
 
     Parameters
@@ -34,9 +39,11 @@ def potential(p: LumpedParameters, angle: Any) -> Any:  # noqa: ANN401
         Of the hand with what it carries.
     angle
         In rad; a number, or an array.
+    rows
+        That have a potential.
     """
     total = 0.0 * angle
-    for row in CONSERVATIVE:
+    for row in rows:
         value = getattr(p, row.name)
         if value:
             assert row.potential is not None  # noqa: S101 - or it would not be conservative
@@ -59,9 +66,14 @@ def stiffness(p: LumpedParameters, angle: float) -> float:
     return float(np.imag(torque_of(p, beside, CONSERVATIVE)) / _ASIDE)
 
 
-def energy(p: LumpedParameters, angle: Any, velocity: Any) -> Any:  # noqa: ANN401
-    """E = p1 thd^2/2 + potential (105), in J; of numbers, or of arrays."""
-    return 0.5 * p.p1 * velocity**2 + potential(p, angle)
+def energy(
+    p: LumpedParameters,
+    angle: Any,  # noqa: ANN401
+    velocity: Any,  # noqa: ANN401
+    rows: Iterable[Term] = CONSERVATIVE,
+) -> Any:  # noqa: ANN401
+    """E = p1 thd^2/2 + `potential` (105), in J; of numbers, or of arrays."""
+    return 0.5 * p.p1 * velocity**2 + potential(p, angle, rows)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,12 +10,13 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.kinematics import Motion
-from butterfly.model.terms import DISSIPATIVE, torque_of
+from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 from butterfly.orbit.velocity import FilteredDifference
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
+    from butterfly.model.kinematics import Term
     from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.velocity import VelocityEstimator
     from butterfly.plant.bench import ControlLaw
@@ -114,16 +115,19 @@ class EnergyShaping:
         self._target = orbit.energy
         self._rest = energy(p, 0.0, 0.0)
         self._gain = math.copysign(gamma, p.p4)
+        # Looking for the terms that a hand has takes longer than what is left of the law.
+        self._stored = _present(p, CONSERVATIVE)
+        self._braked = _present(p, _FRICTION) if self._compensate_terms else ()
 
     def __call__(self, reading: Reading) -> float:
         """Return the command for one reading."""
         p = self._p
         speed = self._velocity.update(reading.time, reading.angle, self._command)
         angle = reading.angle - self._zero
-        excess = energy(p, angle, speed) - self._target
+        excess = energy(p, angle, speed, self._stored) - self._target
         command = p.p2 / p.p4 * speed - self._gain * speed * excess
-        if self._compensate_terms and abs(speed) > _STANDSTILL:
-            command += torque_of(p, Motion.of(p, angle, speed), _FRICTION) / p.p4
+        if self._braked and abs(speed) > _STANDSTILL:
+            command += torque_of(p, Motion.of(p, angle, speed), self._braked) / p.p4
         command /= max(1 - p.compression * abs(command), _LEAST_GAIN)
         if excess < (1 - _STARTED) * (self._rest - self._target):
             command += math.copysign(self._kick, speed)
@@ -164,3 +168,8 @@ class Dithered:
         self._square = fade * self._square + (1 - fade) * command**2
         sines = float(np.sin(self._omega * reading.time + self._phase).sum())
         return command + self._share * math.sqrt(2 * self._square / _SINES) * sines
+
+
+def _present(parameters: LumpedParameters, rows: Iterable[Term]) -> tuple[Term, ...]:
+    """Return the rows of which a hand has something."""
+    return tuple(row for row in rows if getattr(parameters, row.name))

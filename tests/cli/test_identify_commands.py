@@ -1,5 +1,7 @@
 """`butterfly identify`."""
 
+import shutil
+
 import pytest
 import yaml
 
@@ -10,24 +12,23 @@ from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error
 
 
-def test_simulated_logs_are_identified_like_any_folder(butterfly, quick, tmp_path):
+def test_simulated_logs_are_identified_like_any_folder(butterfly, quick_in_mujoco, tmp_path):
     folder = tmp_path / "logs"
-    assert butterfly("simulate", quick, "--out", folder)[0] == 0
+    assert butterfly("simulate", quick_in_mujoco, "--out", folder)[0] == 0
     code, out, _ = butterfly("identify", folder, "--against", "p1=0.004,p2=0.001,p3=0.05")
     assert code == 0
     assert "12 logs with 3 added masses" in out
     assert "best p4" in out
 
 
-def test_a_folder_without_manifest_needs_an_arm_and_then_works(butterfly, quick, tmp_path):
-    butterfly("simulate", quick, "--out", tmp_path / "logs")
+def test_a_folder_without_manifest_needs_an_arm_and_then_works(butterfly, quick_data, tmp_path):
     folder = tmp_path / "named"
     folder.mkdir()
-    entries = yaml.safe_load((tmp_path / "logs/manifest.yaml").read_text())["logs"]
+    entries = yaml.safe_load((quick_data / "manifest.yaml").read_text())["logs"]
     for entry in entries:
         grams, omega = f"{1e3 * entry['added_mass']:g}", f"{entry['omega']:g}".replace(".", "_")
         digits = f"{entry['amplitude']:g}".replace(".", "")
-        (tmp_path / "logs" / entry["file"]).rename(folder / f"Data_{grams}__{omega}__{digits}.mat")
+        shutil.copy(quick_data / entry["file"], folder / f"Data_{grams}__{omega}__{digits}.mat")
     assert_one_line_error(butterfly("identify", folder), folder, "manifest.yaml", "--arm")
     assert butterfly("identify", folder, "--arm", 0.104)[0] == 0
     assert butterfly("manifest", folder, "--arm", 0.104)[0] == 0

@@ -7,8 +7,10 @@ from butterfly.identify.estimators import harmonic_balance
 from tests.cli.one_line import assert_one_line_error
 
 
-def test_run_prints_true_and_estimated_parameters_and_writes_a_report(butterfly, quick, tmp_path):
-    code, out, err = butterfly("run", quick, "--out", tmp_path / "out")
+def test_run_prints_true_and_estimated_parameters_and_writes_a_report(
+    butterfly, quick_in_mujoco, tmp_path
+):
+    code, out, err = butterfly("run", quick_in_mujoco, "--out", tmp_path / "out")
     assert (code, err) == (0, "")
     assert "0.00325" in out
     assert "deviation" in out

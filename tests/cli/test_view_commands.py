@@ -48,16 +48,19 @@ ROUGH = {
 
 
 @pytest.mark.parametrize("changes", [{}, {"path": {"limit": 0.02}}, ROUGH])
-def test_a_film_draws_the_log_that_simulate_writes(butterfly, quick, tmp_path, painted, changes):
-    content = yaml.safe_load(quick.read_text())
+def test_a_film_draws_the_log_that_simulate_writes(
+    butterfly, quick_in_mujoco, tmp_path, painted, changes
+):
+    content = yaml.safe_load(quick_in_mujoco.read_text())
     content.update(duration=4.0, seed=7)
     content["plant"].update(changes)
-    quick.write_text(yaml.safe_dump(content))
+    experiment = tmp_path / "film.yaml"
+    experiment.write_text(yaml.safe_dump(content))
     film = tmp_path / "hand.gif"
     asked = ("--run", 5, "--seconds", 3, "--fps", 20, "--size", 32)
-    code, out, _ = butterfly("video", quick, "--out", film, *asked)
+    code, out, _ = butterfly("video", experiment, "--out", film, *asked)
     assert (code, out) == (0, f"Film: {film}\n")
-    assert butterfly("simulate", quick, "--out", tmp_path / "logs")[0] == 0
+    assert butterfly("simulate", experiment, "--out", tmp_path / "logs")[0] == 0
     (path,) = (tmp_path / "logs").glob("run005_*.mat")
     time, _, angle, _ = loadmat(path)["D"].T
     instants = np.arange(time[0], time[time <= time[0] + 3][-1], 1 / 20)

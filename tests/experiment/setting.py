@@ -29,5 +29,12 @@ def small_plan(folder, **changes):
     return plan_sweep(Source(path))
 
 
+class HereEngine:
+    """Does tasks in this process, one by one: for what cannot depend on where they are done."""
+
+    def run(self, work, tasks, tables):
+        return (work(task, tables) for task in tasks)
+
+
 def tables_of(folder):
     return {name: (folder / f"{name}.parquet").read_bytes() for name in TABLES}

@@ -11,10 +11,9 @@ from butterfly.errors import InputError
 from butterfly.experiment.data_source import manifest_of, named_data
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
-from butterfly.experiment.workers import LocalEngine
 from butterfly.logs.log import InputKind
 from butterfly.logs.mat import write_mat
-from tests.experiment.setting import small_plan
+from tests.experiment.setting import HereEngine, small_plan
 
 THESIS = "Data_52__5__02.mat"
 
@@ -91,7 +90,7 @@ def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
 
 def test_a_sweep_s_results_lead_to_the_logs_of_a_run(folder):
     plan = small_plan(folder, keep_signals=True, sweep={"repetitions": 1})
-    run_sweep(plan, folder / "kept", LocalEngine(1))
+    run_sweep(plan, folder / "kept", HereEngine())
     logs = ResultStore(folder / "kept").files_path(plan.tasks[0].key)
     with pytest.raises(InputError, match=f"the logs of one run, as {logs}"):
         named_data(folder / "kept")

@@ -8,6 +8,8 @@ from butterfly.errors import InputError
 from butterfly.experiment.perform import perform
 from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.identify.data import DataSet
+from butterfly.identify.identification import identify
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.plant.sensors import Faults
 from butterfly.report.identification import write_report
@@ -30,22 +32,27 @@ def short(tmp_path):
     return path
 
 
-def _identified(experiment):
-    result = perform(experiment)
+def _identification(result):
     assert result.error is None
     (identification,) = result.identifications.values()
     return identification
+
+
+@pytest.fixture(scope="module")
+def quickstart():
+    """The quick start with every other of its sines, each for 40 s; the wheel is tried on all."""
+    experiment = read_experiment(QUICKSTART)
+    few = {"excitations": experiment.excitations[::2], "duration": 40.0}
+    return experiment, perform(experiment.model_copy(update=few))
 
 
 def _written(experiment, folder):
     return read_manifest(write_logs(experiment, simulate(experiment), folder))
 
 
-def test_the_quick_start_recovers_the_simulated_robot_within_one_percent():
-    """With every other of its sines; the wheel is tried on all of them."""
-    experiment = read_experiment(QUICKSTART)
-    few = {"excitations": experiment.excitations[::2]}
-    result = _identified(experiment.model_copy(update=few))
+def test_the_quick_start_recovers_the_simulated_robot_within_one_percent(quickstart):
+    experiment, performed = quickstart
+    result = _identification(performed)
     truth = experiment.plant.robot.lumped
     found = result.estimate.parameters
     for name in ("p1", "p2", "p3", "p4"):
@@ -133,6 +140,7 @@ def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):
         "cogging_periods": 1,
     }
     plant["clutch"] = {"backlash": 0.01, "rotor_inertia": 1e-4}
+    plant["faults"] = {"dropped": 0.1, "duplicated": 0.1}
     short.write_text(yaml.safe_dump(content))
     for step in (0.001, 0.005):
         plant["clock"] = {"step": step}
@@ -141,6 +149,8 @@ def test_every_effect_of_a_real_bench_can_be_asked_for(short, tmp_path):
         log = read_entry(manifest, manifest.logs[0])
         assert np.isfinite(log.angle).all()
         assert np.ptp(log.angle) > 0.01
+        assert 0.85 < np.unique(log.time).size / (2.0 / step + 1) < 0.95
+        assert log.time.size > 1.05 * np.unique(log.time).size
 
 
 def test_yaml_that_builds_objects_is_not_obeyed(tmp_path):
@@ -207,11 +217,11 @@ def test_sines_that_will_swing_wide_are_found_beforehand(short):
     assert read_experiment(QUICKSTART).wide_swings() == []
 
 
-def test_lost_and_repeated_samples_are_counted_and_leave_the_estimate_right():
-    experiment = read_experiment(QUICKSTART)
-    plant = experiment.plant.model_copy(update={"faults": Faults(dropped=0.005, duplicated=0.002)})
-    brief = {"plant": plant, "duration": 40.0, "excitations": experiment.excitations[::2]}
-    result = _identified(experiment.model_copy(update=brief))
+def test_lost_and_repeated_samples_are_counted_and_leave_the_estimate_right(quickstart):
+    experiment, performed = quickstart
+    faults, rng = Faults(dropped=0.005, duplicated=0.002), np.random.default_rng(0)
+    logs = [faults.apply(log, rng) for log in performed.logs]
+    result = identify(DataSet.of(logs))
     assert all(health.duplicate_stamps > 20 for health in result.data.health)
     assert any(health.gaps > 0 for health in result.data.health)
     truth = experiment.plant.robot.lumped
@@ -236,7 +246,7 @@ def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(tmp_path):
     path = tmp_path / "signals.yaml"
     path.write_text(yaml.safe_dump(content))
     experiment = read_experiment(path)
-    result = _identified(experiment)
+    result = _identification(perform(experiment))
     truth, found = experiment.plant.robot.lumped, result.estimate.parameters
     for name in ("p1", "p2", "p3", "p4"):
         assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=5e-3)

@@ -17,8 +17,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.streams import of_orbit
 from butterfly.experiment.sweep_runner import run_sweep
-from butterfly.experiment.workers import LocalEngine
-from tests.experiment.setting import SWEEP, small_plan
+from tests.experiment.setting import SWEEP, HereEngine, small_plan
 
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"} | {"name": "single"}
 THREE = [*SWEEP["added_masses"], {"mass": 0.1, "arm": 0.1}]
@@ -85,7 +84,7 @@ def test_a_run_that_is_done_is_printed_from_its_record(butterfly, tmp_path):
     other = _small(tmp_path, duration=13.0)
     assert "found done" not in butterfly("run", other, "--out", out)[1]
     assert "found done" not in butterfly("run", _small(tmp_path), "--out", out)[1]
-    run_sweep(plan_sweep(Source(path)), out, LocalEngine(1), only="0")
+    run_sweep(plan_sweep(Source(path)), out, HereEngine(), only="0")
     assert "found done" not in butterfly("run", path, "--out", out)[1]
 
 

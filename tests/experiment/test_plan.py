@@ -17,8 +17,7 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.streams import of_orbit, of_runs
 from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.sweeps import SweepSpec
-from butterfly.experiment.workers import LocalEngine
-from tests.experiment.setting import SWEEP
+from tests.experiment.setting import SWEEP, HereEngine
 
 ONE = "identify/estimators/output_error.py"
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"}
@@ -108,7 +107,7 @@ def test_runs_may_be_driven_by_different_files(tmp_path, table):
     changes = {"signals": [table], "sweep": sweep, "plant": SWEEP["plant"]}
     plan = _plan(tmp_path, SWEEP | changes | {"keep_signals": True})
     assert len(plan.tables) == 2
-    run_sweep(plan, tmp_path / "out", LocalEngine(1))
+    run_sweep(plan, tmp_path / "out", HereEngine())
     record = ResultStore(tmp_path / "out").read(plan.tasks[0].key)
     assert (record.status, record.logs) == (OK, 2)
 

@@ -10,17 +10,16 @@ from butterfly.experiment.reading import Source
 from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
-from butterfly.experiment.workers import LocalEngine
-from tests.experiment.setting import small_plan
+from tests.experiment.setting import HereEngine, small_plan
 
 
 def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted(folder):
     plan = small_plan(folder, sweep={"repetitions": 2})
     store = ResultStore(folder / "torn")
-    run_sweep(plan, store.folder, LocalEngine(1))
+    run_sweep(plan, store.folder, HereEngine())
     path = store.record_path(plan.tasks[0].key)
     path.write_text(path.read_text()[:100])
-    assert run_sweep(plan, store.folder, LocalEngine(1)).done == 1
+    assert run_sweep(plan, store.folder, HereEngine()).done == 1
     stray = RunRecord(key="ff" * 12, status=FAILED, seed=0)
     store.write(Outcome(record=stray, files={"x": b"1"}))
     (path.parent / ".draft-x.json.part.json").write_text("{")

@@ -21,7 +21,7 @@ from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.workers import LocalEngine
 from butterfly.identify.data import read_data_set
 from butterfly.logs.manifest import read_manifest
-from tests.experiment.setting import SWEEP, small_plan, tables_of
+from tests.experiment.setting import SWEEP, HereEngine, small_plan, tables_of
 
 
 def test_what_is_done_is_not_done_again_unless_forced(folder, undisturbed):
@@ -79,7 +79,7 @@ def test_a_run_that_cannot_be_identified_is_recorded_and_the_others_go_on(folder
     plan = small_plan(
         folder, sweep={"list": [{"added_masses": one_mass}, {"plant.encoder.noise": 0.0}]}
     )
-    summary = run_sweep(plan, folder / "refused", LocalEngine(1))
+    summary = run_sweep(plan, folder / "refused", HereEngine())
     assert summary.unsuccessful == 1
     rows = ResultStore(folder / "refused").table(RUNS).to_pylist()
     assert [row["status"] for row in rows] == [REFUSED, OK]
@@ -90,12 +90,12 @@ def test_a_run_that_cannot_be_identified_is_recorded_and_the_others_go_on(folder
 def test_a_run_that_cannot_be_used_is_refused_with_its_reason(folder):
     wild = {"multisine": {"base": 0.5, "harmonics": [4], "peak": 1e200, "seed": 0}}
     plan = small_plan(folder, sweep={"list": [{"signals": [wild]}, {"plant.encoder.noise": 0.0}]})
-    summary = run_sweep(plan, folder / "wild", LocalEngine(1))
+    summary = run_sweep(plan, folder / "wild", HereEngine())
     assert summary.unsuccessful == 1
     rows = ResultStore(folder / "wild").table(RUNS).to_pylist()
     assert [row["status"] for row in rows] == [REFUSED, OK]
     assert "command: got" in rows[0]["error"]
-    again = run_sweep(plan, folder / "wild", LocalEngine(1))
+    again = run_sweep(plan, folder / "wild", HereEngine())
     assert again.done == 0
 
 
@@ -107,7 +107,7 @@ def test_runs_are_validated_by_what_is_left_out_where_that_can_be(folder):
         validation={"split": "mass"},
         sweep={"list": [{"added_masses": two}, {"added_masses": three}]},
     )
-    assert run_sweep(plan, folder / "validated", LocalEngine(2)).unsuccessful == 0
+    assert run_sweep(plan, folder / "validated", HereEngine()).unsuccessful == 0
     store = ResultStore(folder / "validated")
     assert "nothing could be left out" in store.table(RUNS)["error"][0].as_py()
     rows = store.table(ESTIMATES).to_pylist()

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ STEPS = [0.0, 6e-6, 1.9e-4, 2e-3]
 """Encoder steps in rad; 0 reads exact angles."""
 
 
+@cache
 def _swing(omega, amplitude, coulomb, stribeck, *, switched=False):
     """Angles in rad of a hand that sticks at its turning points for a while."""
     hand = replace(HAND, coulomb=coulomb, stribeck=stribeck * coulomb, stribeck_velocity=0.05)

@@ -59,11 +59,16 @@ def test_the_hdf5_based_format_is_refused_with_a_way_out(tmp_path):
         read_mat(path, **KIND)
 
 
+@pytest.fixture
+def whole(sine_log, tmp_path):
+    """Bytes of a file that can be read."""
+    write_mat(sine_log, tmp_path / "whole.mat")
+    return (tmp_path / "whole.mat").read_bytes()
+
+
 @settings(max_examples=60)
 @given(share=st.floats(0, 0.999))
-def test_a_truncated_file_is_one_typed_error_wherever_it_ends(tmp_path, sine_log, share):
-    write_mat(sine_log, tmp_path / "whole.mat")
-    whole = (tmp_path / "whole.mat").read_bytes()
+def test_a_truncated_file_is_one_typed_error_wherever_it_ends(tmp_path, whole, share):
     (tmp_path / "part.mat").write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(InputError):
         read_mat(tmp_path / "part.mat", **KIND)

@@ -62,13 +62,13 @@ def runs(spec, rng, *, starts=STARTS, masses=(NO_ADDED_MASS,), duration=20.0):
     return logs
 
 
-def generic(spec, amplitudes):
+def generic(spec, amplitudes, *, simulator=Simulator.MUJOCO, duration=60.0):
     """Identify a linear model from small sines of given torque amplitudes in units of 1e-5."""
     omegas = (2.5, 3.2, 3.6, 3.9, 4.2, 4.8, 6.0)
     sines = [Sine(omega=w, amplitude=1e-5 * a) for w, a in zip(omegas, amplitudes, strict=True)]
     jobs = [(mass, sine) for mass in (NO_ADDED_MASS, KNOWN) for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(jobs))
-    logs = simulate_runs(spec.setup, jobs, 60.0, seeds)
+    logs = simulate_runs(replace(spec.setup, simulator=simulator), jobs, duration, seeds)
     return Linear().of_points([response_point(log) for log in logs]).parameters
 
 

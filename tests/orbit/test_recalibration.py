@@ -17,6 +17,7 @@ from butterfly.orbit.online import OnlineRecalibration, SelfTuning
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
+from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import CommandPath
 from butterfly.report.words import sentences
 from tests.orbit.setting import (
@@ -118,12 +119,12 @@ def test_options_that_make_no_sense_are_refused():
 
 
 def test_the_recalibrated_model_predicts_a_hundred_times_better():
-    """With a compressed drive; the benchmarks do it for all effects, in MuJoCo."""
+    """With a compressed drive, by the grey box; the benchmarks do all effects, in MuJoCo."""
     spec, amplitudes, told = EFFECTS["gain compression"]
     rng = np.random.default_rng(1)
     study = study_orbit(
         grey_rig(spec, rng),
-        generic(spec, amplitudes),
+        generic(spec, amplitudes, simulator=Simulator.GREY_BOX),
         0.0,
         sixty_degrees(),
         RecalibrationOptions(**told),
@@ -135,7 +136,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
 
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
-    small = generic(ROUGH, AGAINST_COULOMB)
+    small = generic(ROUGH, AGAINST_COULOMB, duration=40.0)
     found = calibrate(simulated_rig(ROUGH.setup, rng), small, 0.0, sixty_degrees(), rng=rng)
     reached = [math.degrees(each.amplitude) for each in found.rounds]
     assert reached[0] == pytest.approx(97.0, abs=1.0)

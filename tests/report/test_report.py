@@ -17,6 +17,7 @@ from butterfly.identify.estimators import Linear
 from butterfly.identify.identification import identify
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
+from butterfly.plant.joints import Simulator
 from butterfly.report.figures import frequency_response_figure, time_figure, time_figures
 from butterfly.report.format import interval, with_error
 from butterfly.report.identification import write_report
@@ -36,9 +37,12 @@ FLAGS = (
 @pytest.fixture(scope="module")
 def simulated():
     experiment = read_experiment(shipped("experiments/quickstart.yaml"))
-    brief = experiment.model_copy(
-        update={"duration": 12.0, "excitations": experiment.excitations[::2]}
-    )
+    changes = {
+        "duration": 12.0,
+        "excitations": experiment.excitations[::2],
+        "plant": experiment.plant.model_copy(update={"simulator": Simulator.GREY_BOX}),
+    }
+    brief = experiment.model_copy(update=changes)
     (result,) = perform(brief).identifications.values()
     return result, experiment.plant.robot.lumped
 
