@@ -155,7 +155,7 @@ class Trajectory:
         return float(np.linalg.norm(self.log.angle - self.log.angle.mean()))
 
     def _delivered(self, delay: float, compression: float) -> Samples:
-        """(n - 1, 2, 3) delivered input, ``delay`` s late (see `butterfly.signals.hold.parabolas`)."""
+        """(n - 1, 2, 3) delivered input (see `butterfly.signals.hold.parabolas`)."""
         log = self.log
         inputs = compressed(log.input, compression) if compression else log.input
         return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
