@@ -80,12 +80,12 @@ class Trajectory:
         angle, speed = self.simulate(parameters, zero, velocity)
         return hermite.interpolate(self.grid, angle, speed, self.log.time)
 
-    def fit(self, parameters: LumpedParameters, zero: float, velocity: float = 0.0) -> float:
-        """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
+    def squared_error(
+        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
+    ) -> float:
+        """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
         angle, speed = self.simulate(parameters, zero, velocity)
-        log = self.log
-        square = hermite.squared_distance(self.grid, angle, speed, log.time, log.angle)
-        return float(100 * (1 - np.sqrt(square) / self._spread))
+        return hermite.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
 
     def errors(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
@@ -149,10 +149,6 @@ class Trajectory:
         log, first = self.log, self._first
         into, weights, measured = hermite.averages(self.grid, log.time[first:], log.angle[first:])
         return Readings(into=into, weights=weights), measured
-
-    @cached_property
-    def _spread(self) -> float:
-        return float(np.linalg.norm(self.log.angle - self.log.angle.mean()))
 
     def _delivered(self, delay: float, compression: float) -> Samples:
         """(n - 1, 2, 3) delivered input (see `butterfly.signals.hold.parabolas`)."""
