@@ -18,7 +18,6 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, require_names
-from butterfly.identify.estimators.equations import Equations
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
 from butterfly.identify.estimators.gauss_newton import minimise
 from butterfly.identify.estimators.loss import Loss, outlying
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.identify.data import DataSet
+    from butterfly.identify.estimators.equations import Equations
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
