@@ -20,7 +20,9 @@ from butterfly.model.kernel.tape import note, record
 MAX_REVERSALS = 8
 """Reversals of the velocity that one step may hold before it is cut short."""
 
-_REFINEMENTS = 3  # secant corrections of the instant at which the velocity vanishes
+_REFINEMENTS = 3  # chords to the instant at which the velocity vanishes
+_BISECTIONS = 60  # where a velocity that grazes 0 leads chords astray
+_ASTRAY = 0.1  # change by the last chord, as a share of what it changed
 
 
 @compiled
@@ -68,7 +70,8 @@ def interval(state, drives, h, c):
 def advance(state, drives, h, c, tape, column):
     """Return the state at the end of one interval, split at each reversal of the velocity."""
     holding = c.coulomb + c.stribeck
-    if c.bristle_stiffness > 0.0 or (holding == 0.0 and not _by_friction(column)):
+    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and not _by_friction(column)
+    if smooth or c.bristle_stiffness > 0.0:
         after = _runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape)
         if tape is not None:
             note(STEP, 0.0, 1.0, 0.0, tape)
@@ -103,16 +106,38 @@ def advance(state, drives, h, c, tape, column):
             return after
         if v == 0.0:
             break  # pushed back at once: friction holds the joint
-        upper = share
-        share *= v / (v - after[V])
-        for _ in range(_REFINEMENTS):
-            after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
-            share = min(share * v / (v - after[V]), upper)
+        share, after = _to_reversal(state, drives, begin, share, after[V], h, sign, c, tape)
         if tape is not None:
             note(REVERSAL, begin, share, sign, tape)
         state = (after[X], 0.0, after[M], after[Z])
         begin += share
     return _rest(state, drives, begin, h, c, tape)
+
+
+@compiled
+def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
+    """Return the share of the interval in which the velocity falls to 0, and the state then.
+
+    After the share ``whole`` it would be ``final`` and have the other sign.
+    """
+    v = state[V]
+    share, after = whole * (v / (v - final)), state
+    tried = share
+    for _ in range(_REFINEMENTS):
+        tried = share
+        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        share = min(share * v / (v - after[V]), whole)
+    if abs(share - tried) <= _ASTRAY * tried:
+        return share, after
+    lower, upper = 0.0, whole
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (lower + upper)
+        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        if after[V] * sign < 0.0:
+            upper = share
+        else:
+            lower = share
+    return share, after
 
 
 @compiled
