@@ -45,9 +45,12 @@ def differentiate(time, drives, state, c, into, weights, values, column, initial
     """
     tape = np.zeros((_ROWS, TAPE_WIDTH))
     stages = np.zeros((4, 4, RATE + 1))
-    stages[:, X, V] = 1.0
+    for i in range(4):
+        stages[i, X, V] = 1.0
     tangents = np.zeros((6, column.size))
-    tangents[:4] = initial
+    for i in range(4):  # a slice would take two seconds to compile
+        for j in range(column.size):
+            tangents[i, j] = initial[i, j]
     tape[0, CURRENT] = -1.0
     for k in range(time.size - 1):
         row, h = into[k], time[k + 1] - time[k]
