@@ -2,7 +2,8 @@
 
 numba keeps compiled functions on disk, and compiles one again when its own file has changed. It
 does not see that a file has changed whose functions or numbers it uses, and would run their old
-code. So a function's name on disk carries a stamp of all of that.
+code. So a function's name on disk carries a stamp of all of that; what has an earlier stamp stays
+in `__pycache__` until somebody deletes it.
 """
 
 from __future__ import annotations

@@ -105,7 +105,7 @@ def _by_share(drives, begin, share, h, c, stages):
 def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
     """Differentiate a rest to the interval's end; the motor's torque, ``motor`` at first, goes on.
 
-    Parameters' derivatives of the angle stay; those of the velocity vanish.
+    The derivatives of the angle stay; those of the velocity vanish.
     """
     for j in range(column.size):
         tangents[V, j] = 0.0
