@@ -68,9 +68,8 @@ class _Log:
         self.readings = Readings.angles(grid.size - 1)
 
     def angles(self, parameters, start=START, added=ADDED):
-        inputs = _parabolas(
-            self._moments(compressed(self.input, parameters.compression), parameters)
-        )
+        delivered = compressed(self.input, parameters.compression)
+        inputs = self._parabolas(delivered, parameters)[:, 0]
         loaded = parameters.with_added_mass(added)
         return read_off(loaded, self.grid, inputs, start, self.readings)
 
@@ -78,24 +77,23 @@ class _Log:
         """Return (n - 1,) angles and their (n - 1, k) derivatives by the names."""
         p, columns = parameters, Columns.of(names, parameters, added)
         delivered = compressed(self.input, p.compression)
-        shifted = self.grid - p.delay
-        moments, late = hold.moments_and_slopes(self.time, delivered, shifted, self.intersample)
-        weaker = self._moments(-delivered * abs(delivered), p)
-        moved = [_parabolas(moments), p.p4 * _parabolas(late), p.p4 * _parabolas(weaker)]
-        stacked = np.stack(moved, axis=1)[:, : columns.drives]
+        inputs, late = np.moveaxis(self._parabolas(delivered, p), 1, 0)
+        weaker = self._parabolas(-delivered * abs(delivered), p)[:, 0]
+        moved = np.stack([inputs, p.p4 * late, p.p4 * weaker], axis=1)[:, : columns.drives]
         values, rows = differentiate(
             p.with_added_mass(added),
             self.grid,
-            _parabolas(moments),
+            inputs,
             start,
             self.readings,
             columns,
-            np.ascontiguousarray(stacked),
+            np.ascontiguousarray(moved),
         )
         return values, rows @ columns.mixture
 
-    def _moments(self, inputs, parameters):
-        return hold.moments(self.time, inputs, self.grid - parameters.delay, self.intersample)
+    def _parabolas(self, inputs, parameters):
+        shifted = self.grid - parameters.delay
+        return hold.parabolas(self.time, inputs, shifted, self.intersample)
 
     def moved(self, name, by, parameters, added=ADDED):
         """Return the angles after one parameter was moved."""
@@ -106,10 +104,6 @@ class _Log:
             return self.angles(parameters, (angle, velocity + by), added)
         value = getattr(parameters, name) + by
         return self.angles(replace(parameters, **{name: value}), START, added)
-
-
-def _parabolas(m):
-    return np.column_stack([m[0] - m[1] + m[2], m[0] - m[2] / 2, m[0] + m[1] + m[2]])
 
 
 def _differentiable(p):
