@@ -90,7 +90,7 @@ class Columns:
 
     @property
     def drives(self) -> int:
-        """How many derivatives of the drive are needed, of those by p4, delay and compression."""
+        """How many of p4, delay and compression, in this order, are needed of the input."""
         return max(int(self.column.max(initial=-1)) + 1 - len(Constants._fields), 0)
 
 
@@ -162,7 +162,8 @@ def differentiate(  # noqa: PLR0917 - it takes what `read_off` takes, and what i
     columns
         Of the same hand.
     moved
-        (n - 1, q, 3) derivatives of p4 times the inputs, by the q of `Columns.drives`.
+        (n - 1, q, 3) of q at least `Columns.drives`: the inputs, by which p4 is felt, and their
+        derivatives by delay and compression.
     """
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
@@ -190,6 +191,8 @@ def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[s
         "coulomb": level,
         "load": {name: slope * added.weight for name, slope in level.items()},
         "stribeck": {} if held else {"stribeck": 1.0},
+        "delay": {"delay": loaded.p4},
+        "compression": {"compression": loaded.p4},
         "tilt": {"p3": -added.gravity_moment * math.sin(loaded.tilt)},
         "time_constant": {"lag": 1.0},
     }

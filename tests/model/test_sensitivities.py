@@ -79,7 +79,7 @@ class _Log:
         delivered = compressed(self.input, p.compression)
         inputs, late = np.moveaxis(self._parabolas(delivered, p), 1, 0)
         weaker = self._parabolas(-delivered * abs(delivered), p)[:, 0]
-        moved = np.stack([inputs, p.p4 * late, p.p4 * weaker], axis=1)[:, : columns.drives]
+        moved = np.stack([inputs, late, weaker], axis=1)
         values, rows = differentiate(
             p.with_added_mass(added),
             self.grid,
@@ -87,7 +87,7 @@ class _Log:
             start,
             self.readings,
             columns,
-            np.ascontiguousarray(moved),
+            moved,
         )
         return values, rows @ columns.mixture
 

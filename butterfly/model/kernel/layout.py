@@ -23,8 +23,8 @@ stages (4, 4, _)
     `BASIS` on those by every constant and drive, from `WEIGHT` on the weights of all rates of the
     stage in the state at the step's end, and at `RATE` itself.
 moved (n - 1, q, 3)
-    Derivatives of the drives by p4, delay and compression, as many as are needed; ``own`` (3, 3)
-    are those of one part of an interval.
+    The inputs, by which p4 is felt, and their derivatives by delay and compression, as many as are
+    needed; ``own`` (3, 3) are those of one part of an interval.
 """
 
 from __future__ import annotations
