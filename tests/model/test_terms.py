@@ -117,10 +117,9 @@ def test_the_kernel_has_a_derivative_by_every_row(name, angle, velocity):
     step = 1e-4 * values[name]
     expected = (after(step) - after(-step)) / (2 * step)
     inputs = delivered(bare)
-    slopes = -bare.p4 * rise * (1 - bare.compression * inputs) ** 2
-    moved = np.stack([inputs, slopes, -bare.p4 * inputs**2], axis=1)
+    slopes = -rise * (1 - bare.compression * inputs) ** 2
+    moved = np.stack([inputs, slopes, -(inputs**2)], axis=1)
     columns = Columns.of([name], bare, added)
-    moved = np.ascontiguousarray(moved[:, : columns.drives])
     loaded = bare.with_added_mass(added)
     _, rows = differentiate(loaded, time, inputs, start, readings, columns, moved)
     assert expected != 0
