@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from functools import lru_cache
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -47,10 +48,16 @@ def _stamped(function: Callable[..., Any]) -> Callable[..., Any]:
             stamp.update(f"{name} {value!r}\n".encode())
         elif hasattr(value, "py_func"):
             stamp.update(f"{name} {value.py_func.__qualname__}\n".encode())
-    function.__qualname__ += f"_{stamp.hexdigest()[:16]}"
-    return function
+    stamped = FunctionType(function.__code__, function.__globals__, function.__name__)
+    stamped.__doc__, stamped.__module__ = function.__doc__, function.__module__
+    stamped.__qualname__ = f"{function.__qualname__}_{stamp.hexdigest()[:16]}"
+    return stamped
 
 
 @lru_cache
 def _digest(source: str) -> bytes:
-    return hashlib.sha256(Path(source).read_bytes()).digest()
+    try:
+        content = Path(source).read_bytes()
+    except OSError:  # shipped without sources, which nobody can change then
+        content = source.encode()
+    return hashlib.sha256(content).digest()

@@ -150,7 +150,8 @@ class Predictor:
 
 
 def _fit(squared_error: float, spread: float) -> float:
-    return 100 * (1 - math.sqrt(squared_error / spread))
+    """FIT in per cent; there is none of an angle that stands still."""
+    return 100 * (1 - math.sqrt(squared_error / spread)) if spread else -math.inf
 
 
 def _spread(log: Log) -> float:

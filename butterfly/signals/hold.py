@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.compiled import compiled
+from butterfly.compiled import compiled, inlined
 from butterfly.logs.log import Intersample
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Samples = NDArray[np.float64]
+
+
+_ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rounding
 
 
 def value(time: Samples, inputs: Samples, instants: Samples, hold: Intersample) -> Samples:
@@ -62,7 +65,7 @@ def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -
     -------
     (3, m - 1) coefficients in the input's unit.
     """
-    return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, None))
+    return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
 
 def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
@@ -77,11 +80,9 @@ def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample)
     -------
     (m - 1, 2, 3) values at the start, middle and end of each interval: of the parabola, and of its
     derivative by a delay of the input, per s. A held input's moments have a kink where a stamp
-    passes an edge; there it is one of the slopes.
+    passes an edge; there it is the mean of the slopes on both sides.
     """
-    late = np.empty((3, edges.size - 1))
-    found = _moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD, late)
-    return np.asarray(_values(found, late))
+    return np.asarray(_parabolas(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
 
 def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -> Samples:
@@ -120,20 +121,18 @@ def gain(omega: float, step: float, hold: Intersample) -> complex:
     return complex(shape * np.exp(-1j * half))
 
 
-@compiled
-def _values(found, late):
-    """Evaluate two parabolas at the start, middle and end of each interval."""
-    result = np.empty((found.shape[1], 2, 3))
-    for cell in range(found.shape[1]):
-        for number, of in enumerate((found, late)):
-            middle, slope, bend = of[0, cell], of[1, cell], of[2, cell]
-            result[cell, number, 0] = middle - slope + bend
-            result[cell, number, 1] = middle - 0.5 * bend
-            result[cell, number, 2] = middle + slope + bend
-    return result
+@inlined
+def _about(time, inputs, instant, k, astray):
+    """Held input about an instant: where it steps there, the middle of the step."""
+    here = inputs[k] if k >= 0 else 0.0
+    if k >= 0 and instant - time[k] <= astray:
+        return 0.5 * (here + (inputs[k - 1] if k > 0 else 0.0))
+    if k + 1 < time.size and time[k + 1] - instant <= astray:
+        return 0.5 * (here + inputs[k + 1])
+    return here
 
 
-@compiled
+@inlined
 def _at(time, inputs, instant, k, linear):
     """Input at an instant of which k is the latest stamp at or before, -1 if there is none."""
     if k < 0:
@@ -145,53 +144,89 @@ def _at(time, inputs, instant, k, linear):
 
 
 @compiled
-def _moments(time, inputs, edges, linear, late):
-    """Sum the input against 1, x and x^2 piece by piece, between stamps and edges.
-
-    Returns (3, m) Legendre coefficients, and writes into ``late`` their derivatives by a delay of
-    the input, if it is not None: by partial integration they need the moments and the input at the
-    edges only.
-    """
-    count, last = edges.size - 1, time.size - 1
-    result = np.empty((3, count))
-    k = -1  # the latest stamp at or before the instant
-    for cell in range(count):
-        begin, end = edges[cell], edges[cell + 1]
-        middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)
-        while k < last and time[k + 1] <= begin:
-            k += 1
-        zeroth = first = second = 0.0
-        x, value = -1.0, _at(time, inputs, begin, k, linear)
-        at_begin = value
-        while True:
-            is_last = k == last or time[k + 1] >= end
-            if is_last:
-                x_stop, value_stop = 1.0, _at(time, inputs, end, k, linear)
-            else:
-                x_stop, value_stop = (time[k + 1] - middle) * rate, value
-                if linear:
-                    value_stop = inputs[k + 1]
-            width, both = x_stop - x, value + value_stop  # a straight line between the two
-            zeroth += width * both
-            first += width * (both * (x + x_stop) + value * x + value_stop * x_stop)
-            second += width * (
-                both * (x + x_stop) ** 2 + 2.0 * (value * x * x + value_stop * x_stop * x_stop)
-            )
-            if is_last:
-                at_end = value_stop
-                break
-            k += 1
-            x, value = x_stop, inputs[k]
-        zeroth, first, second = zeroth / 2.0, first / 6.0, second / 12.0
-        result[0, cell] = 0.5 * zeroth
-        result[1, cell] = 1.5 * first
-        result[2, cell] = 1.25 * (3.0 * second - zeroth)
-        if late is not None:
-            jump = at_end - at_begin
-            late[0, cell] = -0.5 * rate * jump
-            late[1, cell] = 1.5 * rate * (zeroth - at_end - at_begin)
-            late[2, cell] = 1.25 * rate * (6.0 * first - 2.0 * jump)
+def _moments(time, inputs, edges, linear):
+    """(3, m) Legendre coefficients of the input over each interval."""
+    result = np.empty((3, edges.size - 1))
+    k = -1
+    for cell in range(edges.size - 1):
+        k, zeroth, first, second, _, _ = _over(
+            time, inputs, edges[cell], edges[cell + 1], k, linear
+        )
+        result[0, cell], result[1, cell], result[2, cell] = _legendre(zeroth, first, second)
     return result
+
+
+@compiled
+def _parabolas(time, inputs, edges, linear):
+    """(m, 2, 3) values of the parabola over each interval, and of its derivative by a delay.
+
+    By partial integration that needs the moments and the input at the edges only.
+    """
+    result = np.empty((edges.size - 1, 2, 3))
+    k = -1
+    for cell in range(edges.size - 1):
+        begin, end = edges[cell], edges[cell + 1]
+        k, zeroth, first, second, at_begin, at_end = _over(time, inputs, begin, end, k, linear)
+        rate, jump = 2.0 / (end - begin), at_end - at_begin
+        late = (-rate * jump, rate * (zeroth - at_end - at_begin), rate * (2.0 * first - jump))
+        _evaluate(_legendre(zeroth, first, second), result, cell, 0)
+        _evaluate(_legendre(late[0], late[1], late[2]), result, cell, 1)
+    return result
+
+
+@inlined
+def _legendre(zeroth, first, second):
+    """Legendre coefficients of a function from its integrals against 1, x and x^2."""
+    return 0.5 * zeroth, 1.5 * first, 1.25 * (3.0 * second - zeroth)
+
+
+@inlined
+def _evaluate(coefficients, result, cell, number):
+    """Write a parabola's values at the start, middle and end of its interval."""
+    middle, slope, bend = coefficients
+    result[cell, number, 0] = middle - slope + bend
+    result[cell, number, 1] = middle - 0.5 * bend
+    result[cell, number, 2] = middle + slope + bend
+
+
+@inlined
+def _over(time, inputs, begin, end, k, linear):
+    """Integrate the input against 1, x and x^2 piece by piece, x from -1 to 1 over an interval.
+
+    Takes the latest stamp known to be at or before its begin, -1 if there is none; returns the same
+    for its end, the three integrals, and the input at both ends.
+    """
+    last = time.size - 1
+    middle, rate = 0.5 * (begin + end), 2.0 / (end - begin)
+    while k < last and time[k + 1] <= begin:
+        k += 1
+    x, value, begins = -1.0, _at(time, inputs, begin, k, linear), k
+    at_begin, at_end = value, value
+    zeroth = first = second = 0.0
+    stamp = max(k + 1, 0)
+    while True:
+        is_last = stamp > last or time[stamp] >= end
+        if is_last:
+            x_stop = 1.0
+            at_end = _at(time, inputs, end, stamp - 1, linear)
+            value_stop = at_end
+        else:
+            x_stop = (time[stamp] - middle) * rate
+            value_stop = inputs[stamp] if linear else value
+        width, both, reach = x_stop - x, value + value_stop, x + x_stop  # of a straight line
+        moments = value * x, value_stop * x_stop
+        zeroth += width * both
+        first += width * (both * reach + moments[0] + moments[1])
+        second += width * (both * reach * reach + 2.0 * (moments[0] * x + moments[1] * x_stop))
+        if is_last:
+            break
+        x, value = x_stop, inputs[stamp]
+        stamp += 1
+    k = stamp - 1
+    if not linear:
+        at_begin = _about(time, inputs, begin, begins, _ASTRAY * (end - begin))
+        at_end = _about(time, inputs, end, k, _ASTRAY * (end - begin))
+    return k, zeroth / 2.0, first / 6.0, second / 12.0, at_begin, at_end
 
 
 @compiled

@@ -132,6 +132,27 @@ def test_bounds_hold_as_scipy_s_do(seed, floor):
     np.testing.assert_allclose(found.point, expected.x, atol=1e-5)
 
 
+def test_a_valley_that_bends_is_followed_to_its_end_or_said_not_to_be():
+    """Rosenbrock's, on a floor that makes each step promise little of the cost."""
+
+    def expand(b):
+        residuals = np.array([10 * (b[1] - b[0] ** 2), 1 - b[0], 30.0])
+        slopes = np.array([[-20 * b[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
+        return Equations(logs=(LogEquations(residuals=residuals, rows=slopes, mixture=np.eye(2)),))
+
+    found = minimise(expand, np.array([-1.2, 1.0]), np.full(2, -np.inf))
+    assert found.converged
+    np.testing.assert_allclose(found.point, [1, 1], atol=1e-3)
+
+
+def test_derivatives_that_lead_nowhere_are_not_called_a_minimum():
+    def expand(b):
+        log = LogEquations(residuals=b - 3.0, rows=-np.eye(2), mixture=np.eye(2))
+        return Equations(logs=(log,))
+
+    assert not minimise(expand, np.ones(2), np.full(2, -np.inf)).converged
+
+
 def test_a_wall_of_numbers_that_are_none_is_stepped_back_from():
     """sqrt(x) - 0.1 from 4: the first step goes below 0."""
 

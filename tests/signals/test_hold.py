@@ -138,3 +138,16 @@ def test_a_parabola_has_the_moments_and_its_slope_is_that_by_a_delay(kind, delay
     smooth = ~(stamps[1:] | stamps[:-1])  # a stamp on an edge makes a kink
     difference = (there - back) / (2 * step)
     np.testing.assert_allclose(found[smooth, 1], difference[smooth], rtol=1e-4, atol=1e-3)
+
+
+@given(count=st.integers(0, 4))
+def test_where_stamps_fall_on_the_grid_a_delay_is_felt_as_between_them(count):
+    """The derivative there is the mean of those on both sides, whatever rounding says."""
+    time = 0.01 * np.arange(200)
+    inputs = np.sin(7 * time)
+    delay, step = 0.01 * count, 1e-8
+    there, back = (
+        hold.parabolas(time, inputs, time - delay - sign * step, ZERO)[:, 0] for sign in (1, -1)
+    )
+    found = hold.parabolas(time, inputs, time - delay, ZERO)[:, 1]
+    np.testing.assert_allclose(found, (there - back) / (2 * step), rtol=1e-4, atol=1e-4)

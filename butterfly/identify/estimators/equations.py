@@ -77,11 +77,17 @@ class Equations:
         )
         return replace(self, logs=tuple(logs))
 
+    @property
+    def count(self) -> int:
+        """How many residuals there are."""
+        return sum(log.residuals.size for log in self.logs)
+
     @cached_property
     def cost(self) -> float:
-        """Half of what the residuals count."""
-        counted = (self.loss.values(log.residuals, self.scale) for log in self.logs)
-        return 0.5 * float(sum(np.sum(each) for each in counted))
+        """Half of what the residuals count; infinite or NaN if a simulation diverged."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            counted = [self.loss.values(log.residuals, self.scale) for log in self.logs]
+            return 0.5 * float(sum(np.sum(each) for each in counted))
 
     @property
     def gradient(self) -> Samples:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
 from butterfly.identify.free_run import Trajectory
 from butterfly.model.kinematics import Motion
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
+_STILL = 1e-9  # rad, finer than which no encoder reads
 _PHASES = np.linspace(0, 2 * np.pi, 400)
 
 
@@ -109,12 +111,18 @@ class FreeRunResiduals:
             First guess of the encoder's reading in rad of the hand at rest, per added mass.
         choice
             What is fitted.
+
+        Raises
+        ------
+        InputError
+            If a joint stands still where its errors would count.
         """
+        first = [_first_sample(log, choice.window) for log in logs]
+        motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
         keys = (*((name, None) for name in choice.shared), *_local_keys(logs, choice))
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
-        first = [_first_sample(log, choice.window) for log in logs]
         return cls(
             start=start,
             keys=keys,
@@ -125,7 +133,7 @@ class FreeRunResiduals:
             trajectories=tuple(
                 Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)
             ),
-            motion=tuple(float(np.std(log.angle[k:])) for log, k in zip(logs, first, strict=True)),
+            motion=motion,
             workers=choice.workers,
         )
 
@@ -173,12 +181,12 @@ class FreeRunResiduals:
         trajectory = self.trajectories[index]
         columns = self._columns(trajectory.log)
         own = {self.keys[k][0]: float(values[k]) for k in columns}
-        parameters = {name: value for name, value in own.items() if name not in INITIAL}
+        moved = {name: value for name, value in own.items() if name not in INITIAL}
+        parameters = replace(self.start, **moved)
+        if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
+            return _impossible(len(self.keys))
         errors, rows, mixture = trajectory.linearised(
-            list(own),
-            replace(self.start, **parameters),
-            own["zero"],
-            own.get("velocity", 0.0),
+            list(own), parameters, own["zero"], own.get("velocity", 0.0)
         )
         unit = 1 / (self.motion[index] * errors.size**0.5)
         scaled = np.zeros((mixture.shape[0], len(self.keys)))
@@ -189,6 +197,27 @@ class FreeRunResiduals:
         """Numbers of the parameters that concern one log."""
         owners = {None, log.added_mass, log.name}
         return [k for k, (_, whose) in enumerate(self.keys) if whose in owners]
+
+
+def _impossible(count: int) -> LogEquations:
+    """Return the equations of a joint without inertia, from which a descent steps back."""
+    none = np.zeros((1, 1))
+    return LogEquations(residuals=np.full(1, np.inf), rows=none, mixture=np.zeros((1, count)))
+
+
+def _rms_motion(log: Log, first: int) -> float:
+    """Return that of the angle in rad from a sample on, by which its errors are divided.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
+    if not motion > _STILL:
+        found = f"{motion:.1g} rad of motion in what counts"
+        raise InputError(log.source, "angle", found, "a joint that moves: leave the log out")
+    return motion
 
 
 def _first_guess(

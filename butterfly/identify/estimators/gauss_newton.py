@@ -23,16 +23,23 @@ if TYPE_CHECKING:
 
     Samples = NDArray[np.float64]
 
-_FORETOLD = 1e-4  # share of the cost that the last step takes off, without being looked back at
-_NEGLIGIBLE = 1e-8  # the same of a step that is not worth taking
+_LAST = 1e-4  # share of the cost that a step taken on trust may promise
+_UNSEEN = 0.1  # share of a residual's part of the cost that may be left after it
+_NEGLIGIBLE = 1e-8  # share of the cost, for which no step is worth while
+_STUCK = 1e-3  # share of the cost, more than which the end of a descent must not leave
 _SMALLEST_STEP = 1e-6
 _MOST = 60
 _FLAT = 1e-15  # share of the largest curvature, below which there is only rounding
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the foretold decrease
+_INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
 
 
 class Expansion(Protocol):
     """A cost about a point."""
+
+    @property
+    def count(self) -> int:
+        """How many residuals there are."""
 
     @property
     def cost(self) -> float:
@@ -64,7 +71,7 @@ class Minimum(Generic[_E]):
     at
         The cost about it, as its last expansion says.
     converged
-        Whether no further step promised anything.
+        Whether no further step promises anything.
     evaluations
         How often the cost was expanded.
     """
@@ -83,7 +90,9 @@ def minimise(
 ) -> Minimum[_E]:
     """Descend from a point to a minimum.
 
-    Once steps do what they promise, the last one, which promises little, is taken on trust.
+    Once steps do what they promise, and each promises far less than the one before, the last one is
+    taken on trust. A descent that ends because its box has shrunk has converged only if no step out
+    of the box promises anything either.
 
     Parameters
     ----------
@@ -106,26 +115,37 @@ def minimise(
             "the model diverges with the parameters from which the fit would start: they are not "
             "those of a joint (see what a closed form says of these logs, such as the weak form)"
         )
-    reach, kept = max(float(np.linalg.norm(point)), 1.0), 0.0
+    reach, kept, last = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0
     while evaluations < _MOST:
         step = _step(at, np.maximum(lower - point, -reach), reach)
-        foretold = -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
-        longest = float(np.abs(step).max(initial=0.0))
+        foretold, longest = _decrease(at, step), float(np.abs(step).max(initial=0.0))
         there = np.maximum(point + step, lower)
-        trusted = foretold <= _FORETOLD * at.cost and _GOOD < kept < _BETTER and evaluations > 0
-        if trusted or foretold <= _NEGLIGIBLE * at.cost or longest < _SMALLEST_STEP:
-            end = at.moved(there - point)
-            return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
+        if longest < _INSIDE * reach:
+            left = _UNSEEN * at.cost * last / at.count
+            trusted = _GOOD < kept < _BETTER and foretold <= _LAST * at.cost and foretold**2 < left
+            if trusted or foretold <= _NEGLIGIBLE * at.cost or longest < _SMALLEST_STEP:
+                end = at.moved(there - point)
+                return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
+        elif reach < _SMALLEST_STEP:
+            break
         tried = expand(there)
         evaluations += 1
         kept = (at.cost - tried.cost) / foretold if _is_finite(tried) else -np.inf
         if kept < _POOR:
             reach = _POOR * longest
-        elif kept > _GOOD and longest > 0.9 * reach:
+        elif kept > _GOOD and longest > _INSIDE * reach:
             reach *= 2
         if kept > 0:
+            last = at.cost - tried.cost
             point, at = there, tried
-    return Minimum(point=point, at=at, converged=False, evaluations=evaluations)
+    promised = _decrease(at, _step(at, lower - point, np.inf))
+    converged = evaluations < _MOST and promised <= _STUCK * at.cost
+    return Minimum(point=point, at=at, converged=converged, evaluations=evaluations)
+
+
+def _decrease(at: Expansion, step: Samples) -> float:
+    """Return what a step takes off the cost, by its derivatives."""
+    return -float(at.gradient @ step + 0.5 * step @ at.curvature @ step)
 
 
 def _is_finite(at: Expansion) -> bool:
