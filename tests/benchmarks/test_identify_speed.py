@@ -51,7 +51,7 @@ def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_mani
     )
     ratio = whole / reading
     print(f"\nidentify 41 real logs: {1e3 * whole:.0f} ms, {ratio:.2f} times the bare reading")
-    at_most(ratio, 2, "identify over bare reading")
+    at_most(ratio, 2, "identify 41 real logs", "reading them (loadmat)")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
@@ -61,7 +61,7 @@ def test_identifying_the_quick_start_costs_no_more_than_twice_the_imports_it_nee
     )
     ratio = own / needed
     print(f"\nbutterfly identify, quick start: {own:.2f} s, {ratio:.2f} times the imports it needs")
-    at_most(ratio, 2, "butterfly identify over its imports")
+    at_most(ratio, 2, "butterfly identify, quick start", "importing what it needs")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
@@ -76,4 +76,4 @@ def test_its_report_costs_little_more_than_the_imports_that_drawing_needs(quick_
     )
     ratio = (whole - own) / (drawing - needed)
     print(f"\n--report: {whole - own:.2f} s, {ratio:.1f} times the imports that drawing needs")
-    at_most(ratio, 5, "--report over the imports it needs")
+    at_most(ratio, 5, "its --report besides", "importing what draws it")
