@@ -13,7 +13,7 @@ from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import identify
 from butterfly.resources import shipped
-from tests.benchmarks.bars import at_most
+from tests.benchmarks.bars import SHORT, at_most
 from tests.benchmarks.cpu_time import least_seconds, least_seconds_of_processes
 
 NEEDED = """
@@ -38,9 +38,12 @@ from plotly.graph_objects import Figure
 
 @pytest.fixture(scope="module")
 def quick_start(tmp_path_factory):
-    """The logs of the quick start, whole."""
-    experiment = read_experiment(shipped("experiments/quickstart.yaml"))
-    return write_logs(experiment, simulate(experiment), tmp_path_factory.mktemp("quick")).parent
+    """The logs of the quick start, whole, by the fast simulator."""
+    folder = tmp_path_factory.mktemp("quick")
+    path = folder / "quick.yaml"
+    path.write_text("extends: quickstart\nplant: {simulator: grey-box}\n")
+    experiment = read_experiment(path)
+    return write_logs(experiment, simulate(experiment), folder / "logs").parent
 
 
 @pytest.mark.usefixtures("real")  # compiles the kernels
@@ -72,7 +75,7 @@ def test_its_report_costs_little_more_than_the_imports_that_drawing_needs(quick_
         ("-c", NEEDED + DRAWN),
         command,
         (*command, "--report", str(tmp_path / "report.html")),
-        repeats=5,
+        repeats=2 if SHORT else 5,
     )
     ratio = (whole - own) / (drawing - needed)
     print(f"\n--report: {whole - own:.2f} s, {ratio:.1f} times the imports that drawing needs")
