@@ -12,7 +12,6 @@ from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import identify
-from butterfly.resources import shipped
 from tests.benchmarks.bars import SHORT, at_most
 from tests.benchmarks.cpu_time import least_seconds, least_seconds_of_processes
 
@@ -79,4 +78,4 @@ def test_its_report_costs_little_more_than_the_imports_that_drawing_needs(quick_
     )
     ratio = (whole - own) / (drawing - needed)
     print(f"\n--report: {whole - own:.2f} s, {ratio:.1f} times the imports that drawing needs")
-    at_most(ratio, 5, "its --report besides", "importing what draws it")
+    at_most(ratio, 5, "what --report adds to it", "importing what draws it")

@@ -25,7 +25,7 @@ def test_residuals_and_their_jacobian_cost_at_most_2_5_simulations(fitted_proble
     ("check", "bar", "what"),
     [
         (False, 16, "output error: fit of 12 parameters"),
-        (True, 45, "the same, and without each mass"),
+        (True, 45, "output error: the same, and without each mass"),
     ],
 )
 def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation, check, bar, what):

@@ -66,10 +66,15 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
         seeds = np.random.SeedSequence(0).spawn(39)
         list(simulate_runs(Setup(robot=ROBOT), runs, duration, seeds, threads=threads))
 
-    least, own = least_seconds(bare, swept, repeats=3, clock=time.perf_counter)
-    ratio = own / least
-    print(f"\nsweep of 39 runs: {ratio:.2f} times a bare rollout on {threads} threads")
-    at_most(ratio, 1.4, "39 runs in MuJoCo on two threads", "a bare rollout on two threads")
+    least, own = least_seconds(bare, swept, repeats=2)
+    soonest, took = least_seconds(bare, swept, repeats=2, clock=time.perf_counter)
+    ratio, wait = own / least, took / soonest
+    print(
+        f"\nsweep of 39 runs: {ratio:.2f} times a bare rollout on {threads} threads, "
+        f"{wait:.2f} by the wall clock"
+    )
+    at_most(ratio, 1.4, "39 runs in MuJoCo", "a bare rollout")
+    at_most(wait, 1.4, "39 runs in MuJoCo over a bare rollout, by the wall clock")
 
 
 def test_the_energy_shaping_controller_costs_less_than_two_steps_of_mujoco():
