@@ -229,7 +229,13 @@ class Identified(Result):
         """Return the figures of its page, by name."""
         return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
 
-    def report(self, path: str | PathLike[str], *, truth: LumpedParameters | None = None) -> None:
+    def report(
+        self,
+        path: str | PathLike[str],
+        *,
+        truth: LumpedParameters | None = None,
+        figures: bool = False,
+    ) -> None:
         """Write the identification report: one page that opens offline, numbers beside it.
 
         Parameters
@@ -238,13 +244,15 @@ class Identified(Result):
             The file.
         truth
             True parameters, where they are known.
+        figures
+            Whether to write the figures as PNG and SVG too.
 
         Raises
         ------
         InputError
             If a file cannot be written, or the logs of a loaded result cannot be read.
         """
-        write_report(self._identification, Path(path), truth)
+        write_report(self._identification, Path(path), truth, figures=figures)
 
     @cached_property
     def _identification(self) -> Identification:

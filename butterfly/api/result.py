@@ -97,15 +97,22 @@ class Result(ABC):
             text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
             draft.write_text(text + "\n", encoding="utf-8")
 
-    def report(self, path: str | PathLike[str]) -> None:
-        """Write a page that opens offline, its numbers as JSON and its figures beside it.
+    def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
+        """Write a page that opens offline, and its numbers as JSON beside it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        figures
+            Whether to write the figures as PNG and SVG too.
 
         Raises
         ------
         InputError
             If a file cannot be written.
         """
-        write_page(self.page(), Path(path))
+        write_page(self.page(), Path(path), figures=figures)
 
     def page(self) -> Page:
         """Put together the page of `report`."""

@@ -14,8 +14,10 @@ from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.options import (
     DATA,
     DataArgument,
+    FiguresOption,
     MassOption,
     ReportOption,
+    require_report,
 )
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
@@ -41,6 +43,7 @@ def compare_command(
     ] = None,
     mass: MassOption = MASS,
     report: ReportOption = None,
+    figures: FiguresOption = False,
     options: DataOptions,
 ) -> None:
     """Compare MuJoCo, grey-box model and logs for the same input.
@@ -51,11 +54,12 @@ def compare_command(
 
     Example: `butterfly compare real-logs --root LOGS --report compare.html`
     """
+    require_report(figures, report)
     read = options.read(data)
     found = estimator.unchecked()(read)
     numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
     compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
-    _show(three_way_page(read.name, read.description, compared), report)
+    _show(three_way_page(read.name, read.description, compared), report, figures)
 
 
 @takes_data_options
@@ -66,25 +70,27 @@ def leaderboard_command(
         str, typer.Option(help="Estimators, separated by commas.")
     ] = "harmonic-balance, weak-form, output-error, linear, thesis",
     report: ReportOption = None,
+    figures: FiguresOption = False,
     options: DataOptions,
 ) -> None:
     """Rank estimators by how well they predict added masses that they have not seen.
 
     Example: `butterfly leaderboard results/quickstart real-logs --root LOGS`
     """
+    require_report(figures, report)
     names = [part.strip() for part in methods.split(",")]
     for name in names:
         if name not in ESTIMATORS:
             raise InputError("butterfly leaderboard", "--methods", name, nearest(name, ESTIMATORS))
     sets = [_own_root(options, path).read(path) for path in data]
     entries = leaderboard(sets, [ESTIMATORS[name]() for name in names], track=show_progress)
-    _show(leaderboard_page(entries), report)
+    _show(leaderboard_page(entries), report, figures)
 
 
-def _show(page: Page, report: Path | None) -> None:
+def _show(page: Page, report: Path | None, figures: bool) -> None:
     show_page(page)
     if report is not None:
-        write_page(page, report)
+        write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
 
 

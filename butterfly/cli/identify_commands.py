@@ -12,8 +12,10 @@ from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.options import (
     DataArgument,
+    FiguresOption,
     ReportOption,
     parse_pairs,
+    require_report,
 )
 from butterfly.cli.show_identification import show_identification
 from butterfly.identify.estimators import Estimator
@@ -29,6 +31,7 @@ def identify_command(
     data: DataArgument,
     estimator: Estimator,
     report: ReportOption = None,
+    figures: FiguresOption = False,
     against: Annotated[
         list[str] | None,
         typer.Option(
@@ -59,6 +62,7 @@ def identify_command(
     Try `butterfly identify results/quickstart` after `butterfly run quickstart`, or
     `butterfly identify real-logs --root LOGS --report report.html`.
     """
+    require_report(figures, report)
     others = {
         text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
     }
@@ -76,7 +80,7 @@ def identify_command(
     if report is not None:
         from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import
 
-        write_report(result, report)
+        write_report(result, report, figures=figures)
         typer.echo(f"Report: {report}")
     if not result.estimate.usable:
         raise typer.Exit(ExitCode.NOT_TO_BE_USED)

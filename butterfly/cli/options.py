@@ -46,6 +46,10 @@ ColumnsOption = Annotated[
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
 ]
+FiguresOption = Annotated[
+    bool,
+    typer.Option("--figures", help="Write the report's figures as PNG and SVG too, beside it."),
+]
 PlotOption = Annotated[
     Path | None, typer.Option(help="Write a plot (HTML) to this file.", show_default=False)
 ]
@@ -61,6 +65,12 @@ MassOption = Annotated[
     float,
     typer.Option(help="Mass in kg given to an identified hand; the motion does not tell it."),
 ]
+
+
+def require_report(figures: bool, report: Path | None) -> None:
+    """Raise InputError where figures are asked for without the report that they belong to."""
+    if figures and report is None:
+        raise InputError("butterfly", "--figures", "no report", "--report FILE beside it")
 
 
 def parse_pairs(text: str, option: str) -> dict[str, str]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from butterfly.cli.console import show_page, show_progress
-from butterfly.cli.options import ResultsOption
+from butterfly.cli.options import FiguresOption, ResultsOption
 from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.reading import read_experiment
 from butterfly.report.orbit import orbit_page
@@ -22,6 +22,7 @@ def calibrate_orbit_command(
         Path, typer.Argument(help="An experiment file with control:, or a shipped one's name.")
     ],
     out: ResultsOption = None,
+    figures: FiguresOption = False,
 ) -> None:
     """Hold a large orbit, re-calibrate the model next to it, and hold it better.
 
@@ -38,5 +39,5 @@ def calibrate_orbit_command(
     truth = plan.plant.robot.lumped.with_added_mass(carried)
     page = orbit_page(study, truth)
     show_page(page)
-    write_page(page, folder / "report.html")
+    write_page(page, folder / "report.html", figures=figures)
     typer.echo(f"Report: {folder / 'report.html'}")

@@ -15,6 +15,7 @@ from butterfly.cli.console import show_page, show_progress
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.options import (
     ExperimentArgument,
+    FiguresOption,
     ResultsOption,
 )
 from butterfly.cli.show_identification import show_estimates, show_identification, show_record
@@ -73,6 +74,7 @@ def run_command(
     *,
     experiment: ExperimentArgument,
     out: ResultsOption = None,
+    figures: FiguresOption = False,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -115,7 +117,7 @@ def run_command(
     plan = plan_sweep(Source(locate(experiment)))
     folder = out or Path("results") / plan.experiment.name
     if plan.experiment.sweep is None and engine is EngineName.LOCAL:
-        _run_here(plan, folder, jobs=jobs, force=force, only=only)
+        _run_here(plan, folder, jobs=jobs, force=force, only=only, figures=figures)
         return
     chosen: Engine = LocalEngine(jobs)
     if engine is EngineName.DASK:
@@ -123,7 +125,7 @@ def run_command(
     summary = run_sweep(plan, folder, chosen, force=force, only=only, track=show_progress)
     store = ResultStore(folder)
     page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
-    write_page(page, folder / "report.html")
+    write_page(page, folder / "report.html", figures=figures)
     show_page(page)
     typer.echo(
         f"{summary.runs} runs: {summary.done} done now, {summary.reused} found done, "
@@ -135,7 +137,13 @@ def run_command(
 
 
 def _run_here(
-    plan: SweepPlan, folder: Path, *, jobs: int | None, force: bool, only: str | None
+    plan: SweepPlan,
+    folder: Path,
+    *,
+    jobs: int | None,
+    force: bool,
+    only: str | None,
+    figures: bool,
 ) -> None:
     """Do an experiment's one run in this process, with all cores, and report all of it."""
     (task,) = chosen_of(plan.tasks, only)
@@ -158,12 +166,12 @@ def _run_here(
     truth = experiment.plant.robot.lumped
     for name, identification in zip(_report_names(), result.identifications.values(), strict=False):
         show_identification(identification, truth)
-        write_report(identification, folder / name, truth)
+        write_report(identification, folder / name, truth, figures=figures)
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass
         page = orbit_page(result.orbit, truth.with_added_mass(carried))
         show_page(page)
-        write_page(page, folder / _ORBIT_REPORT)
+        write_page(page, folder / _ORBIT_REPORT, figures=figures)
     show_estimates(result.record)
     store.write_sweep(replace(sweep_record(plan), in_full=True))
     store.write_tables()

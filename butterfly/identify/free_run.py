@@ -80,12 +80,12 @@ class Trajectory:
         angle, speed = self.simulate(parameters, zero, velocity)
         return hermite.interpolate(self.grid, angle, speed, self.log.time)
 
-    def fit(self, parameters: LumpedParameters, zero: float, velocity: float = 0.0) -> float:
-        """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
+    def squared_error(
+        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
+    ) -> float:
+        """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
         angle, speed = self.simulate(parameters, zero, velocity)
-        log = self.log
-        square = hermite.squared_distance(self.grid, angle, speed, log.time, log.angle)
-        return float(100 * (1 - np.sqrt(square) / self._spread))
+        return hermite.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
 
     def errors(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
@@ -128,8 +128,7 @@ class Trajectory:
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters.delay, parameters.compression)
-        moved = inputs[:, : columns.drives].copy()
-        moved[:, 1:] *= parameters.p4
+        moved = inputs
         if columns.drives > moved.shape[1]:
             moved = np.concatenate([moved, self._by_compression(parameters)], axis=1)
         start = self._start(zero), velocity
@@ -137,7 +136,8 @@ class Trajectory:
         values, rows = differentiate(
             loaded, self.grid, inputs[:, 0], start, readings, columns, moved
         )
-        rows[:, columns.initial[0] < 0] += 1  # the zero moves the start back, and all readings on
+        for zero_column in np.flatnonzero(columns.initial[0] < 0):
+            rows[:, zero_column] += 1  # it moves the start back, and all readings on
         return values + (zero - measured), rows, columns.mixture
 
     def _start(self, zero: float) -> float:
@@ -150,22 +150,18 @@ class Trajectory:
         into, weights, measured = hermite.averages(self.grid, log.time[first:], log.angle[first:])
         return Readings(into=into, weights=weights), measured
 
-    @cached_property
-    def _spread(self) -> float:
-        return float(np.linalg.norm(self.log.angle - self.log.angle.mean()))
-
     def _delivered(self, delay: float, compression: float) -> Samples:
-        """(n - 1, 2, 3) delivered input, ``delay`` s late (see `butterfly.signals.hold.parabolas`)."""
+        """(n - 1, 2, 3) delivered input (see `butterfly.signals.hold.parabolas`)."""
         log = self.log
         inputs = compressed(log.input, compression) if compression else log.input
         return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
 
     def _by_compression(self, parameters: LumpedParameters) -> Samples:
-        """(n - 1, 1, 3) derivative of p4 times the delivered input by the drive's compression."""
+        """(n - 1, 1, 3) derivative of the delivered input by the drive's compression."""
         log = self.log
         inputs = -log.input * abs(log.input) / (1 + parameters.compression * abs(log.input)) ** 2
         instants = self.grid - parameters.delay
-        return parameters.p4 * hold.parabolas(log.time, inputs, instants, log.intersample)[:, :1]
+        return hold.parabolas(log.time, inputs, instants, log.intersample)[:, :1]
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -39,9 +40,7 @@ class FreeRun:
     @cached_property
     def fit(self) -> float:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
-        angle = self.log.angle
-        error = np.linalg.norm(angle - self.simulated)
-        return float(100 * (1 - error / np.linalg.norm(angle - angle.mean())))
+        return _fit(float(np.sum((self.simulated - self.log.angle) ** 2)), _spread(self.log))
 
     @property
     def rms(self) -> float:
@@ -97,6 +96,7 @@ class Predictor:
     def __init__(self, data: DataSet) -> None:
         self.data = data
         self._trajectories: dict[tuple[int, float], Trajectory] = {}
+        self._spreads = [_spread(log) for log in data.logs]
 
     @cached_property
     def equilibria(self) -> dict[AddedMass, float]:
@@ -125,7 +125,7 @@ class Predictor:
     ) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs, or some, with an estimate."""
         chosen = range(len(self.data.logs)) if numbers is None else numbers
-        return np.array([self._fit(k, self.setting(k, estimate)) for k in chosen])
+        return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
 
     def fits_with(self, parameters: LumpedParameters) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs with parameters of the bare hand."""
@@ -133,11 +133,13 @@ class Predictor:
             Setting(parameters=parameters, zero=self.equilibria[log.added_mass])
             for log in self.data.logs
         ]
-        return np.array([self._fit(k, each) for k, each in enumerate(settings)])
+        return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
 
-    def _fit(self, number: int, setting: Setting) -> float:
+    def _fit_of(self, number: int, setting: Setting) -> float:
+        """FIT of one log, as that of its free run, without keeping the angles."""
         trajectory = self._trajectory(number, setting.parameters)
-        return trajectory.fit(setting.parameters, setting.zero, setting.velocity)
+        error = trajectory.squared_error(setting.parameters, setting.zero, setting.velocity)
+        return _fit(error, self._spreads[number])
 
     def _trajectory(self, number: int, parameters: LumpedParameters) -> Trajectory:
         log = self.data.logs[number]
@@ -145,6 +147,15 @@ class Predictor:
         if key not in self._trajectories:
             self._trajectories[key] = Trajectory(log, parameters)
         return self._trajectories[key]
+
+
+def _fit(squared_error: float, spread: float) -> float:
+    return 100 * (1 - math.sqrt(squared_error / spread))
+
+
+def _spread(log: Log) -> float:
+    """Sum of squares in rad^2 of the measured angle about its mean."""
+    return float(np.sum((log.angle - log.angle.mean()) ** 2))
 
 
 def free_run(log: Log, setting: Setting) -> FreeRun:

@@ -37,10 +37,14 @@ def read_mat(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fields
 
 
 def write_mat(log: Log, path: Path) -> None:
-    """Write a log in the thesis's form, compressed; a missing velocity column is left out."""
+    """Write a log in the thesis's form; a missing velocity column is left out.
+
+    Not compressed: angles and velocities hardly shrink, and to inflate them takes longer than all
+    else that is done with a log of a minute.
+    """
     matrix = np.column_stack(list(log.columns().values()))
     with replacing(path) as draft:
-        savemat(draft, {"D": matrix}, do_compression=True)
+        savemat(draft, {"D": matrix})
 
 
 def _load_matrix(path: Path) -> np.ndarray[Any, Any]:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError, nearest
-from butterfly.model.kernel import COLUMNS, Constants, follow
 from butterfly.model import kernel
+from butterfly.model.kernel import COLUMNS, Constants
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.model.terms import TERMS
 
@@ -29,12 +29,9 @@ if TYPE_CHECKING:
 
     Samples = NDArray[np.float64]
 
-INITIAL = ("zero", "velocity")
-"""What moves the beginning of a simulation: the encoder's zero in rad, the velocity in rad/s."""
-
-_DRIVES = {
-    name: len(COLUMNS) + number for number, name in enumerate(("p4", "delay", "compression"))
-}
+INITIAL = {"zero": -1.0, "velocity": 1.0}
+"""What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
+and the derivatives of the initial angle and velocity by it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,24 +72,26 @@ class Columns:
         InputError
             If a name is unknown, or the model has no derivative by it at these values.
         """
-        parts = [_parts(name, parameters, added) for name in names]
-        different = list(dict.fromkeys(key for part in parts for key in part))
+        loaded = parameters.with_added_mass(added)
+        own = _parts(loaded, added)
+        for name in names:
+            _require_derivative(name, own, loaded)
+        different = list(dict.fromkeys(key for name in names for key in own[name]))
         mixture = np.zeros((len(different), len(names)))
-        for column, part in enumerate(parts):
-            for key, share in part.items():
+        for column, name in enumerate(names):
+            for key, share in own[name].items():
                 mixture[different.index(key), column] = share
-        numbers = COLUMNS | _DRIVES
         initial = np.zeros((4, len(different)))
-        for state, name in enumerate(INITIAL):
+        for state, (name, slope) in enumerate(INITIAL.items()):
             if name in different:
-                initial[state, different.index(name)] = -1.0 if name == "zero" else 1.0
-        column = np.array([numbers.get(key, -1) for key in different], dtype=np.int64)
-        return cls(column=column, initial=initial, mixture=mixture)
+                initial[state, different.index(name)] = slope
+        numbers = [-1 if key in INITIAL else COLUMNS[key] for key in different]
+        return cls(column=np.array(numbers, dtype=np.int64), initial=initial, mixture=mixture)
 
     @property
     def drives(self) -> int:
-        """How many derivatives of the drive are needed, of those by p4, delay and compression."""
-        return max(int(self.column.max(initial=-1)) + 1 - len(COLUMNS), 0)
+        """How many of p4, delay and compression, in this order, are needed of the input."""
+        return max(int(self.column.max(initial=-1)) + 1 - len(Constants._fields), 0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,11 +140,11 @@ def read_off(
     values = np.empty(readings.weights.shape[1])
     drives, constants = parameters.p4 * inputs, Constants.of(parameters)
     state = (*start, 0.0, 0.0)
-    follow(time, drives, state, constants, readings.into, readings.weights, values)
+    kernel.follow(time, drives, state, constants, readings.into, readings.weights, values)
     return values
 
 
-def differentiate(
+def differentiate(  # noqa: PLR0917 - it takes what `read_off` takes, and what is differentiated
     parameters: LumpedParameters,
     time: Samples,
     inputs: Samples,
@@ -163,7 +162,8 @@ def differentiate(
     columns
         Of the same hand.
     moved
-        (n - 1, q, 3) derivatives of p4 times the inputs, by the q of `Columns.drives`.
+        (n - 1, q, 3) of q at least `Columns.drives`: the inputs, by which p4 is felt, and their
+        derivatives by delay and compression.
     """
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
@@ -176,39 +176,40 @@ def differentiate(
     return values, rows
 
 
-def _parts(name: str, p: LumpedParameters, added: AddedMass) -> dict[str, float]:
-    """Return the derivatives of the kernel's constants and drives by one parameter."""
-    if name in {*INITIAL, *_DRIVES}:
-        return {name: 1.0}
-    if name not in TERMS:
-        raise InputError("sensitivities", "parameter", name, nearest(name, (*TERMS, *INITIAL)))
-    loaded = p.with_added_mass(added)
-    slipping = {"coulomb": 1.0} if loaded.coulomb >= 0 else {}
-    pushes = loaded.stribeck < -max(loaded.coulomb, 0.0)  # friction then is none, not negative
-    if pushes and slipping:
-        slipping["stribeck"] = -1.0
-    match name:
-        case "p2":
-            return {"viscous": 1.0}
-        case "back_emf":
-            return {"back_emf": 1.0, "viscous": -1.0}
-        case "coulomb":
-            return slipping
-        case "load":
-            return {key: share * added.weight for key, share in slipping.items()}
-        case "stribeck":
-            return {} if pushes else {"stribeck": 1.0}
-        case "tilt":
-            return {"p3": -added.gravity_moment * math.sin(p.tilt)}
-        case "time_constant":
-            _require_state(name, p.time_constant, "a lag is none: the current follows at once")
-            return {"lag": 1.0}
-        case "bristle_stiffness" | "bristle_damping":
-            _require_state("bristle_stiffness", Constants.of(loaded).bristle_stiffness, "rigid")
-            return {name: 1.0}
-    return {name: 1.0}
+def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[str, float]]:
+    """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`.
+
+    Friction below 0 counts as none: there it moves nothing.
+    """
+    brakes = loaded.coulomb >= 0
+    held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
+    level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
+    own = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
+    return own | {
+        "p2": {"viscous": 1.0},
+        "back_emf": {"back_emf": 1.0, "viscous": -1.0},
+        "coulomb": level,
+        "load": {name: slope * added.weight for name, slope in level.items()},
+        "stribeck": {} if held else {"stribeck": 1.0},
+        "delay": {"delay": loaded.p4},
+        "compression": {"compression": loaded.p4},
+        "tilt": {"p3": -added.gravity_moment * math.sin(loaded.tilt)},
+        "time_constant": {"lag": 1.0},
+    }
 
 
-def _require_state(name: str, value: float, why: str) -> None:
-    if not value > 0:
-        raise InputError("sensitivities", name, value, f"more than 0, to be differentiated ({why})")
+def _require_derivative(
+    name: str, own: Mapping[str, Mapping[str, float]], loaded: LumpedParameters
+) -> None:
+    """Raise InputError unless the model has a derivative by a parameter at its value."""
+    if name not in {*TERMS, *INITIAL} or name not in own:
+        known = [each for each in (*TERMS, *INITIAL) if each in own]
+        raise InputError("sensitivities", "parameter", name, nearest(name, known))
+    if name == "time_constant" and not loaded.time_constant > 0:
+        expected = "more than 0 s, for a derivative by it (without it the current has no lag)"
+        raise InputError("sensitivities", name, loaded.time_constant, expected)
+    if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
+        stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
+        expected = "both more than 0, for bristles to be differentiated"
+        found = f"{stiffness:g} N m/rad and {coulomb:g} N m"
+        raise InputError("sensitivities", "bristle_stiffness and coulomb", found, expected)

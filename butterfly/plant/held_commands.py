@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 
+from butterfly.compiled import compiled
 from butterfly.model.kernel import Constants, State, interval
 from butterfly.plant.motor import LARGEST_ANGLE
 
@@ -25,7 +25,7 @@ def steps_of(duration: float) -> int:
     return math.ceil(duration / LONGEST_STEP * (1 - 1e-9))
 
 
-_steps_of = numba.njit(cache=True, nogil=True)(steps_of)
+_steps_of = compiled(steps_of)
 
 
 def angles_under(
@@ -59,7 +59,7 @@ def angles_under(
     return _follow(constants, state, stamps, torques, delay)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _follow(c, state, stamps, torques, delay):
     angles = np.full(stamps.size, np.nan)
     torque = 0.0
@@ -82,7 +82,7 @@ def _follow(c, state, stamps, torques, delay):
     return angles
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _hold(c, state, torque, duration):
     count = _steps_of(duration)
     for _ in range(count):

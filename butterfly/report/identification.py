@@ -24,9 +24,13 @@ if TYPE_CHECKING:
 
 
 def write_report(
-    identification: Identification, path: Path, truth: LumpedParameters | None = None
+    identification: Identification,
+    path: Path,
+    truth: LumpedParameters | None = None,
+    *,
+    figures: bool = False,
 ) -> None:
-    """Write the report of an identification: one HTML file, pictures and numbers beside it.
+    """Write the report of an identification: one HTML file, and its numbers as JSON beside it.
 
     Parameters
     ----------
@@ -36,6 +40,8 @@ def write_report(
         The file; its folder is made if need be.
     truth
         True parameters, where they are known.
+    figures
+        Whether to write the figures as PNG and SVG too.
 
     Raises
     ------
@@ -73,8 +79,10 @@ def write_report(
         response=response.to_json(),
         series=json.dumps(time_figures(runs)),
     )
-    pictures = {"frequency-response": response, "time": time_figure(runs[middle])}
-    write_beside(path, pictures, _numbers(identification, truth))
+    drawn = {}
+    if figures:
+        drawn = {"frequency-response": response, "time": time_figure(runs[middle])}
+    write_beside(path, drawn, _numbers(identification, truth))
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
 

@@ -88,18 +88,18 @@ def render(template: str, **content: Any) -> str:  # noqa: ANN401 - whatever the
     return page.render(version=__version__, plotly=get_plotlyjs(), **content)
 
 
-def write_page(page: Page, path: Path) -> None:
-    """Write a report as ``path`` (HTML), its numbers beside it as JSON, its figures as PNG and SVG.
+def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
+    """Write a report as ``path`` (HTML), and its numbers beside it as JSON.
 
-    The figures go to a folder ``NAME-figures`` beside ``NAME.html``.
+    Its ``figures``, if wanted, go as PNG and SVG to a folder ``NAME-figures`` beside ``NAME.html``.
 
     Raises
     ------
     InputError
         If a file cannot be written.
     """
-    figures = {name: each for part in page.sections for name, each in part.figures.items()}
-    parts = ",".join(f"{json.dumps(name)}: {each.to_json()}" for name, each in figures.items())
+    drawn = {name: each for part in page.sections for name, each in part.figures.items()}
+    parts = ",".join(f"{json.dumps(name)}: {each.to_json()}" for name, each in drawn.items())
     text = render(
         "page.html.j2",
         name=page.name,
@@ -109,22 +109,23 @@ def write_page(page: Page, path: Path) -> None:
         sections=page.sections,
         figures="{" + parts.replace("</", "<\\/") + "}",
     )
-    write_beside(path, figures, page.numbers)
+    write_beside(path, drawn if figures else {}, page.numbers)
     with replacing(path) as draft:
         draft.write_text(text, encoding="utf-8")
 
 
 def write_beside(path: Path, figures: Mapping[str, Figure], numbers: dict[str, Any]) -> None:
-    """Write what accompanies a report: its figures as pictures, its numbers as JSON.
+    """Write what accompanies a report: its figures, if any, as pictures, its numbers as JSON.
 
     Raises
     ------
     InputError
         If a file cannot be written.
     """
-    from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
+    if figures:
+        from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
 
-    write_stills(figures, path.with_name(f"{path.stem}-figures"))
+        write_stills(figures, path.with_name(f"{path.stem}-figures"))
     with replacing(path.with_suffix(".json")) as draft:
         text = json.dumps(finite(numbers), indent=1, allow_nan=False)
         draft.write_text(text, encoding="utf-8")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
+
+from butterfly.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,10 +64,7 @@ def averages(
     return into, np.ascontiguousarray(means[:4, :count]), means[4, :count].copy()
 
 
-_compiled = numba.njit(cache=True, nogil=True, error_model="numpy")
-
-
-@_compiled
+@compiled
 def _cubic(grid, angle, velocity, cell):
     """Coefficients of 1, s, s^2 and s^3, s running from 0 to 1 over the interval; and 1/length."""
     length = grid[cell + 1] - grid[cell]
@@ -81,7 +79,7 @@ def _cubic(grid, angle, velocity, cell):
     )
 
 
-@_compiled
+@compiled
 def _interpolate(grid, angle, velocity, instants, result):
     k, last = 0, grid.size - 2
     for cell in range(grid.size - 1):
@@ -92,7 +90,7 @@ def _interpolate(grid, angle, velocity, instants, result):
             k += 1
 
 
-@_compiled
+@compiled
 def _squared_distance(grid, angle, velocity, instants, values):
     k, last, total = 0, grid.size - 2, 0.0
     for cell in range(grid.size - 1):
@@ -104,7 +102,7 @@ def _squared_distance(grid, angle, velocity, instants, values):
     return total
 
 
-@_compiled
+@compiled
 def _averages(grid, instants, values, into, means):
     """Fill ``into`` and the columns of ``means``; return how many are filled."""
     k, last, count = 0, grid.size - 2, 0

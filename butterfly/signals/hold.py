@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 
+from butterfly.compiled import compiled
 from butterfly.logs.log import Intersample
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def gain(omega: float, step: float, hold: Intersample) -> complex:
     return complex(shape * np.exp(-1j * half))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _values(found, late):
     """Evaluate two parabolas at the start, middle and end of each interval."""
     result = np.empty((found.shape[1], 2, 3))
@@ -133,7 +133,7 @@ def _values(found, late):
     return result
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _at(time, inputs, instant, k, linear):
     """Input at an instant of which k is the latest stamp at or before, -1 if there is none."""
     if k < 0:
@@ -144,7 +144,7 @@ def _at(time, inputs, instant, k, linear):
     return inputs[k] + share * (inputs[k + 1] - inputs[k])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _moments(time, inputs, edges, linear, late):
     """Sum the input against 1, x and x^2 piece by piece, between stamps and edges.
 
@@ -194,7 +194,7 @@ def _moments(time, inputs, edges, linear, late):
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _spread_steps(time, inputs, start, rate, count):
     """Spread each step of a held input over the samples about it, and sum up.
 

@@ -91,3 +91,9 @@ def test_the_data_of_a_saved_result_are_data(butterfly, quick_data, tmp_path):
 def test_one_log_is_data_of_which_the_estimator_says_what_is_missing(butterfly, quick_data):
     file = quick_data / read_manifest(quick_data / "manifest.yaml").logs[4].file
     assert_one_line_error(butterfly("identify", file), "same added mass")
+
+
+def test_figures_without_a_report_are_refused(butterfly, quick):
+    code, _, err = butterfly("identify", quick, "--figures")
+    assert code == 2
+    assert "--report FILE beside it" in err

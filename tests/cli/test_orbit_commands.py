@@ -29,7 +29,7 @@ control:
 def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
     path = tmp_path / "orbit.yaml"
     path.write_text(ORBIT)
-    code, out, err = butterfly("calibrate-orbit", path, "--out", tmp_path / "out")
+    code, out, err = butterfly("calibrate-orbit", path, "--out", tmp_path / "out", "--figures")
     assert code == 0, err
     assert "times less" in out
     numbers = json.loads((tmp_path / "out/report.json").read_text())

@@ -175,7 +175,7 @@ def test_a_slip_about_results_is_one_line(butterfly, folder, arguments, part):
 @pytest.mark.usefixtures("undisturbed")
 def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
     small_plan(folder)
-    code, out, err = butterfly("run", folder / "small.yaml", "--out", folder / "one")
+    code, out, err = butterfly("run", folder / "small.yaml", "--out", folder / "one", "--figures")
     assert code == 0, err
     assert "6 found done" in out
     page = (folder / "one/report.html").read_text(encoding="utf-8")

@@ -132,6 +132,28 @@ def test_an_input_that_starts_from_zero_moves_a_joint_without_friction_at_once()
     assert angle[-1] == pytest.approx(1 / 0.6)
 
 
+@pytest.mark.parametrize("beside", [-1e-15, -1e-9, -1e-5])
+def test_a_velocity_that_hardly_falls_below_0_within_a_step_does_so_where_it_should(beside):
+    """It is (1 - t)^2 + beside; the friction is too small to hold the joint or to be seen."""
+    parameters = LumpedParameters(p1=1.0, p2=0, p3=0, p4=1, coulomb=1e-13)
+    time = np.linspace(0, 2, 11)
+    middles = (time[1:] + time[:-1]) / 2
+    inputs = 2.0 * (np.column_stack([time[:-1], middles, time[1:]]) - 1.0)
+    angle, velocity = simulate(parameters, time, inputs, 0.0, 1.0 + beside)
+    near = 1e-12 + 3 * abs(beside)
+    np.testing.assert_allclose(angle, (1 - (1 - time) ** 3) / 3 + beside * time, atol=near)
+    np.testing.assert_allclose(velocity, (1 - time) ** 2 + beside, atol=near)
+
+
+def test_friction_that_holds_nothing_at_rest_brakes_what_slides():
+    parameters = LumpedParameters(
+        p1=0.1, p2=0, p3=0, p4=1, coulomb=0.2, stribeck=-0.2, stribeck_velocity=1e-3
+    )
+    time = np.arange(0, 1, 0.01)
+    angle, _ = simulate(parameters, time, np.zeros((time.size - 1, 3)), 0.0, 3.0)
+    np.testing.assert_allclose(angle, 3 * time - time**2, atol=1e-12)
+
+
 @given(
     load=st.floats(-0.1, 0.1),
     coulomb=st.floats(-0.01, 0.01),

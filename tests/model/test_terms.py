@@ -12,6 +12,7 @@ from butterfly.model.friction import Friction
 from butterfly.model.kernel import Constants, rates
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, compressed
+from butterfly.model.sensitivities import Columns, Readings, differentiate, read_off
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot
@@ -93,6 +94,36 @@ def test_the_kernel_has_the_torque_of_every_row(name, angle, velocity):
         delivered = motion._replace(input=COMMAND / (1 + VALUE * COMMAND))
         assert -0.5 * float(row.basis(delivered)) == pytest.approx(slope / step, rel=1e-5)
     assert acceleration * loaded.p1 == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize(("angle", "velocity"), STATES)
+def test_the_kernel_has_a_derivative_by_every_row(name, angle, velocity):
+    """Of the velocity after one short interval under a rising input, all parameters at work."""
+    values = dict.fromkeys(TERMS, VALUE) | {"cogging_periods": 3.0, "stribeck_velocity": 2.0}
+    values |= {"bristle_stiffness": 0.3, "bristle_damping": 1e-3, "load": 1e-3, "tilt": 0.3}
+    bare, added = LumpedParameters(**values), AddedMass(mass=0.4, arm=0.01)
+    time, weights = np.array([0.0, 0.01]), np.array([[0.0], [0.0], [0.0], [1.0]])
+    readings, start = Readings(into=np.array([0]), weights=weights), (angle, velocity)
+    rise, late = 30.0, np.array([[0.0, 0.005, 0.01]])
+
+    def delivered(p):
+        return compressed(COMMAND + rise * (late - p.delay), p.compression)
+
+    def after(by):
+        p = replace(bare, **{name: values[name] + by})
+        return read_off(p.with_added_mass(added), time, delivered(p), start, readings)[0]
+
+    step = 1e-4 * values[name]
+    expected = (after(step) - after(-step)) / (2 * step)
+    inputs = delivered(bare)
+    slopes = -rise * (1 - bare.compression * inputs) ** 2
+    moved = np.stack([inputs, slopes, -(inputs**2)], axis=1)
+    columns = Columns.of([name], bare, added)
+    loaded = bare.with_added_mass(added)
+    _, rows = differentiate(loaded, time, inputs, start, readings, columns, moved)
+    assert expected != 0
+    assert (rows @ columns.mixture)[0, 0] == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize("name", [n for n in STATIC if n not in {"p4", "compression"}])

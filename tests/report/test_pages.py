@@ -150,8 +150,13 @@ def written(pages, tmp_path_factory):
     """Where each page is written."""
     folder = tmp_path_factory.mktemp("pages")
     for kind, page in pages.items():
-        write_page(page, folder / kind / "r.html")
+        write_page(page, folder / kind / "r.html", figures=True)
     return folder
+
+
+def test_pictures_are_drawn_only_if_asked_for(pages, tmp_path):
+    write_page(pages[KINDS[0]], tmp_path / "r.html")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.html", "r.json"]
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -120,3 +120,21 @@ def test_the_values_of_a_continuous_input_stand_for_it_in_sums():
     grid = np.linspace(0, 2, 21)
     found = hold.for_sums(TIME, INPUTS, grid, FIRST)
     np.testing.assert_array_equal(found, hold.value(TIME, INPUTS, grid, FIRST))
+
+
+@pytest.mark.parametrize("kind", [ZERO, FIRST])
+@given(delay=st.floats(-0.2, 0.4))
+def test_a_parabola_has_the_moments_and_its_slope_is_that_by_a_delay(kind, delay):
+    edges = np.array([0.1, 0.25, 0.5, 0.77, 0.78, 1.25, 1.6])
+    found = hold.parabolas(TIME, INPUTS, edges - delay, kind)
+    mean, slope, bend = hold.moments(TIME, INPUTS, edges - delay, kind)
+    expected = np.column_stack([mean - slope + bend, mean - bend / 2, mean + slope + bend])
+    np.testing.assert_allclose(found[:, 0], expected, atol=1e-12)
+    step = 1e-7
+    there, back = (
+        hold.parabolas(TIME, INPUTS, edges - delay - sign * step, kind)[:, 0] for sign in (1, -1)
+    )
+    stamps = np.abs(TIME[:, None] - (edges - delay)).min(axis=0) < 2 * step
+    smooth = ~(stamps[1:] | stamps[:-1])  # a stamp on an edge makes a kink
+    difference = (there - back) / (2 * step)
+    np.testing.assert_allclose(found[smooth, 1], difference[smooth], rtol=1e-4, atol=1e-3)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.estimators.loss import Loss
+from butterfly.identify.estimators.equations import Equations, LogEquations
 from butterfly.identify.free_run import Trajectory
 from butterfly.model.kinematics import Motion
 from butterfly.model.sensitivities import INITIAL
@@ -56,95 +55,6 @@ class Choice:
         """Names of the parameters that all logs share, the encoder's zero aside."""
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         return tuple(name for name in (*PARAMETERS, *self.terms) if name not in owned)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LogEquations:
-    """One log's residuals, and their derivatives by the scaled parameters as a product.
-
-    Parameters
-    ----------
-    residuals
-        (m,).
-    rows, mixture
-        (m, k) derivatives by what the simulation knows, and (k, n) of that by the parameters.
-    """
-
-    residuals: Samples
-    rows: Samples
-    mixture: Samples
-
-    @property
-    def jacobian(self) -> Samples:
-        """(m, n) derivatives of the residuals."""
-        return np.asarray(self.rows @ self.mixture)
-
-    def compressed(self, weights: Samples) -> tuple[Samples, Samples]:
-        """Return (p, n) rows and (p,) residuals that say of the log what its weighted ones do."""
-        root = np.sqrt(weights)[:, None]
-        both = np.column_stack([self.rows, self.residuals]) * root
-        triangle = np.linalg.qr(both, mode="r")
-        count = self.rows.shape[1]
-        return triangle[:count, :count] @ self.mixture, triangle[:count, count]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Equations:
-    """All logs' equations about one set of parameters.
-
-    Parameters
-    ----------
-    logs
-        One for each.
-    loss, scale
-        How their residuals count.
-    """
-
-    logs: tuple[LogEquations, ...]
-    loss: Loss = Loss.LINEAR
-    scale: float = 1.0
-
-    def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:
-        """Return the equations of some logs in some of the parameters."""
-        logs = [self.logs[k] for k in numbers]
-        return replace(self, logs=tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs))
-
-    def moved(self, step: Samples) -> Equations:
-        """Return what these equations say of the parameters a step away."""
-        logs = (
-            replace(log, residuals=log.residuals + log.rows @ (log.mixture @ step))
-            for log in self.logs
-        )
-        return replace(self, logs=tuple(logs))
-
-    @cached_property
-    def cost(self) -> float:
-        """Half of what the residuals count."""
-        counted = (self.loss.values(log.residuals, self.scale) for log in self.logs)
-        return 0.5 * float(sum(np.sum(each) for each in counted))
-
-    @property
-    def gradient(self) -> Samples:
-        """(n,) derivatives of the cost."""
-        return self._normal[0]
-
-    @property
-    def curvature(self) -> Samples:
-        """(n, n) second derivatives of the cost, but for those of the residuals."""
-        return self._normal[1]
-
-    @cached_property
-    def _normal(self) -> tuple[Samples, Samples]:
-        parts = [self._of_log(log) for log in self.logs]
-        gradients, curvatures = zip(*parts, strict=True)
-        return np.sum(gradients, axis=0), np.sum(curvatures, axis=0)
-
-    def _of_log(self, log: LogEquations) -> tuple[Samples, Samples]:
-        rows, residuals, mixture = log.rows, log.residuals, log.mixture
-        if self.loss is not Loss.LINEAR:
-            weights = self.loss.weights(residuals, self.scale)
-            rows, residuals = rows * np.sqrt(weights)[:, None], residuals * np.sqrt(weights)
-        return mixture.T @ (rows.T @ residuals), mixture.T @ (rows.T @ rows) @ mixture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -242,7 +152,7 @@ class FreeRunResiduals:
         return np.concatenate([log.jacobian for log in self.equations(scaled).logs])
 
     def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
-        """Return the residuals of some logs, and the numbers of the parameters that concern them."""
+        """Return the residuals of some logs, and the numbers of the parameters they depend on."""
         chosen = [self.trajectories[k] for k in numbers]
         concerned = {k for each in chosen for k in self._columns(each.log)}
         kept = np.array(sorted(concerned))

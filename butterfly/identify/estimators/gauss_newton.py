@@ -1,4 +1,4 @@
-"""Nonlinear least squares from normal equations: Gauss-Newton steps within bounds and a trust region.
+"""Nonlinear least squares from normal equations, within bounds and a trust region.
 
 Where residuals are many, parameters few and derivatives come with the residuals, the sums J^T J and
 J^T r are all that a step needs. Each is the least-squares step within the bounds of the parameters
@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
+
+from butterfly.errors import IdentifiabilityError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -91,9 +93,19 @@ def minimise(
         (n,) where to begin, and least values. The coordinates are of order 1.
     known
         The cost about the beginning, if it is known already.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the cost at the beginning is no number.
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)
+    if not _is_finite(at):
+        raise IdentifiabilityError(
+            "the model diverges with the parameters from which the fit would start: they are not "
+            "those of a joint (see what a closed form says of these logs, such as the weak form)"
+        )
     reach, kept = max(float(np.linalg.norm(point)), 1.0), 0.0
     while evaluations < _MOST:
         step = _step(at, np.maximum(lower - point, -reach), reach)
@@ -106,7 +118,7 @@ def minimise(
             return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         tried = expand(there)
         evaluations += 1
-        kept = (at.cost - tried.cost) / foretold if np.isfinite(tried.cost) else -np.inf
+        kept = (at.cost - tried.cost) / foretold if _is_finite(tried) else -np.inf
         if kept < _POOR:
             reach = _POOR * longest
         elif kept > _GOOD and longest > 0.9 * reach:
@@ -114,6 +126,10 @@ def minimise(
         if kept > 0:
             point, at = there, tried
     return Minimum(point=point, at=at, converged=False, evaluations=evaluations)
+
+
+def _is_finite(at: Expansion) -> bool:
+    return bool(np.isfinite(at.cost) and np.isfinite(at.gradient).all())
 
 
 def _step(at: Expansion, lowest: Samples, reach: float) -> Samples:

@@ -18,12 +18,7 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, require_names
-from butterfly.identify.estimators.free_run_residuals import (
-    LOCAL,
-    Choice,
-    Equations,
-    FreeRunResiduals,
-)
+from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
 from butterfly.identify.estimators.gauss_newton import minimise
 from butterfly.identify.estimators.loss import Loss, outlying
 from butterfly.identify.estimators.starts import closed_form_start
@@ -40,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.identify.data import DataSet
+    from butterfly.identify.estimators.equations import Equations
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
@@ -199,12 +195,16 @@ class OutputError(Estimator):
         evaluations = found.evaluations
         if self.loss is not Loss.LINEAR:
             residuals = np.concatenate([log.residuals for log in found.at.logs])
-            robust = {"loss": self.loss, "scale": outlying(residuals)}
+            scale = outlying(residuals)
+
+            def robust(equations: Equations) -> Equations:
+                return replace(equations, loss=self.loss, scale=scale)
+
             found = minimise(
-                lambda scaled: replace(problem.equations(scaled), **robust),
+                lambda scaled: robust(problem.equations(scaled)),
                 found.point,
                 problem.lower,
-                replace(found.at, **robust),
+                robust(found.at),
             )
             evaluations += found.evaluations
         return _End(found.point, found.at, found.converged, evaluations)

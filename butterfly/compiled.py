@@ -1,0 +1,56 @@
+"""How numba compiles what must be fast, so that its cache knows when it is out of date.
+
+numba keeps compiled functions on disk, and compiles one again when its own file has changed. It
+does not see that a file has changed whose functions or numbers it uses, and would run their old
+code. So a function's name on disk carries a stamp of all of that; what has an earlier stamp stays
+in `__pycache__` until somebody deletes it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numba
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
+    """Compile a function when it is first called, to run without Python's lock.
+
+    A division by zero gives an infinity or NaN, as NumPy's does, and no error. What the function
+    uses of other files must be imported at the top of its own, and be a function made by this
+    decorator or `inlined`, a number, or what the types of arguments tell.
+    """
+    return numba.njit(cache=True, nogil=True, error_model="numpy")(_stamped(function))
+
+
+def inlined(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types
+    """Compile a function as `compiled` does, into each of its callers.
+
+    numba counts references to every array that a call takes; for a short function that costs more
+    than what it does.
+    """
+    compile_inlined = numba.njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+    return compile_inlined(_stamped(function))
+
+
+def _stamped(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Put a stamp of a function's sources into the name by which numba files it."""
+    stamp = hashlib.sha256(_digest(function.__code__.co_filename))
+    for name, value in sorted(function.__globals__.items()):
+        if isinstance(value, (int, float)):
+            stamp.update(f"{name} {value!r}\n".encode())
+        elif hasattr(value, "py_func"):
+            stamp.update(f"{name} {value.py_func.__qualname__}\n".encode())
+    function.__qualname__ += f"_{stamp.hexdigest()[:16]}"
+    return function
+
+
+@lru_cache
+def _digest(source: str) -> bytes:
+    return hashlib.sha256(Path(source).read_bytes()).digest()

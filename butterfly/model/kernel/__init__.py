@@ -1,0 +1,32 @@
+"""The compiled kernel: the grey-box equation, its events in time, and the derivatives of both.
+
+`butterfly.model.greybox` says what it means, `butterfly.model.sensitivities` what is
+differentiated.
+
+- `constants`: what the equation needs to know, and the numbers of the columns
+- `drive`: what drives the joint during one interval
+- `equation`: the rates of the state
+- `steps`: Runge-Kutta steps, split where the velocity vanishes
+- `layout`, `tape`: what happened, kept for the derivatives
+- `linearise`: the derivatives of the rates
+- `carry`: the derivatives over one step
+- `events`: the derivatives where a joint reverses, rests and breaks loose
+- `differentiate`: all of it over a whole simulation
+"""
+
+from butterfly.model.kernel.constants import COLUMNS, Constants, State
+from butterfly.model.kernel.differentiate import differentiate
+from butterfly.model.kernel.equation import least_steps, rates
+from butterfly.model.kernel.steps import follow, integrate, interval
+
+__all__ = [
+    "COLUMNS",
+    "Constants",
+    "State",
+    "differentiate",
+    "follow",
+    "integrate",
+    "interval",
+    "least_steps",
+    "rates",
+]

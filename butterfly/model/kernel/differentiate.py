@@ -1,0 +1,162 @@
+"""Simulate, and carry derivatives along: play a tape of what happened, many steps at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from butterfly.compiled import compiled, inlined
+from butterfly.model.kernel.carry import carry_all, carry_two
+from butterfly.model.kernel.constants import COGGING, DRIVES, MOST_DRIVES, PERIODS, M, V, X, Z
+from butterfly.model.kernel.drive import part_of, piece_of
+from butterfly.model.kernel.equation import least_steps
+from butterfly.model.kernel.events import break_loose, come_to_rest, end, reverse, states_of
+from butterfly.model.kernel.layout import (
+    BASIS,
+    BEGIN,
+    COUNT,
+    CURRENT,
+    INTERVAL,
+    KIND,
+    LATE,
+    LOOSE,
+    PART,
+    PARTS,
+    PER_STAGE,
+    RATE,
+    REVERSAL,
+    SHARE,
+    SIGN,
+    STAGE,
+    STEP,
+    TAPE_WIDTH,
+)
+from butterfly.model.kernel.linearise import linearise
+from butterfly.model.kernel.steps import MAX_REVERSALS, advance
+
+_ROWS = 128
+_MOST = 2 * MAX_REVERSALS + 4  # rows that one part of an interval may take
+
+
+@compiled
+def differentiate(time, drives, state, c, into, weights, values, column, initial, moved, rows):
+    """As `follow`; and write (m, k) derivatives of the sums by the columns into ``rows``.
+
+    ``initial`` is (4, k) derivatives of the state; `layout` has the other arrays.
+    """
+    tape = np.zeros((_ROWS, TAPE_WIDTH))
+    stages = np.zeros((4, 4, RATE + 1))
+    for i in range(4):
+        stages[i, X, V] = 1.0
+    tangents = np.zeros((6, column.size))
+    for i in range(4):  # a slice would take two seconds to compile
+        for j in range(column.size):
+            tangents[i, j] = initial[i, j]
+    tape[0, CURRENT] = -1.0
+    for k in range(time.size - 1):
+        row, h = into[k], time[k + 1] - time[k]
+        if row >= 0:
+            values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
+        drive = (drives[k, 0], drives[k, 1], drives[k, 2])
+        count = least_steps(c, state[V], h)
+        for part in range(count):
+            tape[0, INTERVAL], tape[0, PART], tape[0, PARTS] = k, part, count
+            own = drive if count == 1 else part_of(drive, part, count)
+            state = advance(state, own, h / count, c, tape, column)
+            if int(tape[0, COUNT]) > _ROWS - 1 - _MOST:
+                _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows)
+        if row >= 0:
+            values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
+    _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows)
+    _close(time.size - 2, into, weights, tangents, rows)
+
+
+@compiled
+def _play(time, drives, c, into, weights, tape, stages, tangents, column, moved, rows):
+    """Carry the derivatives over what the tape tells; then it is empty."""
+    states, own = states_of(c), np.zeros((MOST_DRIVES, 3))
+    ripples = c.cogging != 0.0 or c.cogging_cosine != 0.0
+    for k in column:
+        ripples |= COGGING <= k <= PERIODS
+    current, latest = int(tape[0, CURRENT]), -1
+    for row in range(1, int(tape[0, COUNT]) + 1):
+        kind, begin, share = tape[row, KIND], tape[row, BEGIN], tape[row, SHARE]
+        k, part, parts = int(tape[row, INTERVAL]), int(tape[row, PART]), int(tape[row, PARTS])
+        h = (time[k + 1] - time[k]) / parts
+        if k != current:
+            _close(current, into, weights, tangents, rows)
+            _open(k, into, weights, tangents, rows)
+            current, latest = k, -1
+        if part != latest:
+            latest = part
+            _begin_part(k, part, parts, tangents, moved, own)
+        if kind in (STEP, REVERSAL):
+            _linearise_step(tape, row, c, ripples, own, moved.shape[1], stages)
+            if states == 2:
+                carry_two(share * h, stages, tangents, column)
+            else:
+                carry_all(share * h, states, stages, tangents, column)
+        if kind == STEP and begin == 0.0:
+            continue
+        drive = (drives[k, 0], drives[k, 1], drives[k, 2])
+        if parts > 1:
+            drive = part_of(drive, part, parts)
+        if kind == STEP:
+            end(drive, begin, share, h, c, stages, tangents, column)
+        elif kind == REVERSAL:
+            reverse(drive, begin, share, h, c, stages, tangents, column)
+        elif kind == LOOSE:
+            break_loose(drive, tape, row, c, own, stages, tangents, column)
+        else:
+            come_to_rest(drive, begin, tape[row, STAGE + 1], h, c, own, tangents, column)
+    tape[0, COUNT], tape[0, CURRENT] = 0.0, current
+
+
+@inlined
+def _begin_part(k, part, parts, tangents, moved, own):
+    """Begin a part of interval k at an instant that nothing moves, under drives of its own."""
+    for j in range(tangents.shape[1]):
+        tangents[LATE, j] = 0.0
+    for q in range(moved.shape[1]):
+        whole = (moved[k, q, 0], moved[k, q, 1], moved[k, q, 2])
+        if parts > 1:
+            whole = part_of(whole, part, parts)
+        own[q, 0], own[q, 1], own[q, 2] = whole
+
+
+@inlined
+def _linearise_step(tape, row, c, ripples, own, count, stages):
+    """Write the derivatives at the four stages of a step, those by ``count`` drives too."""
+    begin, share, sign = tape[row, BEGIN], tape[row, SHARE], tape[row, SIGN]
+    for i in range(4):
+        at = STAGE + PER_STAGE * i
+        state = (tape[row, at], tape[row, at + 1], tape[row, at + 2], tape[row, at + 3])
+        rate = (tape[row, at + 4], tape[row, at + 5], tape[row, at + 6])
+        shape = (tape[row, at + 7], tape[row, at + 8], tape[row, at + 9])
+        linearise(state, rate, shape, sign, c, ripples, stages, i)
+        stages[i, X, RATE], stages[i, V, RATE] = state[V], rate[0]
+        stages[i, M, RATE], stages[i, Z, RATE] = rate[1], rate[2]
+    driven, gain = (M, 1.0 / c.lag) if c.lag > 0.0 else (V, 1.0 / c.p1)
+    for q in range(count):
+        n, three = BASIS + DRIVES + q, (own[q, 0], own[q, 1], own[q, 2])
+        if share < 1.0:
+            three = piece_of(three, begin, share)
+        stages[0, driven, n], stages[1, driven, n] = gain * three[0], gain * three[1]
+        stages[2, driven, n], stages[3, driven, n] = gain * three[1], gain * three[2]
+
+
+@inlined
+def _open(k, into, weights, tangents, rows):
+    """Begin the sums of interval k with the derivatives at its start."""
+    row = into[k]
+    if row >= 0:
+        for j in range(tangents.shape[1]):
+            rows[row, j] = weights[0, row] * tangents[X, j] + weights[1, row] * tangents[V, j]
+
+
+@inlined
+def _close(k, into, weights, tangents, rows):
+    """End the sums of interval k with the derivatives at its end."""
+    row = into[k] if k >= 0 else -1
+    if row >= 0:
+        for j in range(tangents.shape[1]):
+            rows[row, j] += weights[2, row] * tangents[X, j] + weights[3, row] * tangents[V, j]

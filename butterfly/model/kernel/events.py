@@ -1,0 +1,159 @@
+"""What a reversal, a rest and breaking loose do to derivatives.
+
+Each happens at an instant that the parameters move; `LATE` is the derivative of the instant from
+which the state is left. The angle is continuous, and so is the velocity, since it is 0 there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from butterfly.compiled import compiled
+from butterfly.model.kernel.constants import (
+    BIAS,
+    COGGING,
+    COULOMB,
+    DRIVES,
+    LAG,
+    P3,
+    P3_OFFSET,
+    PERIODS,
+    STRIBECK,
+    M,
+    V,
+    X,
+)
+from butterfly.model.kernel.drive import drive_at, drive_slope
+from butterfly.model.kernel.layout import BASIS, BEFORE, BEGIN, LATE, RATE, SIGN, STAGE, WEIGHT
+from butterfly.model.kernel.linearise import linearise
+
+_REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
+_GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of
+
+
+@compiled
+def states_of(c):
+    """Count the states that the derivatives need."""
+    return 4 if c.lag > 0.0 or c.bristle_stiffness > 0.0 else 2
+
+
+@compiled
+def end(drives, begin, share, h, c, stages, tangents, column):
+    """Correct the derivatives at the interval's end, which does not move when ``begin`` does."""
+    by_begin = _by_begin(drives, begin, share, c, stages)
+    by_share = _by_share(drives, begin, share, h, c, stages)
+    for j in range(column.size):
+        for r in range(states_of(c)):
+            tangents[r, j] += (by_begin[r] - by_share[r]) * tangents[LATE, j]
+
+
+@compiled
+def reverse(drives, begin, share, h, c, stages, tangents, column):
+    """Correct the derivatives where the velocity vanishes, at an instant that they move.
+
+    With F the end of the step, F_v(share) = 0 defines the share: d share = -S_v/(dF_v/d share).
+    """
+    by_begin = _by_begin(drives, begin, share, c, stages)
+    by_share = _by_share(drives, begin, share, h, c, stages)
+    grazes = abs(by_share[V]) < _GRAZING * h
+    for j in range(column.size):
+        for r in range(states_of(c)):
+            tangents[r, j] += by_begin[r] * tangents[LATE, j]
+        later = 0.0 if grazes else -tangents[V, j] / by_share[V]
+        for r in range(states_of(c)):
+            tangents[r, j] += by_share[r] * later
+        tangents[V, j] = 0.0
+        tangents[LATE, j] += later
+
+
+@compiled
+def _by_begin(drives, begin, share, c, stages):
+    """(4,) derivatives of the end of a step by the fraction of the interval where it begins."""
+    driven, gain = (M, 1.0 / c.lag) if c.lag > 0.0 else (V, 1.0 / c.p1)
+    moved = np.zeros(4)
+    for i in range(4):
+        slope = gain * drive_slope(drives, begin + _REACH[i] * share)
+        for r in range(states_of(c)):
+            moved[r] += stages[i, r, WEIGHT + driven] * slope
+    return moved
+
+
+@compiled
+def _by_share(drives, begin, share, h, c, stages):
+    """(4,) derivatives of the end of a step by the share of the interval that it takes."""
+    driven, gain = (M, 1.0 / c.lag) if c.lag > 0.0 else (V, 1.0 / c.p1)
+    n = states_of(c)
+    moved, direct = np.zeros(4), np.zeros(4)
+    for i in range(4):
+        reach = _REACH[i]
+        for r in range(n):
+            moved[r] += h / (3.0 if 0 < i < 3 else 6.0) * stages[i, r, RATE]
+            direct[r] = 0.0
+            if i > 0:
+                for m in range(n):
+                    direct[r] += reach * h * stages[i, r, m] * stages[i - 1, m, RATE]
+        direct[driven] += reach * gain * drive_slope(drives, begin + reach * share)
+        for r in range(n):
+            for m in range(n):
+                moved[r] += stages[i, r, WEIGHT + m] * direct[m]
+    return moved
+
+
+@compiled
+def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
+    """Differentiate a rest to the interval's end; the motor's torque, ``motor`` at first, goes on.
+
+    The derivatives of the angle stay; those of the velocity vanish.
+    """
+    for j in range(column.size):
+        tangents[V, j] = 0.0
+    if c.lag == 0.0:
+        return
+    middle = 0.5 * (1.0 + begin)
+    excess, slope = motor - drive_at(drives, middle), 0.5 * drive_slope(drives, middle)
+    keep = math.exp(-(1.0 - begin) * h / c.lag)
+    for j in range(column.size):
+        k, late, before = column[j], tangents[LATE, j], tangents[M, j]
+        target = slope * late
+        if k >= DRIVES:
+            q = k - DRIVES
+            target += drive_at((own[q, 0], own[q, 1], own[q, 2]), middle)
+        exponent = h / c.lag * late
+        if k == LAG:
+            exponent += (1.0 - begin) * h / c.lag**2
+        tangents[M, j] = target + keep * (before - target + excess * exponent)
+        tangents[BEFORE, j] = before
+
+
+@compiled
+def break_loose(drives, tape, row, c, own, stages, tangents, column):
+    """Move the derivatives from where a joint came to rest on to where it breaks loose.
+
+    It does so at the share ``loose`` = (hold - net)/(final - net) of the rest of the interval.
+    """
+    begin, sign = tape[row, BEGIN], tape[row, SIGN]
+    x, net, final = tape[row, STAGE], tape[row, STAGE + 1], tape[row, STAGE + 2]
+    loose = ((c.coulomb + c.stribeck) * sign - net) / (final - net)
+    still, shape = (x, 0.0, 0.0, 0.0), (math.sin(x), math.cos(x), 1.0)
+    linearise(still, (0.0, 0.0, 0.0), shape, 0.0, c, True, stages, 0)
+    for j in range(column.size):
+        k, late = column[j], tangents[LATE, j]
+        pull = c.p1 * stages[0, V, X] * tangents[X, j]
+        if k in (P3, P3_OFFSET, BIAS) or COGGING <= k <= PERIODS:
+            pull += c.p1 * stages[0, V, BASIS + k]
+        hold = sign if k in (COULOMB, STRIBECK) else 0.0
+        if c.lag > 0.0:
+            by_net, by_final = pull + tangents[BEFORE, j], pull + tangents[M, j]
+        else:
+            by_net, by_final = pull + drive_slope(drives, begin) * late, pull
+            if k >= DRIVES:
+                q = k - DRIVES
+                by_net += drive_at((own[q, 0], own[q, 1], own[q, 2]), begin)
+                by_final += own[q, 2]
+        by_loose = (hold - by_net - loose * (by_final - by_net)) / (final - net)
+        tangents[LATE, j] = late * (1.0 - loose) + (1.0 - begin) * by_loose
+        if c.lag > 0.0:
+            risen = tangents[BEFORE, j] + loose * (tangents[M, j] - tangents[BEFORE, j])
+            tangents[M, j] = risen + by_loose * (final - net)

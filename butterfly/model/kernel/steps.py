@@ -1,0 +1,199 @@
+"""Integrate the equation in Runge-Kutta steps that are split where the velocity vanishes.
+
+Functions that take a ``tape`` keep on it what the derivatives need; None in its place costs
+nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from butterfly.compiled import compiled
+from butterfly.model.kernel.constants import COULOMB, STRIBECK, M, V, X, Z
+from butterfly.model.kernel.drive import drive_at, part_of, piece_of
+from butterfly.model.kernel.equation import least_steps, pull, rates
+from butterfly.model.kernel.layout import COUNT, LOOSE, REST, REVERSAL, STAGE, STEP
+from butterfly.model.kernel.tape import note, record
+
+MAX_REVERSALS = 8
+"""Reversals of the velocity that one step may hold before it is cut short."""
+
+_REFINEMENTS = 3  # chords to the instant at which the velocity vanishes
+_BISECTIONS = 60  # where a velocity that grazes 0 leads chords astray
+_ASTRAY = 0.1  # change by the last chord, as a share of what it changed
+
+
+@compiled
+def integrate(time, drives, state, c):
+    """Return (n,) angles and velocities, with (n - 1, 3) torques of the drive in N m."""
+    n = time.size
+    angle = np.empty(n)
+    velocity = np.empty(n)
+    angle[0], velocity[0] = state[X], state[V]
+    for k in range(n - 1):
+        row = (drives[k, 0], drives[k, 1], drives[k, 2])
+        state = interval(state, row, time[k + 1] - time[k], c)
+        angle[k + 1], velocity[k + 1] = state[X], state[V]
+    return angle, velocity
+
+
+@compiled
+def follow(time, drives, state, c, into, weights, values):
+    """Write (m,) sums of angle and velocity at both ends of intervals, by (4, m) weights.
+
+    Interval k writes the sum ``into[k]``, unless that is negative.
+    """
+    for k in range(time.size - 1):
+        row = into[k]
+        if row >= 0:
+            values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
+        drive = (drives[k, 0], drives[k, 1], drives[k, 2])
+        state = interval(state, drive, time[k + 1] - time[k], c)
+        if row >= 0:
+            values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
+
+
+@compiled
+def interval(state, drives, h, c):
+    """Return the state at the end of one interval, in steps that lag and bristles allow."""
+    count = least_steps(c, state[V], h)
+    if count == 1:
+        return advance(state, drives, h, c, None, None)
+    for k in range(count):
+        state = advance(state, part_of(drives, k, count), h / count, c, None, None)
+    return state
+
+
+@compiled
+def advance(state, drives, h, c, tape, column):
+    """Return the state at the end of one interval, split at each reversal of the velocity."""
+    holding = c.coulomb + c.stribeck
+    smooth = c.coulomb == 0.0 and c.stribeck == 0.0 and not _by_friction(column)
+    if smooth or c.bristle_stiffness > 0.0:
+        after = _runge_kutta(state, drives, 0.0, 1.0, h, 0.0, c, tape)
+        if tape is not None:
+            note(STEP, 0.0, 1.0, 0.0, tape)
+        return after
+    begin = 0.0
+    for _ in range(MAX_REVERSALS):
+        x, v, m, z = state
+        sign = np.sign(v)
+        if v == 0.0:
+            load = pull(x, c)
+            net = (m if c.lag > 0.0 else drive_at(drives, begin)) + load
+            if abs(net) <= holding and holding > 0.0:
+                rest = _rest(state, drives, begin, h, c, tape)
+                final = (rest[M] if c.lag > 0.0 else drive_at(drives, 1.0)) + load
+                if abs(final) <= holding:
+                    return rest
+                if tape is not None:
+                    row = int(tape[0, COUNT]) + 1
+                    tape[row, STAGE], tape[row, STAGE + 1], tape[row, STAGE + 2] = x, net, final
+                    note(LOOSE, begin, 0.0, np.sign(final), tape)
+                loose = (holding * np.sign(final) - net) / (final - net)
+                begin += loose * (1.0 - begin)
+                state = (x, v, m + loose * (rest[M] - m), z)
+                net = final
+            sign = np.sign(net)
+        share = 1.0 - begin
+        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        unchecked = v == 0.0 and holding == 0.0  # nothing could hold the joint where it is
+        if after[V] * sign >= 0.0 or unchecked:
+            if tape is not None:
+                note(STEP, begin, share, sign, tape)
+            return after
+        if v == 0.0:
+            break  # pushed back at once: friction holds the joint
+        share, after = _to_reversal(state, drives, begin, share, after[V], h, sign, c, tape)
+        if tape is not None:
+            note(REVERSAL, begin, share, sign, tape)
+        state = (after[X], 0.0, after[M], after[Z])
+        begin += share
+    return _rest(state, drives, begin, h, c, tape)
+
+
+@compiled
+def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
+    """Return the share of the interval in which the velocity falls to 0, and the state then.
+
+    After the share ``whole`` it would be ``final`` and have the other sign.
+    """
+    v = state[V]
+    share, after = whole * (v / (v - final)), state
+    tried = share
+    for _ in range(_REFINEMENTS):
+        tried = share
+        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        share = min(share * v / (v - after[V]), whole)
+    if abs(share - tried) <= _ASTRAY * tried:
+        return share, after
+    lower, upper = 0.0, whole
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (lower + upper)
+        after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
+        if after[V] * sign < 0.0:
+            upper = share
+        else:
+            lower = share
+    return share, after
+
+
+@compiled
+def _by_friction(column):
+    """Tell whether a derivative by friction is wanted, for which a reversal is an event."""
+    if column is not None:
+        for k in column:
+            if k in (COULOMB, STRIBECK):
+                return True
+    return False
+
+
+@compiled
+def _rest(state, drives, begin, h, c, tape):
+    """Return the state at the interval's end when the joint sticks from fraction ``begin`` on."""
+    x, _, m, z = state
+    if tape is not None:
+        row = int(tape[0, COUNT]) + 1
+        tape[row, STAGE], tape[row, STAGE + 1] = x, m
+        note(REST, begin, 0.0, 0.0, tape)
+    if c.lag > 0.0:
+        target = drive_at(drives, 0.5 * (1.0 + begin))
+        m = target + (m - target) * math.exp(-(1.0 - begin) * h / c.lag)
+    return x, 0.0, m, z
+
+
+@compiled
+def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
+    """Take one step over ``share`` of the interval h, sliding in the direction ``sign``."""
+    x, v, m, z = state
+    dt = share * h
+    half = 0.5 * dt
+    d1, d2, d3 = piece_of(drives, begin, share)
+    first = rates(state, d1, sign, c)
+    a1, m1, z1 = first
+    v2 = v + half * a1
+    state2 = (x + half * v, v2, m + half * m1, z + half * z1)
+    second = rates(state2, d2, sign, c)
+    a2, m2, z2 = second
+    v3 = v + half * a2
+    state3 = (x + half * v2, v3, m + half * m2, z + half * z2)
+    third = rates(state3, d2, sign, c)
+    a3, m3, z3 = third
+    v4 = v + dt * a3
+    state4 = (x + dt * v3, v4, m + dt * m3, z + dt * z3)
+    fourth = rates(state4, d3, sign, c)
+    a4, m4, z4 = fourth
+    if tape is not None:
+        record(state, first, 0, c, tape)
+        record(state2, second, 1, c, tape)
+        record(state3, third, 2, c, tape)
+        record(state4, fourth, 3, c, tape)
+    sixth = dt / 6.0
+    return (
+        x + sixth * (v + 2.0 * v2 + 2.0 * v3 + v4),
+        v + sixth * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
+        m + sixth * (m1 + 2.0 * m2 + 2.0 * m3 + m4),
+        z + sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4),
+    )

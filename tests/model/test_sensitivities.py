@@ -1,0 +1,370 @@
+"""Derivatives of simulations, against differences of simulations and an independent integrator."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from butterfly.errors import InputError
+from butterfly.logs.log import Intersample
+from butterfly.model.greybox import simulate
+from butterfly.model.kernel.carry import carry_all, carry_two
+from butterfly.model.kernel.layout import RATE, WEIGHT
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
+from butterfly.model.sensitivities import INITIAL, Columns, Readings, differentiate, read_off
+from butterfly.model.terms import TERMS
+from butterfly.signals import hold
+
+ADDED = AddedMass(mass=0.05, arm=0.104)
+SLIDING = LumpedParameters(
+    p1=0.00325,
+    p2=0.001,
+    p3=0.04905,
+    p4=0.025,
+    p3_offset=1e-3,
+    tilt=0.1,
+    delay=0.0033,
+    compression=0.05,
+    coulomb=8e-4,
+    load=1e-4,
+    stribeck=3e-4,
+    stribeck_velocity=0.15,
+    drag=1e-5,
+    bias=2e-4,
+    cogging=1e-4,
+    cogging_cosine=2e-4,
+    cogging_periods=3.0,
+)
+LAG = {"back_emf": 3e-4, "time_constant": 0.0043}  # no whole number of steps, which would change
+SLOW = {"back_emf": 3e-4, "time_constant": 0.0213}
+BRISTLES = {"bristle_stiffness": 2.0, "bristle_damping": 1e-3}
+STICKY = {"coulomb": 4e-3}
+REGIMES = {
+    "sliding": (SLIDING, 1.0),
+    "sticking": (replace(SLIDING, **STICKY), 0.5),
+    "lag": (replace(SLIDING, **LAG), 1.0),
+    "lag, sticking": (replace(SLIDING, **SLOW, **STICKY), 0.5),
+    "bristles": (replace(SLIDING, **BRISTLES), 1.0),
+    "lag and bristles": (replace(SLIDING, **LAG, **BRISTLES), 1.0),
+}
+FREE = replace(SLIDING, coulomb=0.0, load=0.0, stribeck=0.0)
+FRICTION = ("coulomb", "load", "stribeck")
+START = (0.3, 0.1)
+GRID = np.arange(0, 4.0, 0.01)
+
+
+class _Log:
+    """An input at irregular stamps, and the simulation that it drives."""
+
+    def __init__(self, scale=1.0, seed=0, intersample=Intersample.ZERO_ORDER_HOLD, grid=GRID):
+        clock = np.random.default_rng(seed)
+        self.time = np.cumsum(clock.uniform(0.001, 0.003, 1 + int(grid[-1] / 0.002)))
+        self.input = 0.5 * scale * np.sin(4 * self.time)
+        self.intersample, self.grid = intersample, grid
+        self.readings = Readings.angles(grid.size - 1)
+
+    def angles(self, parameters, start=START, added=ADDED):
+        delivered = compressed(self.input, parameters.compression)
+        inputs = self._parabolas(delivered, parameters)[:, 0]
+        loaded = parameters.with_added_mass(added)
+        return read_off(loaded, self.grid, inputs, start, self.readings)
+
+    def sensitivities(self, names, parameters, start=START, added=ADDED):
+        """Return (n - 1,) angles and their (n - 1, k) derivatives by the names."""
+        p, columns = parameters, Columns.of(names, parameters, added)
+        delivered = compressed(self.input, p.compression)
+        inputs, late = np.moveaxis(self._parabolas(delivered, p), 1, 0)
+        weaker = self._parabolas(-delivered * abs(delivered), p)[:, 0]
+        moved = np.stack([inputs, late, weaker], axis=1)
+        values, rows = differentiate(
+            p.with_added_mass(added),
+            self.grid,
+            inputs,
+            start,
+            self.readings,
+            columns,
+            moved,
+        )
+        return values, rows @ columns.mixture
+
+    def _parabolas(self, inputs, parameters):
+        shifted = self.grid - parameters.delay
+        return hold.parabolas(self.time, inputs, shifted, self.intersample)
+
+    def moved(self, name, by, parameters, added=ADDED):
+        """Return the angles after one parameter was moved."""
+        angle, velocity = START
+        if name == "zero":
+            return self.angles(parameters, (angle - by, velocity), added)
+        if name == "velocity":
+            return self.angles(parameters, (angle, velocity + by), added)
+        value = getattr(parameters, name) + by
+        return self.angles(replace(parameters, **{name: value}), START, added)
+
+
+def _differentiable(p):
+    """Return all names by which there is a derivative."""
+    without = set() if p.time_constant else {"time_constant", "back_emf"}
+    without |= set() if p.bristle_stiffness else {"bristle_stiffness", "bristle_damping"}
+    return [name for name in (*TERMS, *INITIAL) if name not in without]
+
+
+def _size(name, parameters):
+    return abs(getattr(parameters, name, 0.0)) or 1e-3
+
+
+def _error(found, differences):
+    """Return the least relative error over differences by several steps."""
+    scale = np.linalg.norm(found) or 1.0
+    return min(np.linalg.norm(each - found) for each in differences) / scale
+
+
+@pytest.mark.parametrize("intersample", list(Intersample))
+@pytest.mark.parametrize("regime", REGIMES)
+def test_derivatives_by_every_row_are_those_of_differences_of_simulations(regime, intersample):
+    parameters, scale = REGIMES[regime]
+    log = _Log(scale, intersample=intersample)
+    names = _differentiable(parameters)
+    values, rows = log.sensitivities(names, parameters)
+    np.testing.assert_array_equal(values, log.angles(parameters))
+    errors = {}
+    for name, row in zip(names, rows.T, strict=True):
+        steps = [share * _size(name, parameters) for share in (1e-4, 1e-5, 1e-6, 1e-7)]
+        differences = [
+            (log.moved(name, h, parameters) - log.moved(name, -h, parameters)) / (2 * h)
+            for h in steps
+        ]
+        errors[name] = _error(row, differences)
+        assert np.linalg.norm(row) > 0
+    allowed = dict.fromkeys(names, 1e-5) | {"delay": 1e-3}
+    assert {name: error for name, error in errors.items() if error > allowed[name]} == {}
+
+
+def test_without_friction_the_derivative_by_it_is_that_of_friction_that_begins():
+    log = _Log()
+    values, rows = log.sensitivities(FRICTION, FREE)
+    np.testing.assert_allclose(values, log.angles(FREE), atol=1e-7)  # split at reversals
+    for name, row in zip(FRICTION, rows.T, strict=True):
+        differences = [
+            (4 * log.moved(name, h, FREE) - 3 * values - log.moved(name, 2 * h, FREE)) / (2 * h)
+            for h in (1e-6, 1e-7, 1e-8)
+        ]
+        assert _error(row, differences) < 1e-5
+
+
+def test_without_friction_the_other_derivatives_are_those_of_differences():
+    log = _Log()
+    names = [name for name in _differentiable(FREE) if name not in FRICTION]
+    values, rows = log.sensitivities(names, FREE)
+    np.testing.assert_array_equal(values, log.angles(FREE))
+    for name, row in zip(names, rows.T, strict=True):
+        differences = [
+            (log.moved(name, h, FREE) - log.moved(name, -h, FREE)) / (2 * h)
+            for h in [share * _size(name, FREE) for share in (1e-4, 1e-5, 1e-6)]
+        ]
+        assert _error(row, differences) < (1e-3 if name == "delay" else 1e-5)
+
+
+def test_a_joint_that_stops_and_breaks_loose_within_one_step_has_the_derivatives_of_differences():
+    joint = LumpedParameters(p1=0.1, p2=0.02, p3=0.03, p4=1.0, coulomb=0.2, bias=0.01)
+    inputs = np.array([[-0.05, 0.1, 0.5], [0.5, 0.3, 0.2]])
+    time, readings = np.array([0.0, 1.0, 1.5]), Readings.angles(2)
+    late = np.array([[0.3, -0.2, 0.1], [0.1, 0.2, -0.1]])  # what a delay might do to the drive
+    names = ["p1", "p2", "p3", "p4", "p3_offset", "coulomb", "bias", "zero", "velocity", "delay"]
+
+    def angles(**by):
+        moved = replace(joint, **{n: getattr(joint, n) + h for n, h in by.items() if n in TERMS})
+        start = (0.3 - by.get("zero", 0.0), 0.5 + by.get("velocity", 0.0))
+        return read_off(moved, time, inputs + by.get("delay", 0.0) * late, start, readings)
+
+    halfway = simulate(joint, np.array([0.0, 0.5]), np.array([[-0.05, -0.02, 0.1]]), 0.3, 0.5)
+    assert halfway[1][-1] == 0
+    columns, moved = Columns.of(names, joint), np.stack([inputs, late], axis=1)
+    _, rows = differentiate(joint, time, inputs, (0.3, 0.5), readings, columns, moved)
+    for name, row in zip(names, (rows @ columns.mixture).T, strict=True):
+        steps = (1e-4, 1e-5, 1e-6)
+        differences = [(angles(**{name: h}) - angles(**{name: -h})) / (2 * h) for h in steps]
+        assert _error(row, differences) < 1e-5, name
+
+
+@pytest.mark.parametrize(("coulomb", "stribeck"), [(-1e-3, 3e-3), (-1e-3, -1e-3), (2e-3, -3e-3)])
+def test_friction_below_0_that_an_estimator_tries_has_the_derivative_of_what_is_simulated(
+    coulomb, stribeck
+):
+    tried, log = replace(SLIDING, load=0.0, coulomb=coulomb, stribeck=stribeck), _Log()
+    _, rows = log.sensitivities(FRICTION, tried)
+    for name, row in zip(FRICTION, rows.T, strict=True):
+        differences = [
+            (log.moved(name, h, tried) - log.moved(name, -h, tried)) / (2 * h)
+            for h in (1e-6, 1e-7, 1e-8)
+        ]
+        assert _error(row, differences) < 1e-5
+
+
+def test_back_emf_without_a_lag_is_viscous_friction_that_p2_has_already():
+    _, rows = _Log().sensitivities(["back_emf", "p2"], SLIDING)
+    assert np.abs(rows[:, 0]).max() < 1e-12 * np.abs(rows[:, 1]).max()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    lag=st.sampled_from([0.0, 0.0123]),
+    stiffness=st.sampled_from([0.0, 0.0, 3.0]),
+    coulomb=st.floats(1e-4, 6e-3),
+    scale=st.floats(0.2, 2.0),
+)
+def test_in_any_direction_any_robot_has_the_derivative_of_a_difference(
+    seed, lag, stiffness, coulomb, scale
+):
+    random = np.random.default_rng(seed)
+    values = {
+        name: value * random.uniform(0.5, 2) for name, value in vars(SLIDING).items() if value
+    }
+    values |= {"coulomb": coulomb, "time_constant": lag, "back_emf": 3e-4 if lag else 0.0}
+    robot = LumpedParameters(**(values | {"bristle_stiffness": stiffness}))
+    log = _Log(scale, seed, grid=np.arange(0, 2, 0.01))
+    names = [name for name in TERMS if getattr(robot, name) and name not in {"delay", *INITIAL}]
+    way = {name: getattr(robot, name) * random.normal() for name in names}
+
+    def difference(h):
+        ends = [
+            log.angles(replace(robot, **{n: getattr(robot, n) + s * h * way[n] for n in names}))
+            for s in (1, -1)
+        ]
+        return (ends[0] - ends[1]) / (2 * h)
+
+    near, nearer = difference(1e-6), difference(2e-7)
+    scale = np.linalg.norm(near)
+    assume(np.linalg.norm(near - nearer) < 1e-6 * scale)  # else events changed their order
+    _, rows = log.sensitivities(names, robot)
+    assert np.linalg.norm(rows @ list(way.values()) - near) < 1e-5 * scale
+
+
+@pytest.mark.parametrize("regime", REGIMES)
+def test_scaling_all_torques_and_the_inertia_together_moves_nothing(regime):
+    """It is the factor that only a known added mass tells."""
+    parameters, scale = REGIMES[regime]
+    names = ["p1", "p2", "p3", "p3_offset", "p4", "coulomb", "stribeck", "drag", "bias"]
+    names += ["cogging", "cogging_cosine", "back_emf", "bristle_stiffness", "bristle_damping"]
+    names = [name for name in names if getattr(parameters, name)]
+    _, rows = _Log(scale).sensitivities(names, parameters, added=NO_ADDED_MASS)
+    effects = rows * [getattr(parameters, name) for name in names]
+    assert np.abs(effects.sum(axis=1)).max() < 1e-11 * np.abs(effects).max()
+
+
+@pytest.mark.parametrize("beside", [0.0, 1e-15, -1e-15, 1e-9, -1e-9])
+def test_a_velocity_that_touches_0_leaves_derivatives_finite(beside):
+    """It is (1 - t)^2, or as much as ``beside`` above or below."""
+    unit = LumpedParameters(p1=1.0, p2=0.0, p3=0.0, p4=1.0)
+    time = np.linspace(0, 2, 11)
+    instants = np.column_stack([time[:-1], (time[1:] + time[:-1]) / 2, time[1:]])
+    inputs = -2.0 * (1.0 - instants)
+    columns = Columns.of(["coulomb", "stribeck", "p1", "p2", "velocity"], unit)
+    readings = Readings.angles(10)
+    moved = np.zeros((10, 0, 3))
+    start = (0.0, 1.0 + beside)
+    values, rows = differentiate(unit, time, inputs, start, readings, columns, moved)
+    expected = (1 - (1 - time[1:]) ** 3) / 3 + beside * time[1:]
+    np.testing.assert_allclose(values, expected, atol=1e-9)
+    assert np.isfinite(rows).all()
+    np.testing.assert_allclose(rows[:4, -1], time[1:5])
+
+
+@pytest.mark.parametrize("states", [2, 4])
+def test_two_states_written_out_are_carried_as_any_number_of_them_is(states):
+    random = np.random.default_rng(1)
+    stages, tangents = np.zeros((4, 4, RATE + 1)), np.zeros((6, 5))
+    stages[:, 0, 1] = 1.0
+    stages[:, 1, :2] = random.normal(size=(4, 2))
+    stages[:, 1, 4:WEIGHT] = random.normal(size=(4, WEIGHT - 4))
+    tangents[:2] = random.normal(size=(2, 5))
+    column = np.array([-1, 0, 3, 7, 17])
+    other_stages, other = stages.copy(), tangents.copy()
+    carry_two(0.37, stages, tangents, column)
+    carry_all(0.37, states, other_stages, other, column)
+    np.testing.assert_allclose(tangents, other, rtol=1e-13)
+    ours, theirs = (each[:, :2, WEIGHT : WEIGHT + 2] for each in (stages, other_stages))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-13, atol=1e-16)
+
+
+def test_they_solve_the_variational_equations_as_another_integrator_does():
+    p, (angle, velocity) = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025), START
+    names = ["p1", "p2", "p3", "p4", "bias", "zero", "velocity"]
+    time = np.arange(0, 5.0005, 1e-3)
+    instants = np.column_stack([time[:-1], (time[1:] + time[:-1]) / 2, time[1:]])
+    inputs = 0.5 * np.sin(4 * instants)
+
+    def rates(t, state):
+        x, v = state[:2]
+        u = 0.5 * math.sin(4 * t)
+        a = (p.p4 * u - p.p2 * v - p.p3 * math.sin(x)) / p.p1
+        forced = np.array([-a, -v, -math.sin(x), u, 1.0, 0.0, 0.0]) / p.p1
+        by_x, by_v = state[2:].reshape(2, -1)
+        by_a = (-p.p2 * by_v - p.p3 * math.cos(x) * by_x) / p.p1 + forced
+        return [v, a, *by_v, *by_a]
+
+    begin = np.zeros((2, 7))
+    begin[0, 5], begin[1, 6] = -1.0, 1.0
+    start = [angle, velocity, *begin.ravel()]
+    at = time[1::100]
+    expected = solve_ivp(rates, time[[0, -1]], start, "DOP853", at, rtol=1e-12, atol=1e-12).y[2:9]
+    columns, readings = Columns.of(names, p), Readings.angles(time.size - 1)
+    moved = inputs[:, None, :]
+    _, rows = differentiate(p, time, inputs, (angle, velocity), readings, columns, moved)
+    found = (rows @ columns.mixture)[::100].T
+    errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)
+    assert errors.max() < 1e-8
+
+
+def test_readings_are_sums_over_the_state_at_both_ends_of_single_intervals():
+    log = _Log()
+    random = np.random.default_rng(2)
+    inputs = random.normal(size=(GRID.size - 1, 3))
+    loaded = SLIDING.with_added_mass(ADDED)
+    angle, velocity = simulate(loaded, GRID, inputs, *START)
+    into = np.full(GRID.size - 1, -1)
+    read = np.array([3, 4, 100, 398])
+    into[read] = [2, 0, 3, 1]
+    weights = random.normal(size=(4, 4))
+    readings = Readings(into=into, weights=weights)
+    ends = np.array([angle[read], velocity[read], angle[read + 1], velocity[read + 1]])
+    expected = (ends * weights[:, into[read]]).sum(axis=0)
+    np.testing.assert_allclose(
+        read_off(loaded, GRID, inputs, START, readings)[into[read]], expected, rtol=1e-12
+    )
+
+    columns = Columns.of(["p1", "coulomb"], SLIDING, ADDED)
+    moved = np.zeros((GRID.size - 1, 0, 3))
+
+    def derivatives(weights):
+        each = Readings(into=np.arange(GRID.size - 1), weights=weights)
+        return differentiate(loaded, GRID, inputs, START, each, columns, moved)[1]
+
+    units = [np.repeat(unit[:, None], GRID.size - 1, axis=1) for unit in np.eye(4)]
+    single = np.array([derivatives(unit)[read] for unit in units])
+    values, rows = differentiate(loaded, GRID, inputs, START, readings, columns, moved)
+    np.testing.assert_allclose(values[into[read]], expected, rtol=1e-12)
+    summed = (single * weights[:, into[read], None]).sum(axis=0)
+    np.testing.assert_allclose(rows[into[read]], summed, rtol=1e-12)
+    assert np.abs(single[0, 1:] - single[2, :-1])[0].max() == 0  # interval 4 begins as 3 ends
+    assert log.readings.weights.shape == (4, GRID.size - 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("colomb", "coulomb"),
+        ("viscous", "one of"),
+        ("time_constant", "more than 0 s"),
+        ("bristle_stiffness", "more than 0"),
+        ("bristle_damping", "more than 0"),
+    ],
+)
+def test_what_has_no_derivative_is_refused(name, found):
+    with pytest.raises(InputError, match=found):
+        Columns.of(["p1", name], SLIDING)
