@@ -3,14 +3,17 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
+# Every core has a worker already, and what is timed has one core: threads of a matrix library would
+# only wait for each other.
+ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
+
 .PHONY: demo test lint types bench bench-short wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
 
-# Every core has a worker already: threads of a matrix library would only wait for each other.
 test: $(VENV)/.development
-	OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks
+	$(ONE_THREAD) $(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .
@@ -20,12 +23,13 @@ lint: $(VENV)/.development
 types: $(VENV)/.development
 	$(BIN)/mypy
 
+# With mujoco.sysid to compare with: .venv/bin/pip install -e '.[sysid]' before.
 bench: $(VENV)/.development
-	$(BIN)/pytest tests/benchmarks -s
+	$(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 
 # A part of it, at twice its bars, for machines that others share.
 bench-short: $(VENV)/.development
-	BUTTERFLY_BENCH_SHORT=1 $(BIN)/pytest tests/benchmarks -s
+	BUTTERFLY_BENCH_SHORT=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:

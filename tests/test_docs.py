@@ -46,6 +46,12 @@ def test_what_the_docs_write_for_control_engineers_runs(title):
     exec(snippet, {})  # noqa: S102 - our own page
 
 
+def test_every_page_is_listed_in_the_readme():
+    readme = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    for page in DOCS.glob("*.md"):
+        assert f"(docs/{page.name})" in readme
+
+
 def test_the_exit_codes_stand_in_the_docs_with_their_meaning():
     rows = [row for row in _rows("commands.md") if row.startswith("| `")]
     assert rows == [f"| `{code:d}` | {code.meaning} |" for code in ExitCode]

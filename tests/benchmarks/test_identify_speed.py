@@ -12,8 +12,7 @@ from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import identify
-from butterfly.resources import shipped
-from tests.benchmarks.bars import at_most
+from tests.benchmarks.bars import SHORT, at_most
 from tests.benchmarks.cpu_time import least_seconds, least_seconds_of_processes
 
 NEEDED = """
@@ -38,9 +37,12 @@ from plotly.graph_objects import Figure
 
 @pytest.fixture(scope="module")
 def quick_start(tmp_path_factory):
-    """The logs of the quick start, whole."""
-    experiment = read_experiment(shipped("experiments/quickstart.yaml"))
-    return write_logs(experiment, simulate(experiment), tmp_path_factory.mktemp("quick")).parent
+    """The logs of the quick start, whole, by the fast simulator."""
+    folder = tmp_path_factory.mktemp("quick")
+    path = folder / "quick.yaml"
+    path.write_text("extends: quickstart\nplant: {simulator: grey-box}\n")
+    experiment = read_experiment(path)
+    return write_logs(experiment, simulate(experiment), folder / "logs").parent
 
 
 @pytest.mark.usefixtures("real")  # compiles the kernels
@@ -51,7 +53,7 @@ def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_mani
     )
     ratio = whole / reading
     print(f"\nidentify 41 real logs: {1e3 * whole:.0f} ms, {ratio:.2f} times the bare reading")
-    at_most(ratio, 2, "identify over bare reading")
+    at_most(ratio, 2, "identify 41 real logs", "reading them (loadmat)")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
@@ -61,7 +63,7 @@ def test_identifying_the_quick_start_costs_no_more_than_twice_the_imports_it_nee
     )
     ratio = own / needed
     print(f"\nbutterfly identify, quick start: {own:.2f} s, {ratio:.2f} times the imports it needs")
-    at_most(ratio, 2, "butterfly identify over its imports")
+    at_most(ratio, 2, "butterfly identify, quick start", "importing what it needs")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
@@ -72,8 +74,8 @@ def test_its_report_costs_little_more_than_the_imports_that_drawing_needs(quick_
         ("-c", NEEDED + DRAWN),
         command,
         (*command, "--report", str(tmp_path / "report.html")),
-        repeats=5,
+        repeats=2 if SHORT else 5,
     )
     ratio = (whole - own) / (drawing - needed)
     print(f"\n--report: {whole - own:.2f} s, {ratio:.1f} times the imports that drawing needs")
-    at_most(ratio, 5, "--report over the imports it needs")
+    at_most(ratio, 5, "what --report adds to it", "importing what draws it")

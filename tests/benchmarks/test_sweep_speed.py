@@ -1,9 +1,5 @@
-"""What a run of a sweep costs in the grey box; a 'kernel' is the bare integration of its logs.
+"""What a run of a sweep costs in the grey box; a 'kernel' is the bare integration of its logs."""
 
-CPU time of this process, all threads together.
-"""
-
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,20 +13,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.model.greybox import simulate
 from tests.benchmarks.bars import at_least, at_most
-
-_ROUNDS = 20
-
-
-def _least_seconds(*functions, rounds=_ROUNDS):
-    """CPU seconds of each function, the least of some rounds in which they take turns."""
-    found = []
-    for _ in range(rounds):
-        found.append([])
-        for function in functions:
-            start = time.process_time()
-            function()
-            found[-1].append(time.process_time() - start)
-    return np.min(found, axis=0)
+from tests.benchmarks.cpu_time import least_seconds
 
 
 def _task(folder, simulator):
@@ -68,21 +51,28 @@ def kernels(grey_box):
 def test_the_logs_of_a_grey_box_run_cost_little_more_than_their_integration(grey_box, kernels):
     task, _ = grey_box
     experiment = Experiment.model_validate(task.content)
-    bare, logs = _least_seconds(kernels, lambda: list(simulated_logs(experiment, threads=1)))
+    bare, logs = least_seconds(kernels, lambda: list(simulated_logs(experiment, threads=1)))
     print(f"\nlogs of a grey-box run: {1e3 * logs:.1f} ms, {logs / bare:.2f} kernels")
-    at_most(logs / bare, 2.5, "logs of a grey-box run in kernels")
+    at_most(
+        logs / bare, 2.5, "logs of a grey-box run of large-sweep.yaml", "their bare integration"
+    )
 
 
 def test_a_grey_box_run_of_a_sweep_costs_at_most_5_kernels(grey_box, kernels):
     execute(*grey_box)
-    bare, whole = _least_seconds(kernels, lambda: execute(*grey_box))
+    bare, whole = least_seconds(kernels, lambda: execute(*grey_box))
     print(f"\ngrey-box run of a sweep: {1e3 * whole:.1f} ms, {whole / bare:.2f} kernels")
-    at_most(whole / bare, 5, "grey-box run in kernels")
+    at_most(
+        whole / bare,
+        5,
+        "the whole run, identified and recorded",
+        "the bare integration of its logs",
+    )
 
 
 def test_a_sweep_is_ten_times_faster_in_the_grey_box_than_in_mujoco(grey_box, tmp_path):
     in_mujoco = _task(tmp_path, "mujoco")
     assert execute(*in_mujoco).record.status == execute(*grey_box).record.status == OK
-    slow, fast = _least_seconds(lambda: execute(*in_mujoco), lambda: execute(*grey_box), rounds=3)
+    slow, fast = least_seconds(lambda: execute(*in_mujoco), lambda: execute(*grey_box), repeats=3)
     print(f"\nrun of a sweep: {slow:.2f} s in MuJoCo, {slow / fast:.1f} times that of the grey box")
-    at_least(slow / fast, 10, "run in MuJoCo over run in the grey box")
+    at_least(slow / fast, 10, "the same run in MuJoCo", "the run in the grey box")

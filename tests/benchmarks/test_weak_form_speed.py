@@ -1,7 +1,5 @@
 """The weak form against one bare compiled integration of the same logs; CPU time, in turn."""
 
-import time
-
 import numpy as np
 
 from butterfly.identify.estimators import WeakForm
@@ -9,7 +7,8 @@ from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.plant.excitations import Multisine
-from tests.benchmarks.bars import SHORT, at_most
+from tests.benchmarks.bars import at_most
+from tests.benchmarks.cpu_time import least_seconds
 
 ROBOT = LumpedParameters(p1=0.00325, p2=1e-3, p3=0.04905, p4=10.0, coulomb=1e-4)
 MASSES = (AddedMass(), AddedMass(mass=0.05, arm=0.1))
@@ -48,12 +47,7 @@ def test_the_weak_form_of_a_large_sweep_s_logs_costs_little_more_than_integratin
     def fit():
         return WeakForm(terms=()).of_logs(logs, zeros)
 
-    least = [float("inf")] * 2
-    for _ in range(5 if SHORT else 25):
-        for k, work in enumerate((integrate, fit)):
-            start = time.process_time()
-            work()
-            least[k] = min(least[k], time.process_time() - start)
-    ratio = least[1] / least[0]
-    print(f"\nweak form, two logs of 70 s: {1e3 * least[1]:.1f} ms, {ratio:.2f} integrations")
-    at_most(ratio, 1.5, "weak form over bare integration")
+    bare, whole = least_seconds(integrate, fit)
+    ratio = whole / bare
+    print(f"\nweak form, two logs of 70 s: {1e3 * whole:.1f} ms, {ratio:.2f} integrations")
+    at_most(ratio, 1.5, "weak form of two logs of 70 s", "their bare integration")

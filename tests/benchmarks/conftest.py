@@ -1,0 +1,63 @@
+"""What several benchmarks share, and the table at their end."""
+
+import os
+import platform
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+
+from butterfly.identify.estimators import OutputError
+from butterfly.model.greybox import simulate
+from butterfly.signals import hold
+from tests.benchmarks.bars import ROWS, table
+
+_VERSIONS = ("mujoco", "numba", "numpy", "scipy")
+
+
+def pytest_terminal_summary(terminalreporter):
+    if not ROWS:
+        return
+    terminalreporter.section("ratios of CPU times")
+    terminalreporter.write_line(table())
+    packages = ", ".join(f"{name} {version(name)}" for name in _VERSIONS)
+    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    terminalreporter.write_line(f"\n{machine}; Python {platform.python_version()}, {packages}.")
+
+
+@pytest.fixture(scope="session")
+def fitted(real):
+    """The default output error of the real logs, without leaving a mass out."""
+    data = real.data
+    start = real.estimate.parameters, data.equilibria
+    return OutputError(check=False, workers=1).of_logs(data.logs, *start)
+
+
+@pytest.fixture(scope="session")
+def fitted_problem(real, fitted):
+    """What output error minimises, begun where it ends."""
+    data = real.data
+    parameters, own = fitted.applied(data.logs[0])
+    zeros = dict.fromkeys(data.equilibria, own["zero"])
+    return OutputError(check=False, workers=1).problem(data.logs, parameters, zeros)
+
+
+@pytest.fixture(scope="session")
+def simulation(fitted, fitted_problem):
+    """Simulates all real logs with the parameters of `fitted`, each input at hand on its grid."""
+    jobs = []
+    for trajectory in fitted_problem.trajectories:
+        log, grid = trajectory.log, trajectory.grid
+        parameters, own = fitted.applied(log)
+        instants = grid - parameters.delay
+        inputs = hold.parabolas(log.time, log.input, instants, log.intersample)[:, 0]
+        loaded = parameters.with_added_mass(log.added_mass)
+        start = float(log.angle[0]) - own["zero"]
+        jobs.append((loaded, grid, np.ascontiguousarray(inputs), start))
+
+    def integrate():
+        for job in jobs:
+            simulate(*job)
+
+    integrate()
+    return integrate

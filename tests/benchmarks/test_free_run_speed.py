@@ -1,0 +1,44 @@
+"""Free runs of the 41 real logs; a 'simulation' is the bare integration of them all."""
+
+import math
+from dataclasses import replace
+
+from butterfly.identify.estimators import HarmonicBalance
+from butterfly.identify.other_parameters import best_gain
+from butterfly.identify.predict import Predictor
+from tests.benchmarks.bars import at_most
+from tests.benchmarks.cpu_time import least_seconds
+
+
+def test_the_fit_of_all_logs_costs_little_more_than_a_simulation(real, fitted, simulation):
+    kept = Predictor(real.data)
+    kept.fits(fitted)
+    once, again, first = least_seconds(
+        simulation, lambda: kept.fits(fitted), lambda: Predictor(real.data).fits(fitted)
+    )
+    print(f"\nfree run and FIT: {again / once:.2f} simulations, the first time {first / once:.2f}")
+    at_most(again / once, 2, "free run and FIT of 41 logs", "a simulation of 41 logs")
+    at_most(first / once, 3, "the same, inputs delivered anew", "a simulation of 41 logs")
+
+
+def test_the_best_gain_costs_at_most_100_simulations(real, fitted, simulation):
+    parameters = replace(fitted.parameters, p4=math.nan)
+    once, seeking = least_seconds(
+        simulation, lambda: best_gain(parameters, Predictor(real.data)), repeats=3
+    )
+    print(f"\nbest p4: {seeking:.2f} s, {seeking / once:.0f} simulations")
+    at_most(seeking / once, 100, "best p4 for given parameters", "a simulation of 41 logs")
+
+
+def test_the_harmonic_balance_costs_less_than_simulating_the_logs_once(real):
+    fit, runs = least_seconds(
+        lambda: HarmonicBalance().of_points(real.data.sines),
+        lambda: Predictor(real.data).fits(real.estimate),
+    )
+    print(f"\nharmonic balance: {1e3 * fit:.1f} ms, {fit / runs:.2f} of a free run of 41 logs")
+    at_most(
+        fit / runs,
+        1,
+        "harmonic balance of 41 logs",
+        "their free run and FIT, inputs delivered anew",
+    )

@@ -1,0 +1,74 @@
+"""Output error on the 41 real logs; a 'simulation' is the bare integration of them all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identify.estimators import OutputError
+from tests.benchmarks.bars import at_most
+from tests.benchmarks.cpu_time import least_seconds
+
+_STEP = 1e-5
+"""Of differences, in scaled parameters: rounding and curvature then cost about 1e-8 of a column."""
+
+
+def test_residuals_and_their_jacobian_cost_at_most_2_5_simulations(fitted_problem, simulation):
+    point = fitted_problem.initial
+    fitted_problem.equations(point)  # delivers the inputs
+    once, both = least_seconds(simulation, lambda: fitted_problem.equations(point))
+    print(f"\nJacobian and residuals: {1e3 * both:.0f} ms, {both / once:.2f} simulations")
+    at_most(both / once, 2.5, "output error: residuals and Jacobian", "a simulation of 41 logs")
+
+
+@pytest.mark.parametrize(
+    ("check", "bar", "what"),
+    [
+        (False, 16, "output error: fit of 12 parameters"),
+        (True, 45, "output error: the same, and without each mass"),
+    ],
+)
+def test_a_fit_of_twelve_parameters_costs_few_simulations(real, simulation, check, bar, what):
+    data, start = real.data, real.estimate.parameters
+    estimator = OutputError(check=check, workers=1)
+    once, fit = least_seconds(
+        simulation, lambda: estimator.of_logs(data.logs, start, data.equilibria), repeats=5
+    )
+    print(f"\n{what}: {fit:.2f} s, {fit / once:.1f} simulations")
+    at_most(fit / once, bar, what, "a simulation of 41 logs")
+
+
+def _turns(problem, scaled):
+    """For each log, the signs of the velocity on the grid: they tell the order of events."""
+    values = dict(zip([name for name, _ in problem.keys], scaled * problem.scale, strict=True))
+    zero = values.pop("zero")
+    parameters = replace(problem.start, **values)
+    return [np.sign(each.simulate(parameters, zero)[1]) for each in problem.trajectories]
+
+
+def test_the_jacobian_is_that_of_central_differences(fitted_problem):
+    problem, point = fitted_problem, fitted_problem.initial
+    exact = problem.equations(point).logs
+    errors, left_out = {}, 0
+    for column, (name, _) in enumerate(problem.keys):
+        move = np.zeros_like(point)
+        move[column] = _STEP
+        ends = point + move, point - move
+        above, below = (problem.equations(end).logs for end in ends)
+        turns = zip(*(_turns(problem, end) for end in ends), strict=True)
+        kept = [k for k, both in enumerate(turns) if np.array_equal(*both)]
+        columns = [exact[k].jacobian[:, column] for k in kept]
+        slopes = [(above[k].residuals - below[k].residuals) / (2 * _STEP) for k in kept]
+        size = np.linalg.norm(np.concatenate(columns))
+        errors[name] = np.linalg.norm(np.concatenate(columns) - np.concatenate(slopes)) / size
+        left_out = max(left_out, len(exact) - len(kept))
+    delay = errors.pop("delay")
+    worst = max(errors, key=errors.get)
+    print(
+        f"\nJacobian less central differences: {errors[worst]:.1e} of the column of {worst}, "
+        f"{delay:.1e} of delay's; at most {left_out} logs left out, whose events change order"
+    )
+    what = "output error: Jacobian less central differences"
+    at_most(errors[worst], 1e-5, f"{what}, worst column", "the column's norm")
+    at_most(delay, 1e-3, f"{what}, delay", "the column's norm")
+    at_most(left_out, 4, "logs whose events change order")

@@ -1,0 +1,88 @@
+"""One real log's input, simulated without friction: the kernel, scipy's solve_ivp, bare MuJoCo."""
+
+import mujoco
+import numpy as np
+from mujoco.rollout import Rollout
+from scipy.integrate import solve_ivp
+
+from butterfly.identify.free_run import Trajectory
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import LumpedParameters
+from butterfly.plant.mjcf import compile_model
+from butterfly.plant.twin import twin
+from butterfly.signals import hold
+from tests.benchmarks.bars import at_least
+from tests.benchmarks.cpu_time import least_seconds
+
+_START = 0.1  # rad
+_LOG = 35  # 154 g at 7 rad/s
+_AGAIN = 20  # times at once: the kernel is too fast for the clock
+
+
+def _by_kernel(loaded, log, grid):
+    """The angle on a grid, the input's delivery included."""
+    inputs = hold.parabolas(log.time, log.input, grid, log.intersample)[:, 0]
+    return simulate(loaded, grid, inputs, _START)[0]
+
+
+def _by_scipy(loaded, log, grid, tolerance):
+    """The same; LSODA needs the least time of scipy's methods for this accuracy."""
+
+    def rates(time, state):
+        angle, velocity = state
+        torque = loaded.p4 * np.interp(time, log.time, log.input)
+        pull = loaded.p2 * velocity + loaded.p3 * np.sin(angle)
+        return velocity, (torque - pull) / loaded.p1
+
+    span, start = (grid[0], grid[-1]), (_START, 0.0)
+    tolerances = {"rtol": tolerance, "atol": 0.01 * tolerance}
+    return solve_ivp(rates, span, start, method="LSODA", t_eval=grid, **tolerances).y[0]
+
+
+def _least_accurate(loaded, log, grid, exact, error):
+    """The loosest tolerance at which scipy is as accurate."""
+    for tolerance in 10.0 ** np.arange(-7, -12, -0.5):
+        if np.abs(_by_scipy(loaded, log, grid, tolerance) - exact).max() <= error:
+            return tolerance
+    raise AssertionError("solve_ivp does not reach the kernel's accuracy")
+
+
+def test_scipy_and_mujoco_need_hundreds_of_times_the_kernel_s_time(real):
+    found = real.estimate.parameters
+    parameters = LumpedParameters(p1=found.p1, p2=found.p2, p3=found.p3, p4=found.p4)
+    log = real.data.logs[_LOG]
+    loaded = parameters.with_added_mass(log.added_mass)
+    grid = Trajectory(log, parameters).grid
+    stamps = np.union1d(grid, log.time)
+    fine = np.union1d(stamps, 0.5 * (stamps[1:] + stamps[:-1]))
+    exact = _by_kernel(loaded, log, fine)[np.searchsorted(fine, grid)]
+    error = np.abs(_by_kernel(loaded, log, grid) - exact).max()
+    tolerance = _least_accurate(loaded, log, grid, exact, error)
+
+    model = compile_model(twin(parameters), log.added_mass)
+    model.opt.timestep = 1e-3
+    data = mujoco.MjData(model)
+    data.qpos[0] = _START
+    state = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    mujoco.mj_getState(model, data, state[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    ticks = np.arange(grid[0], grid[-1], 1e-3)
+    held = np.interp(ticks + 5e-4, log.time, log.input)[None, :, None]
+    with Rollout(nthread=0) as pool:
+        states, _ = pool.rollout(model, [data], state, held)
+        moved = np.interp(grid[1:-1], ticks + 1e-3, states[0, :, 1])
+        assert np.abs(moved - exact[1:-1]).max() < 0.01
+
+        kernel, scipy, rollout = least_seconds(
+            lambda: [_by_kernel(loaded, log, grid) for _ in range(_AGAIN)],
+            lambda: _by_scipy(loaded, log, grid, tolerance),
+            lambda: pool.rollout(model, [data], state, held),
+            repeats=3,
+        )
+    kernel /= _AGAIN
+    print(
+        f"\none log: kernel {1e3 * kernel:.2f} ms ({error:.1e} rad off), "
+        f"solve_ivp {scipy / kernel:.0f} times, MuJoCo's rollout {rollout / kernel:.0f} times"
+    )
+    of = "the kernel, its input delivered"
+    at_least(scipy / kernel, 500, "scipy's solve_ivp at the kernel's accuracy", of)
+    at_least(rollout / kernel, 100, "MuJoCo's bare rollout, RK4 at 1 ms", of)
