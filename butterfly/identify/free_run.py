@@ -69,7 +69,7 @@ class Trajectory:
             At the first sample, in rad/s.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters.delay, parameters.compression)[:, 0]
+        inputs = self._inputs(parameters.delay, parameters.compression)[0]
         angle, speed = simulate(loaded, self.grid, inputs, self._start(zero), velocity)
         return zero + angle, speed
 
@@ -100,7 +100,7 @@ class Trajectory:
             As in `simulate`.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters.delay, parameters.compression)[:, 0]
+        inputs = self._inputs(parameters.delay, parameters.compression)[0]
         start = self._start(zero), velocity
         readings, measured = self._averages
         return read_off(loaded, self.grid, inputs, start, readings) + (zero - measured)
@@ -129,13 +129,11 @@ class Trajectory:
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters.delay, parameters.compression)
         moved = inputs
-        if columns.drives > moved.shape[1]:
-            moved = np.concatenate([moved, self._by_compression(parameters)], axis=1)
+        if columns.drives > moved.shape[0]:
+            moved = np.concatenate([moved, self._by_compression(parameters)])
         start = self._start(zero), velocity
         readings, measured = self._averages
-        values, rows = differentiate(
-            loaded, self.grid, inputs[:, 0], start, readings, columns, moved
-        )
+        values, rows = differentiate(loaded, self.grid, inputs[0], start, readings, columns, moved)
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += 1  # it moves the start back, and all readings on
         return values + (zero - measured), rows, columns.mixture
@@ -151,17 +149,17 @@ class Trajectory:
         return Readings(into=into, weights=weights), measured
 
     def _delivered(self, delay: float, compression: float) -> Samples:
-        """(n - 1, 2, 3) delivered input (see `butterfly.signals.hold.parabolas`)."""
+        """(2, n - 1, 3) delivered input (see `butterfly.signals.hold.parabolas`)."""
         log = self.log
         inputs = compressed(log.input, compression) if compression else log.input
         return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
 
     def _by_compression(self, parameters: LumpedParameters) -> Samples:
-        """(n - 1, 1, 3) derivative of the delivered input by the drive's compression."""
+        """(1, n - 1, 3) derivative of the delivered input by the drive's compression."""
         log = self.log
         inputs = -log.input * abs(log.input) / (1 + parameters.compression * abs(log.input)) ** 2
         instants = self.grid - parameters.delay
-        return hold.parabolas(log.time, inputs, instants, log.intersample)[:, :1]
+        return hold.parabolas(log.time, inputs, instants, log.intersample)[:1]
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:

@@ -162,7 +162,7 @@ def differentiate(  # noqa: PLR0917 - it takes what `read_off` takes, and what i
     columns
         Of the same hand.
     moved
-        (n - 1, q, 3) of q at least `Columns.drives`: the inputs, by which p4 is felt, and their
+        (q, n - 1, 3) of q at least `Columns.drives`: the inputs, by which p4 is felt, and their
         derivatives by delay and compression.
     """
     values = np.empty(readings.weights.shape[1])

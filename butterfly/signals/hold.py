@@ -78,7 +78,7 @@ def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample)
 
     Returns
     -------
-    (m - 1, 2, 3) values at the start, middle and end of each interval: of the parabola, and of its
+    (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and of its
     derivative by a delay of the input, per s. A held input's moments have a kink where a stamp
     passes an edge; there it is the mean of the slopes on both sides.
     """
@@ -158,11 +158,11 @@ def _moments(time, inputs, edges, linear):
 
 @compiled
 def _parabolas(time, inputs, edges, linear):
-    """(m, 2, 3) values of the parabola over each interval, and of its derivative by a delay.
+    """(2, m, 3) values of the parabola over each interval, and of its derivative by a delay.
 
     By partial integration that needs the moments and the input at the edges only.
     """
-    result = np.empty((edges.size - 1, 2, 3))
+    result = np.empty((2, edges.size - 1, 3))
     k = -1
     for cell in range(edges.size - 1):
         begin, end = edges[cell], edges[cell + 1]
@@ -184,9 +184,9 @@ def _legendre(zeroth, first, second):
 def _evaluate(coefficients, result, cell, number):
     """Write a parabola's values at the start, middle and end of its interval."""
     middle, slope, bend = coefficients
-    result[cell, number, 0] = middle - slope + bend
-    result[cell, number, 1] = middle - 0.5 * bend
-    result[cell, number, 2] = middle + slope + bend
+    result[number, cell, 0] = middle - slope + bend
+    result[number, cell, 1] = middle - 0.5 * bend
+    result[number, cell, 2] = middle + slope + bend
 
 
 @inlined

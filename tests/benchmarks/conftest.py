@@ -50,7 +50,7 @@ def simulation(fitted, fitted_problem):
         log, grid = trajectory.log, trajectory.grid
         parameters, own = fitted.applied(log)
         instants = grid - parameters.delay
-        inputs = hold.parabolas(log.time, log.input, instants, log.intersample)[:, 0]
+        inputs = hold.parabolas(log.time, log.input, instants, log.intersample)[0]
         loaded = parameters.with_added_mass(log.added_mass)
         start = float(log.angle[0]) - own["zero"]
         jobs.append((loaded, grid, np.ascontiguousarray(inputs), start))

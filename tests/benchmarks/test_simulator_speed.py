@@ -21,7 +21,7 @@ _AGAIN = 20  # times at once: the kernel is too fast for the clock
 
 def _by_kernel(loaded, log, grid):
     """The angle on a grid, the input's delivery included."""
-    inputs = hold.parabolas(log.time, log.input, grid, log.intersample)[:, 0]
+    inputs = hold.parabolas(log.time, log.input, grid, log.intersample)[0]
     return simulate(loaded, grid, inputs, _START)[0]
 
 

@@ -69,7 +69,7 @@ class _Log:
 
     def angles(self, parameters, start=START, added=ADDED):
         delivered = compressed(self.input, parameters.compression)
-        inputs = self._parabolas(delivered, parameters)[:, 0]
+        inputs = self._parabolas(delivered, parameters)[0]
         loaded = parameters.with_added_mass(added)
         return read_off(loaded, self.grid, inputs, start, self.readings)
 
@@ -77,9 +77,9 @@ class _Log:
         """Return (n - 1,) angles and their (n - 1, k) derivatives by the names."""
         p, columns = parameters, Columns.of(names, parameters, added)
         delivered = compressed(self.input, p.compression)
-        inputs, late = np.moveaxis(self._parabolas(delivered, p), 1, 0)
-        weaker = self._parabolas(-delivered * abs(delivered), p)[:, 0]
-        moved = np.stack([inputs, late, weaker], axis=1)
+        inputs, late = self._parabolas(delivered, p)
+        weaker = self._parabolas(-delivered * abs(delivered), p)[0]
+        moved = np.stack([inputs, late, weaker])
         values, rows = differentiate(
             p.with_added_mass(added),
             self.grid,
@@ -183,7 +183,7 @@ def test_a_joint_that_stops_and_breaks_loose_within_one_step_has_the_derivatives
 
     halfway = simulate(joint, np.array([0.0, 0.5]), np.array([[-0.05, -0.02, 0.1]]), 0.3, 0.5)
     assert halfway[1][-1] == 0
-    columns, moved = Columns.of(names, joint), np.stack([inputs, late], axis=1)
+    columns, moved = Columns.of(names, joint), np.stack([inputs, late])
     _, rows = differentiate(joint, time, inputs, (0.3, 0.5), readings, columns, moved)
     for name, row in zip(names, (rows @ columns.mixture).T, strict=True):
         steps = (1e-4, 1e-5, 1e-6)
@@ -266,7 +266,7 @@ def test_a_velocity_that_touches_0_leaves_derivatives_finite(beside):
     inputs = -2.0 * (1.0 - instants)
     columns = Columns.of(["coulomb", "stribeck", "p1", "p2", "velocity"], unit)
     readings = Readings.angles(10)
-    moved = np.zeros((10, 0, 3))
+    moved = np.zeros((0, 10, 3))
     start = (0.0, 1.0 + beside)
     values, rows = differentiate(unit, time, inputs, start, readings, columns, moved)
     expected = (1 - (1 - time[1:]) ** 3) / 3 + beside * time[1:]
@@ -314,7 +314,7 @@ def test_they_solve_the_variational_equations_as_another_integrator_does():
     at = time[1::100]
     expected = solve_ivp(rates, time[[0, -1]], start, "DOP853", at, rtol=1e-12, atol=1e-12).y[2:9]
     columns, readings = Columns.of(names, p), Readings.angles(time.size - 1)
-    moved = inputs[:, None, :]
+    moved = inputs[None]
     _, rows = differentiate(p, time, inputs, (angle, velocity), readings, columns, moved)
     found = (rows @ columns.mixture)[::100].T
     errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)
@@ -339,7 +339,7 @@ def test_readings_are_sums_over_the_state_at_both_ends_of_single_intervals():
     )
 
     columns = Columns.of(["p1", "coulomb"], SLIDING, ADDED)
-    moved = np.zeros((GRID.size - 1, 0, 3))
+    moved = np.zeros((0, GRID.size - 1, 3))
 
     def derivatives(weights):
         each = Readings(into=np.arange(GRID.size - 1), weights=weights)

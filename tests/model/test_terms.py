@@ -118,7 +118,7 @@ def test_the_kernel_has_a_derivative_by_every_row(name, angle, velocity):
     expected = (after(step) - after(-step)) / (2 * step)
     inputs = delivered(bare)
     slopes = -rise * (1 - bare.compression * inputs) ** 2
-    moved = np.stack([inputs, slopes, -(inputs**2)], axis=1)
+    moved = np.stack([inputs, slopes, -(inputs**2)])
     columns = Columns.of([name], bare, added)
     loaded = bare.with_added_mass(added)
     _, rows = differentiate(loaded, time, inputs, start, readings, columns, moved)

@@ -90,7 +90,7 @@ def _play(time, drives, c, into, weights, tape, stages, tangents, column, moved,
             latest = part
             _begin_part(k, part, parts, tangents, moved, own)
         if kind in (STEP, REVERSAL):
-            _linearise_step(tape, row, c, ripples, own, moved.shape[1], stages)
+            _linearise_step(tape, row, c, ripples, own, moved.shape[0], stages)
             if states == 2:
                 carry_two(share * h, stages, tangents, column)
             else:
@@ -116,8 +116,8 @@ def _begin_part(k, part, parts, tangents, moved, own):
     """Begin a part of interval k at an instant that nothing moves, under drives of its own."""
     for j in range(tangents.shape[1]):
         tangents[LATE, j] = 0.0
-    for q in range(moved.shape[1]):
-        whole = (moved[k, q, 0], moved[k, q, 1], moved[k, q, 2])
+    for q in range(moved.shape[0]):
+        whole = (moved[q, k, 0], moved[q, k, 1], moved[q, k, 2])
         if parts > 1:
             whole = part_of(whole, part, parts)
         own[q, 0], own[q, 1], own[q, 2] = whole

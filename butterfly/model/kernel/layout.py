@@ -22,7 +22,7 @@ stages (4, 4, _)
     At each of the four stages, for the rate of each state: its derivatives by the states, from
     `BASIS` on those by every constant and drive, from `WEIGHT` on the weights of all rates of the
     stage in the state at the step's end, and at `RATE` itself.
-moved (n - 1, q, 3)
+moved (q, n - 1, 3)
     The inputs, by which p4 is felt, and their derivatives by delay and compression, as many as are
     needed; ``own`` (3, 3) are those of one part of an interval.
 """
