@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,7 +52,7 @@ class Trajectory:
         grid = uniform_grid(log.time, grid_step(log, parameters))
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
-        self._inputs = lru_cache(maxsize=2)(self._delivered)
+        self._latest: tuple[tuple[float, float], Samples] | None = None
 
     def simulate(
         self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
@@ -148,8 +148,14 @@ class Trajectory:
         into, weights, measured = hermite.averages(self.grid, log.time[first:], log.angle[first:])
         return Readings(into=into, weights=weights), measured
 
+    def _inputs(self, delay: float, compression: float) -> Samples:
+        """(2, n - 1, 3) delivered input, the latest being kept (see `hold.parabolas`)."""
+        key = delay, compression
+        if self._latest is None or self._latest[0] != key:
+            self._latest = key, self._delivered(delay, compression)
+        return self._latest[1]
+
     def _delivered(self, delay: float, compression: float) -> Samples:
-        """(2, n - 1, 3) delivered input (see `butterfly.signals.hold.parabolas`)."""
         log = self.log
         inputs = compressed(log.input, compression) if compression else log.input
         return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
