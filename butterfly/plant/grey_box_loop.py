@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.plant.bench import recorded
 from butterfly.plant.excitations import Multisine, initial_angle
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.sensors import stamps_of
@@ -69,10 +68,7 @@ class GreyBoxLoop:
         commands = setup.path.shape_all(sampled)
         joint = GreyBoxJoint(setup.robot, added, angle=initial_angle(excitation))
         true = joint.angles_under(time, setup.path.deliver(commands), setup.path.delay)
-        angle = setup.encoder.read(time, true, rng)
-        about = setup.about(added, excitation)
-        log = recorded(time, commands, angle, input_kind=setup.input_kind, **about)
-        return setup.faults.apply(log, rng)
+        return setup.record((added, excitation), time, commands, true, rng)
 
 
 @lru_cache(maxsize=4)

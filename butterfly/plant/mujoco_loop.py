@@ -10,7 +10,6 @@ import numpy as np
 from mujoco.rollout import Rollout
 
 from butterfly.errors import InputError
-from butterfly.plant.bench import recorded
 from butterfly.plant.excitations import initial_angle
 from butterfly.plant.held_commands import steps_of
 from butterfly.plant.mjcf import compile_model, mount
@@ -72,11 +71,8 @@ class MujocoLoop:
         angles = self._roll_out(
             [added for (added, _), _ in batch], start, setup.path.deliver(inputs[:, :-1])
         )
-        for ((added, excitation), rng), command, true in zip(batch, inputs, angles, strict=True):
-            angle = setup.encoder.read(time, true, rng)
-            about = setup.about(added, excitation)
-            log = recorded(time, command, angle, input_kind=setup.input_kind, **about)
-            yield setup.faults.apply(log, rng)
+        for (run, rng), command, true in zip(batch, inputs, angles, strict=True):
+            yield setup.record(run, time, command, true, rng)
 
     def _roll_out(
         self, added: list[AddedMass], start: NDArray[np.float64], held: NDArray[np.float64]

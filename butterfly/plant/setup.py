@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from butterfly.logs.log import Sine
-from butterfly.plant.bench import Bench
+from butterfly.plant.bench import Bench, recorded
 from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint, Simulator, kind_of
 from butterfly.plant.motor import CommandPath, SimulatedMotor
@@ -14,6 +14,7 @@ from butterfly.plant.sensors import Clock, Encoder, Faults
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
     from butterfly.logs.log import InputKind, Log
     from butterfly.model.parameters import AddedMass
@@ -122,6 +123,35 @@ class Setup:
         """Record a run with an excitation, cycle by cycle (see `run`)."""
         with self.bench(added, initial_angle(excitation), rng) as bench:
             log = bench.play(excitation.sample, duration, **self.about(added, excitation))
+        return self.faults.apply(log, rng)
+
+    def record(
+        self,
+        run: tuple[AddedMass, Excitation],
+        time: NDArray[np.float64],
+        commands: NDArray[np.float64],
+        true: NDArray[np.float64],
+        rng: np.random.Generator,
+    ) -> Log:
+        """Return the log of an open-loop run that was simulated elsewhere, as `play` makes it.
+
+        Parameters
+        ----------
+        run
+            What the hand carried, and the excitation.
+        time, commands, true
+            (n,) stamps in s, commands as they were set, and true angles in rad.
+        rng
+            Of encoder and faults.
+
+        Raises
+        ------
+        InputError
+            If the joint diverged.
+        """
+        angle = self.encoder.read(time, true, rng)
+        about = self.about(*run)
+        log = recorded(time, commands, angle, input_kind=self.input_kind, **about)
         return self.faults.apply(log, rng)
 
     def about(self, added: AddedMass, excitation: Excitation | None = None) -> dict[str, Any]:
