@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 
+from butterfly.compiled import compiled
 from butterfly.errors import InputError, require_number
 from butterfly.plant.simulink_noise import BandLimitedNoise  # noqa: TC001 - the schema reads annotations
 
@@ -168,7 +168,7 @@ def filtered_difference(
     return _low_passed(keep, np.diff(angle) / steps)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _low_passed(keep: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
     filtered = np.zeros(values.size + 1)
     for k in range(values.size):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 
+from butterfly.compiled import compiled
 from butterfly.errors import InputError, require_number
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def _normals(seed: int, count: int) -> NDArray[np.float64]:
     return _polar(state, count)
 
 
-@numba.njit(cache=True)
+@compiled
 def _polar(state, count):
     """Draw by Marsaglia's polar method, the second number of each pair thrown away."""
     numbers = np.empty(count)

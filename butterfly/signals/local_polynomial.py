@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from numpy.polynomial import legendre
+
+from butterfly.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,7 +54,7 @@ def _weights(reach: int, order: int) -> Samples:
     return np.asarray(rise.T @ np.linalg.pinv(legendre.legvander(x, order)) / reach)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _antisymmetric(values, weights):
     """Sum each sample's differences between right and left, the i-th weighted by weights[i - 1].
 
