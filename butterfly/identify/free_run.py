@@ -10,7 +10,7 @@ import numpy as np
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import compressed
-from butterfly.model.sensitivities import Columns, Readings, differentiate, read_off
+from butterfly.model.sensitivities import Columns, Readings, differentiate
 from butterfly.signals import hermite, hold
 from butterfly.signals.resample import uniform_grid
 
@@ -87,24 +87,6 @@ class Trajectory:
         angle, speed = self.simulate(parameters, zero, velocity)
         return hermite.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
 
-    def errors(
-        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
-    ) -> NDArray[np.float64]:
-        """Return simulated less measured angle, averaged over the samples of each grid interval.
-
-        The average keeps what the samples tell at a fraction of their number.
-
-        Parameters
-        ----------
-        parameters, zero, velocity
-            As in `simulate`.
-        """
-        loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters.delay, parameters.compression)[0]
-        start = self._start(zero), velocity
-        readings, measured = self._averages
-        return read_off(loaded, self.grid, inputs, start, readings) + (zero - measured)
-
     def linearised(
         self,
         names: Sequence[str],
@@ -112,7 +94,10 @@ class Trajectory:
         zero: float,
         velocity: float = 0.0,
     ) -> tuple[Samples, Samples, Samples]:
-        """Return `errors`, and what they change by with n parameters, zero or velocity.
+        """Return the errors, and what they change by with n parameters, zero or velocity.
+
+        They are simulated less measured angle, averaged over the samples of each grid interval: the
+        average keeps what the samples tell at a fraction of their number.
 
         Parameters
         ----------
@@ -128,12 +113,11 @@ class Trajectory:
         columns = Columns.of(names, parameters, self.log.added_mass)
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters.delay, parameters.compression)
-        moved = inputs
-        if columns.drives > moved.shape[0]:
-            moved = np.concatenate([moved, self._by_compression(parameters)])
+        if columns.drives > inputs.shape[0]:
+            inputs = np.concatenate([inputs, self._by_compression(parameters)])
         start = self._start(zero), velocity
         readings, measured = self._averages
-        values, rows = differentiate(loaded, self.grid, inputs[0], start, readings, columns, moved)
+        values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += 1  # it moves the start back, and all readings on
         return values + (zero - measured), rows, columns.mixture
@@ -157,7 +141,7 @@ class Trajectory:
 
     def _delivered(self, delay: float, compression: float) -> Samples:
         log = self.log
-        inputs = compressed(log.input, compression) if compression else log.input
+        inputs = compressed(log.input, compression)
         return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
 
     def _by_compression(self, parameters: LumpedParameters) -> Samples:

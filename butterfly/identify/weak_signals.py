@@ -170,7 +170,7 @@ class Averaging:
 
     def _driven(self, delay: float, compression: float) -> Motion:
         log = self._log
-        inputs = compressed(log.input, compression) if compression else log.input
+        inputs = compressed(log.input, compression)
         delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
         return self._motion._replace(input=delivered)
 

@@ -238,7 +238,7 @@ class LumpedParameters(FrictionTerms):
 
 def compressed(inputs: _Inputs, compression: float) -> _Inputs:
     """Return one input, or (n,), as a drive whose gain falls with it delivers it, v/(1 + c |v|)."""
-    return inputs / (1 + compression * abs(inputs))
+    return inputs / (1 + compression * abs(inputs)) if compression else inputs
 
 
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:

@@ -117,61 +117,43 @@ class Readings:
         return cls(into=np.arange(count), weights=weights)
 
 
-def read_off(
-    parameters: LumpedParameters,
-    time: Samples,
-    inputs: Samples,
-    start: tuple[float, float],
-    readings: Readings,
-) -> Samples:
-    """Simulate as `butterfly.model.greybox.simulate` does, and return the (m,) readings.
-
-    Parameters
-    ----------
-    parameters
-        Of the hand with its added mass.
-    time, inputs
-        As `butterfly.model.greybox.simulate` takes them.
-    start
-        Initial angle in rad and velocity in rad/s.
-    readings
-        What is read off.
-    """
-    values = np.empty(readings.weights.shape[1])
-    drives, constants = parameters.p4 * inputs, Constants.of(parameters)
-    state = (*start, 0.0, 0.0)
-    kernel.follow(time, drives, state, constants, readings.into, readings.weights, values)
-    return values
-
-
-def differentiate(  # noqa: PLR0917 - it takes what `read_off` takes, and what is differentiated
+def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated of it
     parameters: LumpedParameters,
     time: Samples,
     inputs: Samples,
     start: tuple[float, float],
     readings: Readings,
     columns: Columns,
-    moved: Samples,
 ) -> tuple[Samples, Samples]:
-    """Return the readings of `read_off`, and their (m, k) derivatives by the columns.
+    """Simulate as `butterfly.model.greybox.simulate` does; return what is read off, differentiated.
 
     Parameters
     ----------
-    parameters, time, inputs, start, readings
-        As there.
+    parameters
+        Of the hand with its added mass.
+    time
+        (n,) strictly increasing instants in s.
+    inputs
+        (q, n - 1, 3) at the start, middle and end of each interval: the input, already delayed, and
+        as far as `Columns.drives` asks for them its derivatives by delay and compression.
+    start
+        Initial angle in rad and velocity in rad/s.
+    readings
+        What is read off.
     columns
         Of the same hand.
-    moved
-        (q, n - 1, 3) of q at least `Columns.drives`: the inputs, by which p4 is felt, and their
-        derivatives by delay and compression.
+
+    Returns
+    -------
+    (m,) readings, and their (m, k) derivatives by the columns.
     """
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))
-    drives, constants = parameters.p4 * inputs, Constants.of(parameters)
+    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters)
     state = (*start, 0.0, 0.0)
     kernel.differentiate(
         *(time, drives, state, constants, readings.into, readings.weights, values),
-        *(columns.column, columns.initial, moved, rows),
+        *(columns.column, columns.initial, inputs, rows),
     )
     return values, rows
 

@@ -9,6 +9,7 @@ import pytest
 
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import OutputError
+from butterfly.identify.free_run import Trajectory
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor, Setting, free_run
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
@@ -73,3 +74,18 @@ def test_the_velocity_and_zero_found_for_each_log_are_used_to_predict_it(data):
     assert speeds == pytest.approx([SPEED] * 3, rel=2e-3)
     assert found.local[None]["zero"] == pytest.approx(ZERO, abs=1e-3)
     assert Predictor(data).fits(found).min() > 99.5
+
+
+def test_a_drive_whose_gain_falls_is_differentiated_by_that_too(data):
+    log, drive = data.logs[1], replace(ROBOT, compression=0.4)
+    trajectory, step = Trajectory(log, drive), 1e-5
+    _, rows, mixture = trajectory.linearised(["compression", "p4"], drive, ZERO, SPEED)
+    for k, name in enumerate(("compression", "p4")):
+        there, back = (
+            trajectory.linearised(
+                [], replace(drive, **{name: getattr(drive, name) + by}), ZERO, SPEED
+            )[0]
+            for by in (step, -step)
+        )
+        found, expected = (rows @ mixture)[:, k], (there - back) / (2 * step)
+        np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())

@@ -9,11 +9,11 @@ import pytest
 
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import OutputError
-from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.model.greybox import simulate
+from butterfly.logs.log import Intersample, Sine
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import offered
 from tests.conftest import MASSES
+from tests.identify.simulated import simulated
 
 ROBOT = LumpedParameters(
     p1=0.003,
@@ -37,21 +37,10 @@ ALL = offered("output-error")
 
 
 def _log(mass, omega, amplitude, hold):
-    time = np.arange(0, 12, 2e-3)
-    middles = np.column_stack([time[:-1], (time[1:] + time[:-1]) / 2, time[1:]])
-    angle, _ = simulate(
-        ROBOT.with_added_mass(mass), time, amplitude * np.sin(omega * middles), 0.05
-    )
-    return Log(
-        time=time,
-        input=amplitude * np.sin(omega * time),
-        angle=0.6 + angle,
-        input_kind=InputKind.TORQUE,
-        intersample=hold,
-        added_mass=mass,
-        excitation=Sine(omega=omega, amplitude=amplitude),
-        source=f"{mass.mass:g}-{omega:g}",
-    )
+    sine = Sine(omega=omega, amplitude=amplitude)
+    log = simulated(ROBOT, mass, sine.sample, 12.0, start=0.05, sine=sine)
+    source = f"{mass.mass:g}-{omega:g}"
+    return replace(log, angle=log.angle + 0.6, intersample=hold, source=source)
 
 
 @pytest.fixture(scope="module", params=list(Intersample))
@@ -70,15 +59,24 @@ def problem(request):
     return replace(found, initial=found.initial + moving)
 
 
+def _residuals(problem, scaled):
+    return np.concatenate([log.residuals for log in problem.equations(scaled).logs])
+
+
+def _jacobian(problem):
+    """At the beginning, all logs' one below another."""
+    return np.concatenate([log.jacobian for log in problem.equations(problem.initial).logs])
+
+
 def _central(problem, k, step):
     moved = np.zeros(len(problem.keys))
     moved[k] = step
-    there, back = (problem.residuals(problem.initial + sign * moved) for sign in (1, -1))
+    there, back = (_residuals(problem, problem.initial + sign * moved) for sign in (1, -1))
     return (there - back) / (2 * step)
 
 
 def test_every_column_is_the_central_difference(problem):
-    jacobian = problem.jacobian(problem.initial)
+    jacobian = _jacobian(problem)
     for k, (name, whose) in enumerate(problem.keys):
         column = jacobian[:, k]
         differences = [_central(problem, k, step) for step in (1e-4, 1e-5, 1e-6)]
@@ -100,7 +98,7 @@ def test_compressed_equations_say_the_same(problem):
     equations = problem.equations(problem.initial)
     for log in equations.logs:
         weights = np.linspace(0.5, 2.0, log.residuals.size)
-        rows, residuals = log.compressed(weights)
+        rows, residuals = log.weighted(weights).compressed()
         jacobian = log.jacobian
         normal = jacobian.T @ (weights[:, None] * jacobian)
         np.testing.assert_allclose(rows.T @ rows, normal, atol=1e-10 * np.abs(normal).max())
@@ -134,12 +132,12 @@ def test_a_friction_at_its_bound_can_leave_it():
     frictionless = replace(ROBOT, coulomb=0.0, stribeck=0.0, load=0.0)
     estimator = OutputError(terms=("stribeck", "load"), window=8.0)
     problem = estimator.problem(data.logs, frictionless, data.equilibria)
-    jacobian = problem.jacobian(problem.initial)
+    jacobian = _jacobian(problem)
     for name in ("coulomb", "stribeck", "load"):
-        k = problem.names.index(name)
+        k = problem.keys.index((name, None))
         moved = problem.initial.copy()
         moved[k] += 1e-6
-        difference = (problem.residuals(moved) - problem.residuals(problem.initial)) / 1e-6
+        difference = (_residuals(problem, moved) - _residuals(problem, problem.initial)) / 1e-6
         np.testing.assert_allclose(
             jacobian[:, k], difference, atol=1e-3 * np.abs(difference).max(), err_msg=name
         )

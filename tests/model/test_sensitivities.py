@@ -15,7 +15,7 @@ from butterfly.model.greybox import simulate
 from butterfly.model.kernel.carry import carry_all, carry_two
 from butterfly.model.kernel.layout import RATE, WEIGHT
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
-from butterfly.model.sensitivities import INITIAL, Columns, Readings, differentiate, read_off
+from butterfly.model.sensitivities import INITIAL, Columns, Readings, differentiate
 from butterfly.model.terms import TERMS
 from butterfly.signals import hold
 
@@ -71,15 +71,14 @@ class _Log:
         delivered = compressed(self.input, parameters.compression)
         inputs = self._parabolas(delivered, parameters)[0]
         loaded = parameters.with_added_mass(added)
-        return read_off(loaded, self.grid, inputs, start, self.readings)
+        return simulate(loaded, self.grid, inputs, *start)[0][1:]
 
     def sensitivities(self, names, parameters, start=START, added=ADDED):
         """Return (n - 1,) angles and their (n - 1, k) derivatives by the names."""
         p, columns = parameters, Columns.of(names, parameters, added)
         delivered = compressed(self.input, p.compression)
-        inputs, late = self._parabolas(delivered, p)
-        weaker = self._parabolas(-delivered * abs(delivered), p)[0]
-        moved = np.stack([inputs, late, weaker])
+        weaker = self._parabolas(-delivered * abs(delivered), p)[:1]
+        inputs = np.concatenate([self._parabolas(delivered, p), weaker])
         values, rows = differentiate(
             p.with_added_mass(added),
             self.grid,
@@ -87,7 +86,6 @@ class _Log:
             start,
             self.readings,
             columns,
-            moved,
         )
         return values, rows @ columns.mixture
 
@@ -179,12 +177,12 @@ def test_a_joint_that_stops_and_breaks_loose_within_one_step_has_the_derivatives
     def angles(**by):
         moved = replace(joint, **{n: getattr(joint, n) + h for n, h in by.items() if n in TERMS})
         start = (0.3 - by.get("zero", 0.0), 0.5 + by.get("velocity", 0.0))
-        return read_off(moved, time, inputs + by.get("delay", 0.0) * late, start, readings)
+        return simulate(moved, time, inputs + by.get("delay", 0.0) * late, *start)[0][1:]
 
     halfway = simulate(joint, np.array([0.0, 0.5]), np.array([[-0.05, -0.02, 0.1]]), 0.3, 0.5)
     assert halfway[1][-1] == 0
-    columns, moved = Columns.of(names, joint), np.stack([inputs, late])
-    _, rows = differentiate(joint, time, inputs, (0.3, 0.5), readings, columns, moved)
+    columns, both = Columns.of(names, joint), np.stack([inputs, late])
+    _, rows = differentiate(joint, time, both, (0.3, 0.5), readings, columns)
     for name, row in zip(names, (rows @ columns.mixture).T, strict=True):
         steps = (1e-4, 1e-5, 1e-6)
         differences = [(angles(**{name: h}) - angles(**{name: -h})) / (2 * h) for h in steps]
@@ -266,9 +264,8 @@ def test_a_velocity_that_touches_0_leaves_derivatives_finite(beside):
     inputs = -2.0 * (1.0 - instants)
     columns = Columns.of(["coulomb", "stribeck", "p1", "p2", "velocity"], unit)
     readings = Readings.angles(10)
-    moved = np.zeros((0, 10, 3))
     start = (0.0, 1.0 + beside)
-    values, rows = differentiate(unit, time, inputs, start, readings, columns, moved)
+    values, rows = differentiate(unit, time, inputs[None], start, readings, columns)
     expected = (1 - (1 - time[1:]) ** 3) / 3 + beside * time[1:]
     np.testing.assert_allclose(values, expected, atol=1e-9)
     assert np.isfinite(rows).all()
@@ -314,8 +311,7 @@ def test_they_solve_the_variational_equations_as_another_integrator_does():
     at = time[1::100]
     expected = solve_ivp(rates, time[[0, -1]], start, "DOP853", at, rtol=1e-12, atol=1e-12).y[2:9]
     columns, readings = Columns.of(names, p), Readings.angles(time.size - 1)
-    moved = inputs[None]
-    _, rows = differentiate(p, time, inputs, (angle, velocity), readings, columns, moved)
+    _, rows = differentiate(p, time, inputs[None], (angle, velocity), readings, columns)
     found = (rows @ columns.mixture)[::100].T
     errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)
     assert errors.max() < 1e-8
@@ -334,20 +330,15 @@ def test_readings_are_sums_over_the_state_at_both_ends_of_single_intervals():
     readings = Readings(into=into, weights=weights)
     ends = np.array([angle[read], velocity[read], angle[read + 1], velocity[read + 1]])
     expected = (ends * weights[:, into[read]]).sum(axis=0)
-    np.testing.assert_allclose(
-        read_off(loaded, GRID, inputs, START, readings)[into[read]], expected, rtol=1e-12
-    )
-
     columns = Columns.of(["p1", "coulomb"], SLIDING, ADDED)
-    moved = np.zeros((0, GRID.size - 1, 3))
 
     def derivatives(weights):
         each = Readings(into=np.arange(GRID.size - 1), weights=weights)
-        return differentiate(loaded, GRID, inputs, START, each, columns, moved)[1]
+        return differentiate(loaded, GRID, inputs[None], START, each, columns)[1]
 
     units = [np.repeat(unit[:, None], GRID.size - 1, axis=1) for unit in np.eye(4)]
     single = np.array([derivatives(unit)[read] for unit in units])
-    values, rows = differentiate(loaded, GRID, inputs, START, readings, columns, moved)
+    values, rows = differentiate(loaded, GRID, inputs[None], START, readings, columns)
     np.testing.assert_allclose(values[into[read]], expected, rtol=1e-12)
     summed = (single * weights[:, into[read], None]).sum(axis=0)
     np.testing.assert_allclose(rows[into[read]], summed, rtol=1e-12)

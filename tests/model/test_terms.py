@@ -9,10 +9,11 @@ import pytest
 from scipy.integrate import quad
 
 from butterfly.model.friction import Friction
+from butterfly.model.greybox import simulate
 from butterfly.model.kernel import Constants, rates
 from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, compressed
-from butterfly.model.sensitivities import Columns, Readings, differentiate, read_off
+from butterfly.model.sensitivities import Columns, Readings, differentiate
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot
@@ -112,16 +113,16 @@ def test_the_kernel_has_a_derivative_by_every_row(name, angle, velocity):
 
     def after(by):
         p = replace(bare, **{name: values[name] + by})
-        return read_off(p.with_added_mass(added), time, delivered(p), start, readings)[0]
+        return simulate(p.with_added_mass(added), time, delivered(p), *start)[1][-1]
 
     step = 1e-4 * values[name]
     expected = (after(step) - after(-step)) / (2 * step)
     inputs = delivered(bare)
     slopes = -rise * (1 - bare.compression * inputs) ** 2
-    moved = np.stack([inputs, slopes, -(inputs**2)])
+    all_three = np.stack([inputs, slopes, -(inputs**2)])
     columns = Columns.of([name], bare, added)
     loaded = bare.with_added_mass(added)
-    _, rows = differentiate(loaded, time, inputs, start, readings, columns, moved)
+    _, rows = differentiate(loaded, time, all_three, start, readings, columns)
     assert expected != 0
     assert (rows @ columns.mixture)[0, 0] == pytest.approx(expected, rel=1e-5)
 

@@ -11,7 +11,7 @@ import numpy as np
 from butterfly.identify.estimators.loss import Loss
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,10 +39,14 @@ class LogEquations:
         """(m, n) derivatives of the residuals."""
         return np.asarray(self.rows @ self.mixture)
 
-    def compressed(self, weights: Samples) -> tuple[Samples, Samples]:
-        """Return (p, n) rows and (p,) residuals that say of the log what its weighted ones do."""
-        root = np.sqrt(weights)[:, None]
-        both = np.column_stack([self.rows, self.residuals]) * root
+    def weighted(self, weights: Samples) -> LogEquations:
+        """Return the equations, the squares of each of m counting so many times."""
+        root = np.sqrt(weights)
+        return replace(self, residuals=self.residuals * root, rows=self.rows * root[:, None])
+
+    def compressed(self) -> tuple[Samples, Samples]:
+        """Return (p, n) rows and (p,) residuals that say of the log what its own ones do."""
+        both = np.column_stack([self.rows, self.residuals])
         triangle = np.asarray(np.linalg.qr(both, mode="r"))
         count = self.rows.shape[1]
         return triangle[:count, :count] @ self.mixture, triangle[:count, count]
@@ -101,13 +105,23 @@ class Equations:
 
     @cached_property
     def _normal(self) -> tuple[Samples, Samples]:
-        parts = [self._of_log(log) for log in self.logs]
+        parts = [_normal(log) for log in self._weighted()]
         gradients, curvatures = zip(*parts, strict=True)
         return np.sum(gradients, axis=0), np.sum(curvatures, axis=0)
 
-    def _of_log(self, log: LogEquations) -> tuple[Samples, Samples]:
-        rows, residuals, mixture = log.rows, log.residuals, log.mixture
-        if self.loss is not Loss.LINEAR:
-            weights = self.loss.weights(residuals, self.scale)
-            rows, residuals = rows * np.sqrt(weights)[:, None], residuals * np.sqrt(weights)
-        return mixture.T @ (rows.T @ residuals), mixture.T @ (rows.T @ rows) @ mixture
+    def compressed(self) -> list[tuple[Samples, Samples]]:
+        """Return for each log the equations that it comes down to, weighted as its loss says."""
+        return [log.compressed() for log in self._weighted()]
+
+    def _weighted(self) -> Iterator[LogEquations]:
+        for log in self.logs:
+            if self.loss is Loss.LINEAR:
+                yield log
+            else:
+                yield log.weighted(self.loss.weights(log.residuals, self.scale))
+
+
+def _normal(log: LogEquations) -> tuple[Samples, Samples]:
+    """(n,) J^T r and (n, n) J^T J of one log."""
+    rows, residuals, mixture = log.rows, log.residuals, log.mixture
+    return mixture.T @ (rows.T @ residuals), mixture.T @ (rows.T @ rows) @ mixture

@@ -137,11 +137,6 @@ class FreeRunResiduals:
             workers=choice.workers,
         )
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the shared parameters."""
-        return tuple(name for name, _ in self.keys[: self.shared])
-
     def equations(self, scaled: Samples) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
         values = scaled * self.scale
@@ -150,14 +145,6 @@ class FreeRunResiduals:
         with ThreadPoolExecutor(self.workers) as pool:
             work = pool.map(lambda k: self._of_log(k, values), range(len(self.motion)))
             return Equations(logs=tuple(work))
-
-    def residuals(self, scaled: Samples) -> Samples:
-        """(m,) residuals of `equations`."""
-        return np.concatenate([log.residuals for log in self.equations(scaled).logs])
-
-    def jacobian(self, scaled: Samples) -> Samples:
-        """(m, n) derivatives of `residuals`, all logs' one below another."""
-        return np.concatenate([log.jacobian for log in self.equations(scaled).logs])
 
     def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
         """Return the residuals of some logs, and the numbers of the parameters they depend on."""

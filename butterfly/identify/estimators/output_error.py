@@ -36,18 +36,9 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimators.equations import Equations
+    from butterfly.identify.estimators.gauss_newton import Minimum
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
-
-
-@dataclass(frozen=True, eq=False)
-class _End:
-    """Where the descent stopped, in scaled parameters, and the equations about it."""
-
-    scaled: NDArray[np.float64]
-    equations: Equations
-    converged: bool
-    simulations: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,14 +122,14 @@ class OutputError(Estimator):
         refuse_one_mass(log.added_mass for log in logs)
         problem = self.problem(logs, start, zeros)
         end = self._minimise(problem, problem.initial)
-        known = dict(zip(problem.keys, (end.scaled * problem.scale).tolist(), strict=True))
+        known = dict(zip(problem.keys, (end.point * problem.scale).tolist(), strict=True))
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
             """Fit from where the whole fit ended, whose equations give the first step."""
             rest = [k for k, log in enumerate(logs) if log.added_mass != mass]
             part, kept = problem.part(rest)
-            end_of_part = self._minimise(part, end.scaled[kept], end.equations.part(rest, kept))
-            return np.asarray((end_of_part.scaled * part.scale)[: problem.shared])
+            end_of_part = self._minimise(part, end.point[kept], end.at.part(rest, kept))
+            return np.asarray((end_of_part.point * part.scale)[: problem.shared])
 
         masses = (log.added_mass for log in logs)
         left_out, said = without_each_mass(masses, without, asked=self.check)
@@ -164,7 +155,7 @@ class OutputError(Estimator):
         """
         problem = self.problem(logs, start, zeros)
         end = self._minimise(problem, problem.initial)
-        return float(sum(np.sum(log.residuals**2) for log in end.equations.logs))
+        return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
 
     def holding(self, name: str) -> OutputError:
         """Return the estimator with a parameter held at the start's value."""
@@ -190,44 +181,38 @@ class OutputError(Estimator):
         problem: FreeRunResiduals,
         initial: NDArray[np.float64],
         known: Equations | None = None,
-    ) -> _End:
-        found = minimise(problem.equations, initial, problem.lower, known)
-        evaluations = found.evaluations
-        if self.loss is not Loss.LINEAR:
-            residuals = np.concatenate([log.residuals for log in found.at.logs])
-            scale = outlying(residuals)
+    ) -> Minimum[Equations]:
+        plain = minimise(problem.equations, initial, problem.lower, known)
+        if self.loss is Loss.LINEAR:
+            return plain
+        scale = outlying(np.concatenate([log.residuals for log in plain.at.logs]))
 
-            def robust(equations: Equations) -> Equations:
-                return replace(equations, loss=self.loss, scale=scale)
+        def robust(equations: Equations) -> Equations:
+            return replace(equations, loss=self.loss, scale=scale)
 
-            found = minimise(
-                lambda scaled: robust(problem.equations(scaled)),
-                found.point,
-                problem.lower,
-                robust(found.at),
-            )
-            evaluations += found.evaluations
-        return _End(found.point, found.at, found.converged, evaluations)
+        found = minimise(
+            lambda scaled: robust(problem.equations(scaled)),
+            plain.point,
+            problem.lower,
+            robust(plain.at),
+        )
+        return replace(found, evaluations=plain.evaluations + found.evaluations)
 
-    def _solved(self, problem: FreeRunResiduals, end: _End) -> Solved:
-        equations = end.equations
-        parts = [
-            log.compressed(equations.loss.weights(log.residuals, equations.scale))
-            for log in equations.logs
-        ]
+    def _solved(self, problem: FreeRunResiduals, end: Minimum[Equations]) -> Solved:
+        parts = end.at.compressed()
         rows, residuals = zip(*parts, strict=True)
         took = Finding(
             kind=FindingKind.SIMULATIONS,
-            number=end.simulations,
+            number=end.evaluations,
             severity=Severity.NOTE if end.converged else Severity.WARNING,
         )
         return Solved(
             names=tuple(name for name, _ in problem.keys),
-            values=end.scaled * problem.scale,
+            values=end.point * problem.scale,
             jacobian=np.concatenate(rows) / problem.scale,
             residuals=np.concatenate(residuals),
             cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
-            on_bound=end.scaled <= problem.lower,
+            on_bound=end.point <= problem.lower,
             lower=problem.lower * problem.scale,
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),

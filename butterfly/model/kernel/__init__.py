@@ -17,14 +17,13 @@ differentiated.
 from butterfly.model.kernel.constants import COLUMNS, Constants, State
 from butterfly.model.kernel.differentiate import differentiate
 from butterfly.model.kernel.equation import least_steps, rates
-from butterfly.model.kernel.steps import follow, integrate, interval
+from butterfly.model.kernel.steps import integrate, interval
 
 __all__ = [
     "COLUMNS",
     "Constants",
     "State",
     "differentiate",
-    "follow",
     "integrate",
     "interval",
     "least_steps",

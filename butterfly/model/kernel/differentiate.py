@@ -39,9 +39,11 @@ _MOST = 2 * MAX_REVERSALS + 4  # rows that one part of an interval may take
 
 @compiled
 def differentiate(time, drives, state, c, into, weights, values, column, initial, moved, rows):
-    """As `follow`; and write (m, k) derivatives of the sums by the columns into ``rows``.
+    """Write (m,) sums of angle and velocity at both ends of intervals, by (4, m) weights.
 
-    ``initial`` is (4, k) derivatives of the state; `layout` has the other arrays.
+    Interval k writes the sum ``into[k]``, unless that is negative; the (m, k) derivatives of the
+    sums by the columns go into ``rows``. ``initial`` is (4, k) derivatives of the state; `layout`
+    has the other arrays.
     """
     tape = np.zeros((_ROWS, TAPE_WIDTH))
     stages = np.zeros((4, 4, RATE + 1))

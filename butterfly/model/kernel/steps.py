@@ -40,22 +40,6 @@ def integrate(time, drives, state, c):
 
 
 @compiled
-def follow(time, drives, state, c, into, weights, values):
-    """Write (m,) sums of angle and velocity at both ends of intervals, by (4, m) weights.
-
-    Interval k writes the sum ``into[k]``, unless that is negative.
-    """
-    for k in range(time.size - 1):
-        row = into[k]
-        if row >= 0:
-            values[row] = weights[0, row] * state[X] + weights[1, row] * state[V]
-        drive = (drives[k, 0], drives[k, 1], drives[k, 2])
-        state = interval(state, drive, time[k + 1] - time[k], c)
-        if row >= 0:
-            values[row] += weights[2, row] * state[X] + weights[3, row] * state[V]
-
-
-@compiled
 def interval(state, drives, h, c):
     """Return the state at the end of one interval, in steps that lag and bristles allow."""
     count = least_steps(c, state[V], h)
