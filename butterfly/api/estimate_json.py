@@ -13,7 +13,7 @@ from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Sequence
 
     from numpy.typing import NDArray
 
@@ -77,12 +77,20 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
     )
 
 
-def _finding(*, kind: str, parameters: list[str], number: float | None, severity: str) -> Finding:
+def _finding(
+    *,
+    kind: str,
+    parameters: list[str],
+    number: float | None,
+    severity: str,
+    logs: Sequence[str] = (),
+) -> Finding:
     return Finding(
         kind=FindingKind(kind),
         parameters=tuple(parameters),
         number=number,
         severity=Severity(severity),
+        logs=tuple(map(str, logs)),
     )
 
 

@@ -107,6 +107,7 @@ class Identified(Result):
         return {
             "butterfly": __version__,
             "estimator": self.estimator,
+            "verdict": str(self.estimate.verdict.standing),
             "summary": list(self.summary),
             "parameters": {row.pop("parameter"): row for row in self.rows()},
             "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
@@ -184,7 +185,7 @@ class Identified(Result):
 
     @property
     def verdict(self) -> list[str]:
-        """How far to trust the values, in words."""
+        """How far to trust the values, in words: first what may be done with them."""
         return sentences(self.estimate)
 
     @property

@@ -82,5 +82,5 @@ def identify_command(
 
         write_report(result, report, figures=figures)
         typer.echo(f"Report: {report}")
-    if not result.estimate.usable:
+    if not result.estimate.verdict.usable:
         raise typer.Exit(ExitCode.NOT_TO_BE_USED)

@@ -183,7 +183,7 @@ def _run_here(
 
 def _end_with(record: RunRecord) -> None:
     """End with the exit code that says so, if one of the estimates is not to be used."""
-    if not all(each.usable for each in record.estimates if each.parameters):
+    if not all(each.verdict.usable for each in record.estimates if each.parameters):
         raise typer.Exit(ExitCode.NOT_TO_BE_USED)
 
 

@@ -25,10 +25,12 @@ if TYPE_CHECKING:
 def show_identification(result: Identification, truth: LumpedParameters | None = None) -> None:
     """Print parameters (beside the true ones if known), verdict, and FIT of other parameters."""
     title = f"{result.data.name}: {result.estimate.method}"
+    verdict, *others = summary(result)
+    typer.echo(verdict)
     _show_parameters(title, parameter_rows(result, truth), with_truth=truth is not None)
     for mass, omega in result.estimate.resonances.items():
         typer.echo(f"Resonance by (100) with {mass}: {omega:.4f} rad/s")
-    for sentence in summary(result):
+    for sentence in others:
         typer.echo(sentence)
     if result.comparisons:
         CONSOLE.print(_comparison_table(result))
@@ -54,7 +56,10 @@ def _show_parameters(title: str, rows: Sequence[ParameterRow], *, with_truth: bo
 def show_record(record: RunRecord, input_kind: InputKind) -> None:
     """Print what is kept of a run that was done before."""
     for estimate in record.estimates:
+        values = {row.parameter: row.value for row in estimate.parameters}
+        said = sentences_of(estimate.verdict, estimate.findings, values)
         if estimate.parameters:
+            typer.echo(said[0])
             rows = rows_of(estimate.parameters, input_kind)
             _show_parameters(estimate.estimator, rows, with_truth=True)
         if estimate.fit is not None:
@@ -62,8 +67,7 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
             typer.echo(
                 f"Median FIT {fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
             )
-        values = {row.parameter: row.value for row in estimate.parameters}
-        for sentence in sentences_of(estimate.findings, values):
+        for sentence in said[1:]:
             typer.echo(sentence)
     show_estimates(record)
 

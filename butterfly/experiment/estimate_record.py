@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from butterfly.identify.judgement.findings import Ending, Finding, usable
+from butterfly.identify.judgement.findings import Ending, Finding
+from butterfly.identify.judgement.verdict import Verdict
 from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
 
 if TYPE_CHECKING:
@@ -129,9 +130,9 @@ class EstimateRecord:
         return self.ending is Ending.CONVERGED
 
     @property
-    def usable(self) -> bool:
-        """Whether the estimator converged and no finding warns of the values."""
-        return usable(self.ending, self.findings)
+    def verdict(self) -> Verdict:
+        """What may be done with the values."""
+        return Verdict.of(self.ending, self.findings)
 
 
 def or_none(value: float) -> float | None:

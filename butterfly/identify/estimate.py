@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.judgement.covariance import cluster_covariance, compress_all
-from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity, usable
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import Conditioning, sort_by_precision
 from butterfly.identify.judgement.intervals import honest_limits
+from butterfly.identify.judgement.verdict import Verdict
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 
@@ -189,7 +190,7 @@ class ParameterEstimate:
             ending=solved.ending,
             findings=(
                 *sort_by_precision(values, lower, limits[1], names),
-                conditioning.finding,
+                *conditioning.findings,
                 *solved.findings,
                 *_of_bounds(on_bound),
                 *_of_signs(names),
@@ -206,9 +207,9 @@ class ParameterEstimate:
         return LumpedParameters(**self.held | found)
 
     @property
-    def usable(self) -> bool:
-        """Whether the estimator converged and no finding warns of the values."""
-        return usable(self.ending, self.findings)
+    def verdict(self) -> Verdict:
+        """What may be done with the values."""
+        return Verdict.of(self.ending, self.findings)
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:

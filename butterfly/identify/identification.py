@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.identify.estimators import Estimator, HarmonicBalance
+from butterfly.identify.judgement.following import judge_fit
 from butterfly.identify.judgement.input_kind import judge_input
+from butterfly.identify.judgement.physics import judge_physics
 from butterfly.identify.other_parameters import OtherParameters, try_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor
 from butterfly.progress import Track, untracked
@@ -84,8 +86,13 @@ def identify(
         If the logs cannot determine the parameters.
     """
     found = (estimator or HarmonicBalance())(data)
-    found = found.with_findings(*judge_input(found, data.input_kind))
-    return simulated(data, found, against=against, track=track)
+    run = simulated(data, found, against=against, track=track)
+    judged = (
+        *judge_physics(found, data.masses),
+        *judge_fit(run.fits, [log.name for log in data.logs]),
+        *judge_input(found, data.input_kind),
+    )
+    return replace(run, estimate=found.with_findings(*judged))
 
 
 def simulated(

@@ -98,5 +98,6 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
         "fits": {run.log.name: run.fit for run in identification.free_runs},
         "ending": estimate.ending,
         "findings": [asdict(finding) for finding in estimate.findings],
-        "verdict": sentences(estimate),
+        "verdict": estimate.verdict.standing,
+        "summary": sentences(estimate),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
+from butterfly.identify.judgement.verdict import Standing, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -15,42 +16,71 @@ if TYPE_CHECKING:
 
     Values = Mapping[str, float]
 
+_NAMED = 4  # logs that a sentence names
 _LEAST_MASSES = 3  # of which one can be left out
 
 
 def summary(identification: Identification) -> list[str]:
-    """Say in plain words what was found."""
+    """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
     fit, data = identification.summary, identification.data
     flagged = sum(bool(health.findings) for health in data.health)
     voltage = data.input_kind == "voltage"
+    verdict, *others = sentences(identification.estimate)
     return [
+        verdict,
         f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
         f"{'voltage' if voltage else 'torque command'}, "
         f"method: {identification.estimate.method}.",
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
-        *sentences(identification.estimate),
+        *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
 
 
 def sentences(estimate: ParameterEstimate) -> list[str]:
-    """Say how far an estimate is to be trusted: how well each parameter is known, then the rest."""
+    """Say how far to trust an estimate: the verdict, how well each value is known, the rest."""
     values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    return sentences_of(estimate.findings, values)
+    return sentences_of(estimate.verdict, estimate.findings, values)
 
 
-def sentences_of(findings: Sequence[Finding], values: Values) -> list[str]:
-    """Say what findings about the values of parameters mean (see `sentences`)."""
+def sentences_of(verdict: Verdict, findings: Sequence[Finding], values: Values) -> list[str]:
+    """Say what a verdict and findings about the values of parameters mean (see `sentences`).
+
+    Of values that are not to be used nothing is called known.
+    """
     precision = [_PRECISION[each.kind](each) for each in findings if each.kind in _PRECISION]
-    others = [each for each in findings if each.kind not in _PRECISION]
-    known = ["; ".join(precision) + "."] if precision else []
-    return [*known, *(_SENTENCES[each.kind](each, values) for each in others)]
+    others = [
+        _SENTENCES[each.kind](each, values)
+        for each in findings
+        if each.kind not in _PRECISION and each not in verdict.reasons
+    ]
+    known = ["; ".join(precision) + "."] if precision and verdict.usable else []
+    return [verdict_in_words(verdict, values), *known, *others]
+
+
+def verdict_in_words(verdict: Verdict, values: Values) -> str:
+    """Say the verdict on values in one line, and why it is no better."""
+    if verdict.standing is Standing.GOOD:
+        return "Good: nothing was found that speaks against these values."
+    reasons = [_SENTENCES[each.kind](each, values) for each in verdict.reasons]
+    said = " ".join(reasons) or "The estimation did not settle."
+    return f"{verdict.standing.capitalize()}: {said}"
 
 
 def _joined(finding: Finding, link: str = ", ") -> str:
     return link.join(finding.parameters)
+
+
+def _joined_after(finding: Finding) -> str:
+    return ", ".join(finding.parameters[1:])
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Name a few logs, and count the others."""
+    rest = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _number(finding: Finding) -> float:
@@ -90,8 +120,44 @@ _PRECISION: dict[FindingKind, Callable[[Finding], str]] = {
 }
 
 _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
-    FindingKind.CONDITION: lambda f, _: (
-        f"The regression is well conditioned (condition number {_number(f):.0f})."
+    FindingKind.POOR_FIT: lambda f, _: (
+        f"The model follows the logs with a median FIT of {_number(f):.1f} % only: it moves "
+        "otherwise than this robot. Check units, signs and masses, and look at the residuals."
+    ),
+    FindingKind.UNFOLLOWED: lambda f, _: (
+        f"The model does not follow {_listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
+        "what is different there, or leave out what is not this robot."
+    ),
+    FindingKind.NO_INERTIA: lambda f, _: (
+        f"No joint has these values: {_joined(f)} leaves an inertia of {_number(f):.2g} kg m². "
+        "Check units, signs and the added masses."
+    ),
+    FindingKind.NEGATIVE: lambda f, _: (
+        f"No joint has these values: {_joined(f)} cannot be negative. Check units, signs "
+        "and stamps."
+    ),
+    FindingKind.NEGATIVE_GAIN: lambda f, _: (
+        f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
+        "the angle or the input counts the other way, change the sign of one of them (sign: -1)."
+    ),
+    FindingKind.LEFT_OUT: lambda f, _: (
+        f"{_listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
+        "rests elsewhere or never settles, and the steady response to a sine says nothing there. "
+        "The methods weak-form and output-error use them."
+    ),
+    FindingKind.MISSING_TERM: lambda f, _: (
+        f"A term {f.parameters[0]} would help to predict logs that were left out, and move "
+        f"{_joined_after(f)} by {100 * _number(f):.0f} % or more: add it to the terms."
+    ),
+    FindingKind.NOT_HELPING: lambda f, _: (
+        f"Not fitted, since {_joined(f)} did not help to predict logs that were left out."
+    ),
+    FindingKind.INSEPARABLE: lambda f, _: (
+        f"Not fitted, since these data cannot tell {_joined(f)} from the other terms."
+    ),
+    FindingKind.OTHER_END: lambda f, _: (
+        "Started elsewhere the fit ends elsewhere, where it follows the logs less well "
+        f"({_number(f):.3g} times the squared error): the best of the ends is given."
     ),
     FindingKind.COMBINATION: lambda f, _: (
         f"{_joined(f, ' and ')} are known mainly in one combination (condition number "

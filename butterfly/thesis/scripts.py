@@ -203,7 +203,7 @@ def _findings(
             number=count,
             severity=care,
         ),
-        conditioning.finding,
+        *conditioning.findings,
     ]
     if on_bound:
         warning = Severity.WARNING

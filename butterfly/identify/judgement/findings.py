@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 class Ending(StrEnum):
@@ -32,7 +28,16 @@ class FindingKind(StrEnum):
     PRECISE = "precise"  # half-width over value that counts as known
     ROUGH = "rough"
     NOT_FROM_ZERO = "not-from-zero"
-    CONDITION = "condition"  # condition number of the scaled regression
+    POOR_FIT = "poor-fit"  # median FIT in per cent
+    UNFOLLOWED = "unfollowed"  # least FIT in per cent of the logs that are named
+    NO_INERTIA = "no-inertia"  # p1 with the least added inertia
+    NEGATIVE = "negative"  # what cannot be
+    NEGATIVE_GAIN = "negative-gain"
+    LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
+    MISSING_TERM = "missing-term"  # the first parameter; share by which it would move the second
+    NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
+    INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
+    OTHER_END = "other-end"  # cost of the next best end over that of the best
     COMBINATION = "combination"  # the same, of parameters known in one combination only
     ROUNDS = "rounds"  # of an iteration that stopped
     SIMULATIONS = "simulations"  # of every log, that a fit took
@@ -61,15 +66,12 @@ class Finding:
         See `FindingKind`.
     severity
         How much it matters.
+    logs
+        Names of the logs that it concerns; all if none is named.
     """
 
     kind: FindingKind
     parameters: tuple[str, ...] = ()
     number: float | None = None
     severity: Severity = Severity.NOTE
-
-
-def usable(ending: Ending, findings: Iterable[Finding]) -> bool:
-    """Whether values may be used: their estimator converged, and no finding warns of them."""
-    warned = any(each.severity is Severity.WARNING for each in findings)
-    return ending is Ending.CONVERGED and not warned
+    logs: tuple[str, ...] = ()

@@ -63,16 +63,18 @@ class Conditioning:
             )
 
     @property
-    def finding(self) -> Finding:
-        """The judgement."""
+    def findings(self) -> list[Finding]:
+        """What there is to say of it: nothing of a good one."""
         if self.number <= WEAK_CONDITION:
-            return Finding(kind=FindingKind.CONDITION, number=self.number)
-        return Finding(
-            kind=FindingKind.COMBINATION,
-            parameters=self.weakest,
-            number=self.number,
-            severity=Severity.CARE,
-        )
+            return []
+        return [
+            Finding(
+                kind=FindingKind.COMBINATION,
+                parameters=self.weakest,
+                number=self.number,
+                severity=Severity.CARE,
+            )
+        ]
 
 
 def refuse_one_mass(masses: Iterable[AddedMass]) -> None:

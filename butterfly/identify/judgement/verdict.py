@@ -1,0 +1,56 @@
+"""The verdict: whether the values may be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from butterfly.identify.judgement.findings import Ending, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from butterfly.identify.judgement.findings import Finding
+
+
+class Standing(StrEnum):
+    """What may be done with values."""
+
+    GOOD = "good"
+    CARE = "use with care"
+    NOT = "do not use"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What may be done with values, and why not more.
+
+    Parameters
+    ----------
+    standing
+        What may be done.
+    reasons
+        The findings that say so; none for values that are good, or that no solver settled on.
+    """
+
+    standing: Standing
+    reasons: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(cls, ending: Ending, findings: Sequence[Finding]) -> Verdict:
+        """Judge by how an estimation ended, and by the gravest of its findings."""
+        warnings, cares = (
+            tuple(each for each in findings if each.severity is severity)
+            for severity in (Severity.WARNING, Severity.CARE)
+        )
+        if warnings or ending is not Ending.CONVERGED:
+            return cls(standing=Standing.NOT, reasons=warnings)
+        if cares:
+            return cls(standing=Standing.CARE, reasons=cares)
+        return cls(standing=Standing.GOOD)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the values may be used at all."""
+        return self.standing is not Standing.NOT
