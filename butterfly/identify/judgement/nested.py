@@ -1,0 +1,137 @@
+"""One fit with every term, and what its equations say of fits with fewer.
+
+About a fit with all terms the equations are linear. Those of a fit without some of them are the
+same ones, the values of what is left out set to 0; so a fit with fewer terms, and what it foretells
+of data that it has not seen, costs the solution of a few equations and no simulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Samples = NDArray[np.float64]
+
+_SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
+_LEAST_FOLDS = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nested:
+    """The equations of k logs about a fit with n parameters.
+
+    Parameters
+    ----------
+    names
+        Of the n.
+    values, lower
+        (n,) values, and the least ones.
+    curvature, gradient, cost
+        (k, n, n), (k, n) and (k,): J^T J, J^T r and r^T r of each log.
+    folds
+        (k,) numbers of the parts of the data that are left out together, one after the other.
+    settings
+        Values of what is no parameter here, but was set.
+    demanded
+        Parameters without which these equations are not asked.
+    """
+
+    names: tuple[str, ...]
+    values: Samples
+    lower: Samples
+    curvature: Samples
+    gradient: Samples
+    cost: Samples
+    folds: NDArray[np.intp]
+    settings: dict[str, float] = field(default_factory=dict)
+    demanded: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        rows: Samples,
+        residuals: Samples,
+        *,
+        names: tuple[str, ...],
+        values: Samples,
+        lower: Samples,
+        folds: NDArray[np.intp],
+    ) -> Nested:
+        """Take (k, m, n) rows and (k, m) residuals of k logs."""
+        turned = np.swapaxes(rows, 1, 2)
+        return cls(
+            names=names,
+            values=values,
+            lower=lower,
+            curvature=turned @ rows,
+            gradient=np.einsum("knm,km->kn", turned, residuals),
+            cost=np.sum(residuals**2, axis=1),
+            folds=folds,
+        )
+
+    def fitted(self, kept: NDArray[np.bool_]) -> Samples | None:
+        """Return the (n,) values of the fit with some of the parameters; None if not determined."""
+        return self._fitted(self.curvature.sum(axis=0), self.gradient.sum(axis=0), kept)
+
+    def held_out(self, kept: NDArray[np.bool_]) -> Samples | None:
+        """(k,) squared errors of each log, foretold by a fit to the other parts of the data.
+
+        None if the rest does not determine the parameters, or there are no two parts.
+        """
+        parts = np.unique(self.folds)
+        if parts.size < _LEAST_FOLDS:
+            return None
+        curvature, gradient = self.curvature.sum(axis=0), self.gradient.sum(axis=0)
+        errors = np.empty(self.cost.size)
+        for part in parts:
+            mine = self.folds == part
+            values = self._fitted(
+                curvature - self.curvature[mine].sum(axis=0),
+                gradient - self.gradient[mine].sum(axis=0),
+                kept,
+            )
+            if values is None:
+                return None
+            errors[mine] = self.costs(values)[mine]
+        return errors
+
+    def costs(self, values: Samples) -> Samples:
+        """(k,) squared errors of the logs with (n,) values."""
+        step = values - self.values
+        squares = self.cost + 2 * self.gradient @ step + (self.curvature @ step) @ step
+        return np.asarray(np.maximum(squares, 0.0))
+
+    def _fitted(
+        self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]
+    ) -> Samples | None:
+        """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
+        values = np.where(kept, np.maximum(self.values, self.lower), 0.0)
+        free = kept.copy()
+        while free.any():
+            pull = (gradient + curvature @ (values - self.values))[free]
+            step = _solved(curvature[np.ix_(free, free)], -pull)
+            if step is None:
+                return None
+            reached = values[free] + step
+            low = reached < self.lower[free]
+            values[free] = np.maximum(reached, self.lower[free])
+            if not low.any():
+                break
+            free[np.flatnonzero(free)[low]] = False
+        return values
+
+
+def _solved(matrix: Samples, target: Samples) -> Samples | None:
+    """Solve normal equations, whatever the units; None if they are singular."""
+    scale = np.sqrt(np.diag(matrix))
+    if not (scale > 0).all():
+        return None
+    eigenvalues, axes = np.linalg.eigh(matrix / np.outer(scale, scale))
+    if eigenvalues[0] < _SINGULAR * eigenvalues[-1]:
+        return None
+    return np.asarray(axes @ (axes.T @ (target / scale) / eigenvalues) / scale)

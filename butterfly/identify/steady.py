@@ -1,0 +1,60 @@
+"""Which logs of a sine have settled to a steady swing about the rest angle, and which have not."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+
+if TYPE_CHECKING:
+    from butterfly.identify.data import DataSet
+
+
+LARGEST_SWING = 1.6
+"""In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
+
+_UNSETTLED = 0.5  # of the swing: what a sine and its harmonics leave over, or by which it changes
+_ELSEWHERE = 0.8  # rad between the middle of a swing and the rest angle
+_MANY = 1 / 3  # share of the sines left out, from which on it is no detail
+
+
+def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
+    """Return the numbers of the logs whose response to a sine is steady, and what of the others.
+
+    Where the hand turns over, swings too wide, or never settles, its motion has no phasor. One that
+    swings about a place a whole turn off does so as well as at home.
+    """
+    sines = [k for k, point in enumerate(data.points) if point is not None]
+    zeros = data.equilibria
+    steady = [k for k in sines if _is_steady(data, k, zeros[data.logs[k].added_mass])]
+    lost = [k for k in sines if k not in steady]
+    if not lost:
+        return steady, []
+    return steady, [
+        Finding(
+            kind=FindingKind.LEFT_OUT,
+            number=len(sines),
+            severity=Severity.CARE if len(lost) >= _MANY * len(sines) else Severity.NOTE,
+            logs=tuple(data.logs[k].name for k in lost),
+        )
+    ]
+
+
+def _is_steady(data: DataSet, number: int, zero: float) -> bool:
+    point = data.points[number]
+    assert point is not None  # noqa: S101 - of a sine
+    swing = point.amplitude
+    log = data.logs[number]
+    widest = float(np.ptp(log.angle)) / 2
+    return (
+        0 < swing <= LARGEST_SWING
+        and widest <= math.pi / 2 + LARGEST_SWING
+        and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
+        and not abs(point.drift) > _UNSETTLED
+        and abs(math.remainder(point.angle.offset - zero, 2 * math.pi)) < _ELSEWHERE
+    )
+
+
