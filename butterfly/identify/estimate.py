@@ -143,6 +143,7 @@ class ParameterEstimate:
         *,
         method: str,
         left_out: Mapping[Hashable, NDArray[np.float64]],
+        rivals: Sequence[NDArray[np.float64]] = (),
         shared: int | None = None,
         findings: Sequence[Finding] = (),
         held: dict[str, float] | None = None,
@@ -158,6 +159,8 @@ class ParameterEstimate:
             How they were obtained.
         left_out
             (n,) values from parts of the data, which widen the intervals.
+        rivals
+            (n,) values of other fits that predict as well, which widen them too.
         shared
             How many values, from the first on, are parameters of the robot; all if not given.
         findings, held, local
@@ -174,7 +177,8 @@ class ParameterEstimate:
         covariance, freedom = cluster_covariance(rows, residuals)
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
-        limits = honest_limits(values, covariance[own, own], freedom[own], left_out.values())
+        others = [*left_out.values(), *rivals]
+        limits = honest_limits(values, covariance[own, own], freedom[own], others)
         lower = np.maximum(limits[0], solved.lower[own])
         on_bound = tuple(np.array(names)[solved.on_bound[own]].tolist())
         return cls(

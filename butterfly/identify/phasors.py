@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,11 @@ class Phasors:
         The parameters that are estimated.
     swing
         In rad, at which the describing functions are taken.
+    remainder
+        Torque in N m that the motion of the model leaves over in the balance of its fundamentals:
+        what describing functions neglect, transients that still ring, stamps that are not regular.
+    stribeck_velocity
+        In rad/s, at which Stribeck friction is described.
     """
 
     omega: NDArray[np.float64]
@@ -51,6 +56,8 @@ class Phasors:
     masses: tuple[AddedMass, ...]
     names: tuple[str, ...]
     swing: NDArray[np.float64]
+    remainder: NDArray[np.complex128]
+    stribeck_velocity: float = FrictionTerms.stribeck_velocity
 
     @classmethod
     def of(cls, points: Sequence[ResponsePoint], names: tuple[str, ...], *, small: bool) -> Phasors:
@@ -66,7 +73,45 @@ class Phasors:
             masses=tuple(p.added_mass for p in points),
             names=names,
             swing=np.full(angle.size, _SMALL_SWING) if small else np.abs(angle),
+            remainder=np.zeros(angle.size, dtype=np.complex128),
         )
+
+    def take(self, rows: NDArray[np.bool_]) -> Phasors:
+        """Return the balance of some responses, by a mask."""
+        return replace(
+            self,
+            omega=self.omega[rows],
+            angle=self.angle[rows],
+            input=self.input[rows],
+            variance=self.variance[rows],
+            masses=tuple(mass for mass, taken in zip(self.masses, rows, strict=True) if taken),
+            swing=self.swing[rows],
+            remainder=self.remainder[rows],
+        )
+
+    def corrected(
+        self,
+        parameters: LumpedParameters,
+        moved: NDArray[np.complex128],
+        told: NDArray[np.bool_],
+    ) -> Phasors:
+        """Return the balance, with the remainder of a model's motion.
+
+        Parameters
+        ----------
+        parameters
+            Of the model.
+        moved
+            (n,) phasors in rad of its angle, simulated with the recorded inputs.
+        told
+            (n,) whether they can tell of a remainder.
+        """
+        model = replace(
+            self, angle=moved, swing=np.abs(moved), remainder=np.zeros_like(self.remainder)
+        )
+        matrix, target = model.equations(parameters.delay)
+        values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
+        return replace(self, remainder=np.where(told, matrix @ np.array(values) - target, 0.0))
 
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
@@ -78,7 +123,7 @@ class Phasors:
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
         known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
-        hand = LumpedParameters(**known)
+        hand = LumpedParameters(stribeck_velocity=self.stribeck_velocity, **known)
         slopes = np.empty(self.omega.size)
         for mass, rows in self._of_mass.items():
             loaded = hand.with_added_mass(mass)
@@ -97,7 +142,8 @@ class Phasors:
     def _columns(self) -> dict[str, NDArray[np.complex128]]:
         """What parameters multiply, the motor's torque aside: (n,) each."""
         weight = np.array([mass.weight for mass in self.masses])
-        motion = Motion.of(FrictionTerms(), 0.0, 0.0, weight=weight)
+        settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity)
+        motion = Motion.of(settings, 0.0, 0.0, weight=weight)
         return {
             row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
             for row in TERMS.values()
@@ -106,10 +152,11 @@ class Phasors:
 
     @cached_property
     def _target(self) -> NDArray[np.complex128]:
-        """(n,) torques that the known masses leave to the parameters."""
+        """(n,) torques that the known masses and the remainder leave to the parameters."""
         inertia = np.array([mass.inertia for mass in self.masses])
         moment = np.array([mass.gravity_moment for mass in self.masses])
-        return np.asarray(-(inertia * self._columns["p1"] + moment * self._columns["p3"]))
+        carried = inertia * self._columns["p1"] + moment * self._columns["p3"]
+        return np.asarray(self.remainder - carried)
 
 
 def _slope(

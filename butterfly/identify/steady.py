@@ -56,5 +56,3 @@ def _is_steady(data: DataSet, number: int, zero: float) -> bool:
         and not abs(point.drift) > _UNSETTLED
         and abs(math.remainder(point.angle.offset - zero, 2 * math.pi)) < _ELSEWHERE
     )
-
-

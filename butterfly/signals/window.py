@@ -22,7 +22,17 @@ MIN_PERIODS = 3
 
 
 def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> NDArray[np.bool_]:
-    """Select the last whole periods of a log, at most ``seconds`` of them.
+    """Select the last whole periods of a log (see `steady_span`).
+
+    Returns
+    -------
+    (n,) mask of the samples.
+    """
+    return np.asarray(log.time > log.time[-1] - steady_span(log, omega, seconds))
+
+
+def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> float:
+    """Return the length in s of the last whole periods of a log, at most ``seconds`` of them.
 
     Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock.
 
@@ -34,10 +44,6 @@ def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> ND
         Frequency in rad/s.
     seconds
         Longest window in s. A log shorter than this is used whole.
-
-    Returns
-    -------
-    (n,) mask of the samples.
 
     Raises
     ------
@@ -54,4 +60,4 @@ def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> ND
             f"{available:.3g} s",
             f"at least {MIN_PERIODS} periods of {period:.3g} s",
         )
-    return np.asarray(log.time > log.time[-1] - periods * period)
+    return periods * period

@@ -97,7 +97,7 @@ def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[
 def _parts(name: str, value: Any) -> list[str]:  # noqa: ANN401 - any option
     """Name what an option was set to, as briefly as can be."""
     if name == "terms":
-        return list(value) or ["no terms"]
+        return list(value or ()) or ["no terms"]
     if isinstance(value, str):
         return [str(value)]
     if isinstance(value, tuple):

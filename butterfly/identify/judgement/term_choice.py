@@ -14,26 +14,22 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from butterfly.errors import IdentifiabilityError
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.model.terms import PARAMETERS
+
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Sequence
+    from collections.abc import Hashable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.judgement.nested import Nested
 
     Samples = NDArray[np.float64]
 
 
-class _Trial(NamedTuple):
-    """A set of terms, where it was fitted, and (k,) errors of logs that it had not seen."""
-
-    terms: tuple[str, ...]
-    nested: Nested
-    errors: Samples
-
-    @property
-    def score(self) -> float:
-        return float(self.errors.mean())
+_MATTERS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,6 +38,8 @@ class TermChoice:
 
     Parameters
     ----------
+    names
+        Of the parameters, the terms last.
     terms
         Chosen.
     values
@@ -53,9 +51,10 @@ class TermChoice:
     not_helping
         Terms that were offered and not chosen.
     inseparable
-        Terms among them that the data cannot tell from the rest.
+        Terms that the data cannot tell from the rest.
     """
 
+    names: tuple[str, ...]
     terms: tuple[str, ...]
     values: dict[str, float]
     settings: dict[str, float]
@@ -63,9 +62,18 @@ class TermChoice:
     not_helping: tuple[str, ...]
     inseparable: tuple[str, ...]
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What there is to say of terms that are not fitted."""
+        said = {
+            FindingKind.NOT_HELPING: self.not_helping,
+            FindingKind.INSEPARABLE: self.inseparable,
+        }
+        return tuple(Finding(kind=kind, parameters=names) for kind, names in said.items() if names)
+
 
 def folds_of(parts: Sequence[Hashable], *, fewest: int) -> NDArray[np.intp]:
-    """Number the parts that k logs belong to; each log is a part where there are too few parts.
+    """Return the number of each log's part; where there are too few parts, each log is one.
 
     Parameters
     ----------
@@ -80,7 +88,9 @@ def folds_of(parts: Sequence[Hashable], *, fewest: int) -> NDArray[np.intp]:
     return np.array([different.index(part) for part in parts])
 
 
-def choose_terms(fits: Sequence[Nested], always: Sequence[str]) -> TermChoice:
+def choose_terms(
+    fits: Sequence[Nested], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
+) -> TermChoice:
     """Choose from the terms of fits that have them all.
 
     Parameters
@@ -89,10 +99,24 @@ def choose_terms(fits: Sequence[Nested], always: Sequence[str]) -> TermChoice:
         The same equations about one or more settings, with all terms.
     always
         Parameters that every fit has.
+    demanded
+        Terms that are not chosen, but wanted; the last of them are dropped that cannot be told from
+        the others.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the data do not even determine what every fit has.
     """
-    trials = [trial for nested in fits for trial in _trials(nested, always)]
-    names = dict.fromkeys(name for nested in fits for name in nested.names)
-    offered = [name for name in names if name not in always]
+    offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
+    wanted = demanded
+    while not (trials := [each for nested in fits for each in _trials(nested, always, wanted)]):
+        if not wanted:
+            raise IdentifiabilityError(
+                f"these logs do not determine {', '.join(always)}: add frequencies on both sides "
+                "of the resonance, and a run with another known mass"
+            )
+        wanted = wanted[:-1]
     best = min(trials, key=lambda trial: trial.score)
     chosen = min(
         (trial for trial in trials if _as_good(trial, best)),
@@ -101,21 +125,41 @@ def choose_terms(fits: Sequence[Nested], always: Sequence[str]) -> TermChoice:
     rivals = [trial for trial in trials if trial is not chosen and _as_good(trial, best)]
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
+        names=(*always, *chosen.terms),
         terms=chosen.terms,
-        values=_values(chosen, always),
+        values=chosen.values(always),
         settings=chosen.nested.settings,
-        rivals=tuple(_values(trial, always) for trial in rivals),
+        rivals=tuple(trial.values(always) for trial in rivals),
         not_helping=tuple(name for name in offered if name not in chosen.terms and name in tried),
         inseparable=tuple(name for name in offered if name not in tried),
     )
 
 
-def _trials(nested: Nested, always: Sequence[str]) -> Iterator[_Trial]:
-    """Try all sets of terms that one fit has, and that have what it demands."""
-    free = [name for name in nested.names if name not in {*always, *nested.demanded}]
+class _Trial(NamedTuple):
+    """A set of terms, where it was fitted, and (k,) errors of logs that it had not seen."""
+
+    terms: tuple[str, ...]
+    nested: Nested
+    errors: Samples
+
+    @property
+    def score(self) -> float:
+        return float(self.errors.mean())
+
+    def values(self, always: Sequence[str]) -> dict[str, float]:
+        nested = self.nested
+        values = nested.fitted(_kept(nested, always, self.terms))
+        assert values is not None  # noqa: S101 - its parts determine it
+        return dict(zip(nested.names, values.tolist(), strict=True)) | nested.settings
+
+
+def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+    """Try all sets of terms that one fit has, and that have what is demanded."""
+    must = {*nested.demanded, *demanded}
+    free = [] if demanded else [n for n in nested.names if n not in {*always, *must}]
     for count in range(len(free) + 1):
         for more in combinations(free, count):
-            terms = tuple(name for name in nested.names if name in {*more, *nested.demanded})
+            terms = tuple(name for name in nested.names if name in {*more, *must})
             errors = nested.held_out(_kept(nested, always, terms))
             if errors is not None:
                 yield _Trial(terms, nested, np.sqrt(errors))
@@ -128,13 +172,41 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
     return bool(worse.mean() <= error)
 
 
-def _values(trial: _Trial, always: Sequence[str]) -> dict[str, float]:
-    nested = trial.nested
-    values = nested.fitted(_kept(nested, always, trial.terms))
-    assert values is not None  # noqa: S101 - its parts determine it
-    return dict(zip(nested.names, values.tolist(), strict=True)) | nested.settings
-
-
 def _kept(nested: Nested, always: Sequence[str], terms: Sequence[str]) -> NDArray[np.bool_]:
     wanted = {*always, *terms}
     return np.array([name in wanted for name in nested.names])
+
+
+def missing_terms(found: ParameterEstimate, best: Mapping[str, float]) -> list[Finding]:
+    """Tell which terms an estimate lacks that would help, and matter.
+
+    They matter if they would move a parameter by more than the half-width of its interval, or by
+    `_MATTERS` of it.
+
+    Parameters
+    ----------
+    found
+        The estimate.
+    best
+        Values with the terms that predict best.
+    """
+    missing = [name for name in best if name not in {*found.names, *PARAMETERS}]
+    if not missing:
+        return []
+    moved: dict[str, float] = {}
+    rows = zip(found.names, found.values, found.lower, found.upper, strict=True)
+    for name, value, lower, upper in rows:
+        step = abs(best[name] - value) if name in best and name in PARAMETERS else 0.0
+        share = step / abs(value) if value else 0.0
+        if step > (upper - lower) / 2 or share > _MATTERS:
+            moved[name] = share
+    if not moved:
+        return []
+    return [
+        Finding(
+            kind=FindingKind.MISSING_TERM,
+            parameters=(" and ".join(missing), *moved),
+            number=max(moved.values()),
+            severity=Severity.CARE,
+        )
+    ]

@@ -1,0 +1,138 @@
+"""The balance of fundamentals, solved: weighted linear least squares, and the weights anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import brentq
+
+from butterfly.identify.estimate import Solved
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.nested import Nested
+from butterfly.identify.regression import Regression
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import lower_bounds
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from butterfly.identify.phasors import Phasors
+
+_MAX_ITERATIONS = 60
+_TOLERANCE = 1e-10  # relative change of the predicted angles
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DescribingFit:
+    """A balance and its solution.
+
+    Parameters
+    ----------
+    phasors
+        What was balanced.
+    weights
+        (n,) of the n logs.
+    regression, solved
+        The equations about the solution, and the solution.
+    """
+
+    phasors: Phasors
+    weights: NDArray[np.float64]
+    regression: Regression
+    solved: Solved
+
+    @classmethod
+    def of(cls, phasors: Phasors) -> DescribingFit:
+        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
+        count = len(phasors.names)
+        values, weights, delay = np.zeros(count), np.ones(phasors.omega.size), 0.0
+        for _ in range(_MAX_ITERATIONS):
+            matrix, target = phasors.equations(delay)
+            regression = _regression(phasors, weights, delay)
+            solution = regression.solve()
+            before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
+            values = solution.values
+            slope = phasors.slope(values)
+            swing = np.abs(phasors.angle)
+            errors = np.abs(matrix @ unknowns - target) / (slope * swing)
+            spread = _model_variance(errors, phasors.variance / swing**2, count)
+            weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
+            if "delay" in phasors.names:
+                delay = float(values[phasors.names.index("delay")])
+            change = np.linalg.norm(regression.rows @ (unknowns - before))
+            settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
+            if settled:
+                break
+        rounds = Finding(kind=FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Severity.WARNING)
+        solved = Solved.of(regression, solution, unsettled=None if settled else rounds)
+        return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
+
+    @property
+    def parameters(self) -> LumpedParameters:
+        """The solution as parameters of the model."""
+        found = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
+        return LumpedParameters(stribeck_velocity=self.phasors.stribeck_velocity, **found)
+
+    def moved_to(self, other: DescribingFit) -> float:
+        """Return by what share of its errors another fit of the same names lies elsewhere."""
+        there = self.regression.unknowns(other.solved.values)
+        here = self.regression.unknowns(self.solved.values)
+        left = float(np.linalg.norm(self.solved.residuals))
+        return float(np.linalg.norm(self.regression.rows @ (there - here))) / left if left else 0.0
+
+    def nested(self, phasors: Phasors, folds: NDArray[np.intp]) -> Nested:
+        """Return the equations of a balance with more terms, as this one weighs them.
+
+        Their unknowns are the parameters, but for the delay: of that, p4 (delay - this one's).
+        """
+        known = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
+        regression = _regression(phasors, self.weights, known["delay"])
+        unknowns = np.array([0.0 if n == "delay" else known.get(n, 0.0) for n in phasors.names])
+        residuals = regression.rows @ unknowns - regression.target
+        count = phasors.omega.size
+        return Nested.of(
+            regression.rows.reshape(2, count, -1).swapaxes(0, 1),
+            residuals.reshape(2, count).T,
+            names=phasors.names,
+            values=unknowns,
+            lower=lower_bounds(phasors.names),
+            folds=folds,
+        )
+
+    def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
+        """Return the values of parameters from unknowns of `nested`; 0 if there is none."""
+        delay = self.solved.values[self.phasors.names.index("delay")]
+        found = unknowns | {"delay": delay + unknowns["delay"] / (unknowns["p4"] or np.inf)}
+        return np.array([found.get(name, 0.0) for name in names])
+
+
+def _regression(phasors: Phasors, weights: NDArray[np.float64], delay: float) -> Regression:
+    matrix, target = phasors.equations(delay)
+    return Regression(
+        names=phasors.names,
+        rows=_real(matrix * weights[:, None]),
+        target=_real(target * weights),
+        cluster=np.tile(np.arange(phasors.omega.size), 2),
+        about={"delay": delay},
+    )
+
+
+def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.concatenate([values.real, values.imag])
+
+
+def _model_variance(
+    errors: NDArray[np.float64], variance: NDArray[np.float64], count: int
+) -> float:
+    """Relative variance per component, common to all logs, that ``variance`` does not explain."""
+    freedom = 2 * errors.size - count
+
+    def excess(common: float) -> float:
+        return float(np.sum(errors**2 / (variance + common))) - freedom
+
+    largest = float(np.sum(errors**2)) / freedom
+    if excess(0.0) <= 0:
+        return 0.0
+    return float(brentq(excess, 1e-12 * largest, largest * (1 + 1e-9), xtol=1e-9 * largest))

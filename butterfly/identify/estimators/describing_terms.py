@@ -1,0 +1,105 @@
+"""Which terms a balance of fundamentals fits, and at which Stribeck velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.judgement.term_choice import choose_terms, folds_of, missing_terms
+from butterfly.model.terms import PARAMETERS, offered
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators.describing_fit import DescribingFit
+    from butterfly.identify.judgement.findings import Finding
+    from butterfly.identify.judgement.nested import Nested
+    from butterfly.identify.phasors import Phasors
+
+_SCANNED = "stribeck"
+_SPEEDS = 6  # Stribeck velocities that are tried
+_SLOWEST, _FASTEST = 0.2, 1.0  # of the least and of the largest speed of the logs
+_LEAST_FOLDS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DescribingTerms:
+    """Terms for a balance.
+
+    Parameters
+    ----------
+    phasors
+        The balance with them.
+    held
+        What is set, not fitted.
+    rivals
+        (n,) values of fits with other terms that predict as well.
+    said
+        What there is to say of terms that are not fitted.
+    best
+        What would have been chosen from all terms.
+    """
+
+    phasors: Phasors
+    held: dict[str, float]
+    rivals: tuple[NDArray[np.float64], ...]
+    said: tuple[Finding, ...]
+    best: dict[str, float]
+
+    @classmethod
+    def of(cls, fit: DescribingFit, terms: tuple[str, ...] | None) -> DescribingTerms:
+        """Choose from all terms, or, where they are told, only their Stribeck velocity.
+
+        Parameters
+        ----------
+        fit
+            Without any.
+        terms
+            Told, or None.
+        """
+        folds = folds_of(fit.phasors.masses, fewest=_LEAST_FOLDS)
+        every = tuple(name for name in offered("harmonic-balance") if name != _SCANNED)
+        free = choose_terms(
+            [_plain(fit, every, folds), *_scanned(fit, every, folds)], always=PARAMETERS
+        )
+        chosen = free
+        if terms is not None:
+            rest = tuple(name for name in terms if name != _SCANNED)
+            fits = [_plain(fit, rest, folds)] if rest == terms else _scanned(fit, rest, folds)
+            chosen = choose_terms(fits, always=PARAMETERS, demanded=terms)
+        held = chosen.settings if _SCANNED in chosen.terms else {}
+        names = (*PARAMETERS, *chosen.terms)
+        speed = held.get("stribeck_velocity", fit.phasors.stribeck_velocity)
+        return cls(
+            phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
+            held=held,
+            rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
+            said=chosen.findings,
+            best=dict(
+                zip(free.names, fit.values_of(free.names, free.values).tolist(), strict=True)
+            ),
+        )
+
+    def judge(self, found: ParameterEstimate) -> ParameterEstimate:
+        """Return the estimate, with what there is to say of terms."""
+        return found.with_findings(*self.said, *missing_terms(found, self.best))
+
+
+def _plain(fit: DescribingFit, names: tuple[str, ...], folds: NDArray[np.intp]) -> Nested:
+    """Return the equations with terms, without Stribeck friction."""
+    return fit.nested(replace(fit.phasors, names=(*PARAMETERS, *names)), folds)
+
+
+def _scanned(fit: DescribingFit, names: tuple[str, ...], folds: NDArray[np.intp]) -> list[Nested]:
+    """Return the equations with terms and Stribeck friction, at one velocity after another."""
+    speeds = np.abs(fit.phasors.angle) * fit.phasors.omega
+    fits = []
+    for speed in np.geomspace(_SLOWEST * speeds.min(), _FASTEST * speeds.max(), _SPEEDS).tolist():
+        with_it = (*PARAMETERS, *names, _SCANNED)
+        nested = fit.nested(replace(fit.phasors, names=with_it, stribeck_velocity=speed), folds)
+        settings = {"stribeck_velocity": speed}
+        fits.append(replace(nested, demanded=(_SCANNED,), settings=settings))
+    return fits
