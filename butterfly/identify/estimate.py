@@ -76,6 +76,23 @@ class Solved:
             findings=(unsettled,) if unsettled else (),
         )
 
+    def beside(self, other: Solved) -> Solved:
+        """Return these equations and others of other values, of the same clusters, as one."""
+        (mine, own), (theirs, further) = self.jacobian.shape, other.jacobian.shape
+        jacobian = np.zeros((mine + theirs, own + further))
+        jacobian[:mine, :own] = self.jacobian
+        jacobian[mine:, own:] = other.jacobian
+        return replace(
+            self,
+            names=(*self.names, *other.names),
+            values=np.append(self.values, other.values),
+            jacobian=jacobian,
+            residuals=np.append(self.residuals, other.residuals),
+            cluster=np.append(self.cluster, other.cluster),
+            on_bound=np.append(self.on_bound, other.on_bound),
+            lower=np.append(self.lower, other.lower),
+        )
+
     def by_cluster(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (k, n, n) rows and (k, n) residuals that say of k clusters what these do."""
         order = np.argsort(self.cluster, kind="stable")

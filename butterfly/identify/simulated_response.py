@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import LumpedParameters
 
 
-def simulated_fundamental(log: Log, parameters: LumpedParameters, zero: float) -> complex:
-    """Return the phasor in rad of the simulated angle, in the window in which a log is read.
+def simulated_response(
+    log: Log, parameters: LumpedParameters, zero: float
+) -> tuple[complex, float]:
+    """Return phasor and mean in rad of the simulated angle, in the window in which a log is read.
 
     Parameters
     ----------
@@ -34,4 +36,4 @@ def simulated_fundamental(log: Log, parameters: LumpedParameters, zero: float) -
     inside = trajectory.grid > log.time[-1] - steady_span(log, omega, STEADY_SECONDS)
     basis = sine_basis(trajectory.grid[inside], omega)
     coefficients = np.linalg.solve(basis @ basis.T, basis @ angle[inside])
-    return complex(coefficients[1], -coefficients[2])
+    return complex(coefficients[1], -coefficients[2]), float(coefficients[0])

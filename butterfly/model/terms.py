@@ -174,7 +174,7 @@ _ROWS = (
         meaning="constant torque",
         basis=lambda m: -np.ones_like(m.angle),
         potential=lambda x, _n: -x,
-        offered=frozenset({_WEAK, _OUTPUT, _ORBIT}),
+        offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
     ),
     Term(
         name="p3_offset",

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from butterfly.identify.judgement.nested import Nested
     from butterfly.identify.phasors import Phasors
 
-_SCANNED = "stribeck"
+_SCANNED, _OF_REST = "stribeck", "bias"
 _SPEEDS = 6  # Stribeck velocities that are tried
-_SLOWEST, _FASTEST = 0.2, 1.0  # of the least and of the largest speed of the logs
+_SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
 _LEAST_FOLDS = 3
 
 
@@ -61,12 +61,15 @@ class DescribingTerms:
             Told, or None.
         """
         folds = folds_of(fit.phasors.masses, fewest=_LEAST_FOLDS)
-        every = tuple(name for name in offered("harmonic-balance") if name != _SCANNED)
+        every = tuple(
+            name for name in offered("harmonic-balance") if name not in {_SCANNED, _OF_REST}
+        )
         free = choose_terms(
             [_plain(fit, every, folds), *_scanned(fit, every, folds)], always=PARAMETERS
         )
         chosen = free
         if terms is not None:
+            terms = tuple(name for name in terms if name != _OF_REST)
             rest = tuple(name for name in terms if name != _SCANNED)
             fits = [_plain(fit, rest, folds)] if rest == terms else _scanned(fit, rest, folds)
             chosen = choose_terms(fits, always=PARAMETERS, demanded=terms)
@@ -95,9 +98,9 @@ def _plain(fit: DescribingFit, names: tuple[str, ...], folds: NDArray[np.intp]) 
 
 def _scanned(fit: DescribingFit, names: tuple[str, ...], folds: NDArray[np.intp]) -> list[Nested]:
     """Return the equations with terms and Stribeck friction, at one velocity after another."""
-    speeds = np.abs(fit.phasors.angle) * fit.phasors.omega
+    fastest = float(np.max(np.abs(fit.phasors.angle) * fit.phasors.omega))
     fits = []
-    for speed in np.geomspace(_SLOWEST * speeds.min(), _FASTEST * speeds.max(), _SPEEDS).tolist():
+    for speed in (fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)).tolist():
         with_it = (*PARAMETERS, *names, _SCANNED)
         nested = fit.nested(replace(fit.phasors, names=with_it, stribeck_velocity=speed), folds)
         settings = {"stribeck_velocity": speed}

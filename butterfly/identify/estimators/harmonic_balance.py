@@ -32,30 +32,27 @@ from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, names_of
 from butterfly.identify.estimators.describing_fit import DescribingFit
 from butterfly.identify.estimators.describing_terms import DescribingTerms
+from butterfly.identify.estimators.steady_model import SteadyModel
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.phasors import Phasors
-from butterfly.identify.simulated_response import simulated_fundamental
+from butterfly.identify.rest_angles import RestAngles
 from butterfly.identify.steady import steady_sines
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.judgement.findings import Finding
-    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.model.parameters import AddedMass
     from butterfly.signals.frequency_response import ResponsePoint
-
-    Motions = Callable[[LumpedParameters], NDArray[np.complex128]]
 
 LINEAR = ("p1", "p2", "p3", "p4")
 """What is estimated in the limit of small swings without Coulomb friction and delay."""
 
-_ROUNDS = 3  # of simulations, for the remainder
-_SETTLED = 0.05  # of the errors, by which a last remainder may move the fit
-_LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
+_NAME = "harmonic balance"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,13 +61,14 @@ class HarmonicBalance(Estimator):
 
     At least four logs, with at least two different added masses (none counts as one). The
     covariance is the cluster-robust one over logs; the intervals are widened to hold the estimates
-    that leave one added mass out, and those with other terms that predict as well.
+    that leave one added mass out, and those with other terms that predict as well. Stribeck
+    velocity is scanned.
 
     Parameters
     ----------
     terms
-        Fitted besides p1..p4, Coulomb torque and delay; those that help to predict logs that were
-        left out if not given.
+        Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
+        logs that were left out.
     check
         Whether to fit again without each added mass.
     """
@@ -87,36 +85,22 @@ class HarmonicBalance(Estimator):
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
         numbers, said = steady_sines(data)
-        zeros = data.equilibria
-        logs = [data.logs[k] for k in numbers]
-
-        def motions(parameters: LumpedParameters) -> NDArray[np.complex128]:
-            return np.array(
-                [simulated_fundamental(log, parameters, zeros[log.added_mass]) for log in logs]
-            )
-
         points = [point for k in numbers if (point := data.points[k]) is not None]
-        return self._estimate(points, motions, said)
+        fit = _without_terms(points)
+        wanted = None if self.terms is None else "bias" in self.terms
+        rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
+        robot = SteadyModel(logs=[data.logs[k] for k in numbers], rest=rest)
+        fit, robot = robot.corrected(fit)
+        chosen = DescribingTerms.of(fit, self.terms)
+        fit, robot = robot.settled(DescribingFit.of(chosen.phasors))
+        known = robot.rest if robot.rest.bias is not None else None
+        return _judged(points, fit, _NAME, said, chosen=chosen, rest=known, check=self.check)
 
     def of_points(self, points: Sequence[ResponsePoint]) -> ParameterEstimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
-        return self._estimate(points, None, [])
-
-    def _estimate(
-        self, points: Sequence[ResponsePoint], motions: Motions | None, said: Sequence[Finding]
-    ) -> ParameterEstimate:
-        names = names_of(self.method, ())
-        _refuse_too_few(points, names)
-        phasors = Phasors.of(points, names, small=False)
-        fit = DescribingFit.of(phasors)
-        if motions is not None:
-            fit = DescribingFit.of(_with_remainder(fit, motions))
-        chosen = DescribingTerms.of(fit, self.terms)
+        chosen = DescribingTerms.of(_without_terms(points), self.terms)
         fit = DescribingFit.of(chosen.phasors)
-        if motions is not None:
-            fit = _settled(fit, motions)
-        found = _judged(points, fit, "harmonic balance", said, chosen, check=self.check)
-        return chosen.judge(found)
+        return _judged(points, fit, _NAME, [], chosen=chosen, check=self.check)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +130,13 @@ class Linear(Estimator):
         """Estimate from steady responses (see `Estimator`)."""
         _refuse_too_few(points, LINEAR)
         fit = DescribingFit.of(Phasors.of(points, LINEAR, small=True))
-        return _judged(points, fit, "joint linear complex fit", [], None, check=self.check)
+        return _judged(points, fit, "joint linear complex fit", [], check=self.check)
+
+
+def _without_terms(points: Sequence[ResponsePoint]) -> DescribingFit:
+    names = names_of(HarmonicBalance.method, ())
+    _refuse_too_few(points, names)
+    return DescribingFit.of(Phasors.of(points, names, small=False))
 
 
 def _judged(
@@ -154,49 +144,33 @@ def _judged(
     fit: DescribingFit,
     method: str,
     said: Sequence[Finding],
-    chosen: DescribingTerms | None,
     *,
+    chosen: DescribingTerms | None = None,
+    rest: RestAngles | None = None,
     check: bool,
 ) -> ParameterEstimate:
+    """Judge a fit, and the bias that the rest angles tell."""
     masses = [point.added_mass for point in points]
+    solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
+    more = solved.values[fit.solved.values.size :]
 
     def without(mass: AddedMass) -> NDArray[np.float64]:
         kept = np.array([each != mass for each in masses])
         _refuse_too_few([point for point in points if point.added_mass != mass], fit.phasors.names)
-        return DescribingFit.of(fit.phasors.take(kept)).solved.values
+        values = DescribingFit.of(fit.phasors.take(kept)).solved.values
+        return values if rest is None else np.append(values, rest.of_part(kept))
 
     left_out, few = without_each_mass(masses, without, asked=check)
-    return ParameterEstimate.from_rows(
-        fit.solved,
+    found = ParameterEstimate.from_rows(
+        solved,
         method=method,
         left_out=left_out,
-        rivals=chosen.rivals if chosen else (),
+        rivals=tuple(np.append(each, more) for each in (chosen.rivals if chosen else ())),
         findings=[*few, *said],
         held=chosen.held if chosen else None,
+        local=None if rest is None else {None: {"zero": float(rest.zeros[0])}},
     )
-
-
-def _settled(fit: DescribingFit, motions: Motions) -> DescribingFit:
-    """Take the remainder anew until it moves the fit no more."""
-    for _ in range(_ROUNDS - 1):
-        before, fit = fit, DescribingFit.of(_with_remainder(fit, motions))
-        if fit.moved_to(before) < _SETTLED:
-            break
-    return fit
-
-
-def _with_remainder(fit: DescribingFit, motions: Motions) -> Phasors:
-    """Return the balance with what the model's own motion leaves over in it.
-
-    None where the model, or its motion in a log, is too far from the robot's to tell.
-    """
-    phasors, parameters = fit.phasors, fit.parameters
-    if not parameters.p1 + min(mass.inertia for mass in phasors.masses) > 0:
-        return phasors
-    moved = motions(parameters)
-    size = np.abs(moved) / np.abs(phasors.angle)
-    told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)
-    return phasors.corrected(parameters, np.where(told, moved, phasors.angle), told)
+    return chosen.judge(found) if chosen else found
 
 
 def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> None:

@@ -1,0 +1,165 @@
+"""About which angle each sine's swing goes, and what that says of a constant torque.
+
+The mean torque of gravity at a swing of amplitude a about th0 is (p3 + X) J0(a) sin th0, and a
+constant torque is all that it can be in balance with. So the middles of the swings with different
+added masses, and of different amplitudes, tell the bias from the encoder's zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import j0
+
+from butterfly.identify.estimate import Solved
+from butterfly.identify.judgement.nested import Nested
+from butterfly.identify.judgement.term_choice import choose_terms, folds_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.signals.frequency_response import ResponsePoint
+
+    Samples = NDArray[np.float64]
+
+_NAMES = ("zero", "bias")
+_LEAST_FOLDS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RestAngles:
+    """Where n logs would rest.
+
+    Parameters
+    ----------
+    middles
+        (n,) of the swings, encoder readings in rad.
+    masses
+        What the hand carried.
+    compliance
+        (n,) by which a torque moves the middle, in rad/(N m).
+    zeros
+        (n,) encoder readings in rad where the model's angle is 0.
+    bias
+        In N m; None where the middles do not tell of one, and each mass has a zero of its own.
+    left
+        (n,) measured less foretold middles in rad, where there is a bias.
+    """
+
+    middles: Samples
+    masses: tuple[AddedMass, ...]
+    compliance: Samples
+    zeros: Samples
+    bias: float | None = None
+    left: Samples = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def of(
+        cls,
+        points: Sequence[ResponsePoint],
+        parameters: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        *,
+        asked: bool | None,
+    ) -> RestAngles:
+        """Read them off steady responses.
+
+        Parameters
+        ----------
+        points
+            The n responses.
+        parameters
+            Of the bare hand, as far as they are known.
+        zeros
+            Rest angle in rad for each added mass.
+        asked
+            Whether a bias is wanted; if None, it is if it helps to foretell the middles with
+            masses that were left out.
+        """
+        moments = np.array([p.added_mass.gravity_moment for p in points])
+        stiffness = (parameters.p3 + moments) * j0([p.amplitude for p in points])
+        usable = bool((stiffness > 0).all())
+        own = cls(
+            middles=np.array([p.angle.offset for p in points]),
+            masses=tuple(p.added_mass for p in points),
+            compliance=1 / stiffness if usable else np.ones(moments.size),
+            zeros=np.array([zeros[p.added_mass] for p in points]),
+        )
+        turns = np.round((own.middles - own.zeros) / (2 * np.pi))
+        own = replace(own, middles=own.middles - 2 * np.pi * turns)
+        if asked is False or not usable:
+            return own
+        return own.with_bias(asked=asked is True)
+
+    def applied(self, parameters: LumpedParameters) -> LumpedParameters:
+        """Return parameters with the bias."""
+        return replace(parameters, bias=self._known)
+
+    def moved(self, simulated: Samples) -> RestAngles:
+        """Return them so that a model whose swings went about (n,) middles follows the logs."""
+        if self.bias is None:
+            return self
+        left = self.middles - simulated
+        zero, bias = _solved(self._rows, left)
+        return replace(
+            self,
+            zeros=self.zeros + zero,
+            bias=self._known + float(bias),
+            left=left - self._rows @ np.array([zero, bias]),
+        )
+
+    def of_part(self, kept: NDArray[np.bool_]) -> float:
+        """Return the bias that some logs tell, by a mask."""
+        return self._known + float(_solved(self._rows[kept], self.left[kept])[1])
+
+    @property
+    def solved(self) -> Solved:
+        """The bias, with the zero eliminated, and the equations about it."""
+        freedom = max(self.left.size - len(_NAMES), 1)
+        scale = float(np.sqrt(np.sum(self.left**2) / freedom)) or 1.0
+        row = self.compliance - self.compliance.mean()
+        return Solved(
+            names=("bias",),
+            values=np.array([self._known]),
+            jacobian=row[:, None] / scale,
+            residuals=-self.left / scale,
+            cluster=np.arange(self.left.size),
+            on_bound=np.zeros(1, dtype=bool),
+            lower=np.full(1, -np.inf),
+        )
+
+    @property
+    def _known(self) -> float:
+        return self.bias or 0.0
+
+    @property
+    def _rows(self) -> Samples:
+        return np.column_stack([np.ones_like(self.compliance), self.compliance])
+
+    def with_bias(self, *, asked: bool) -> RestAngles:
+        """Return them with one zero and a bias, if that is asked for or foretells the middles."""
+        values = _solved(self._rows, self.middles)
+        count = self.zeros.size
+        nested = Nested.of(
+            self._rows.reshape(count, 1, 2),
+            (self._rows @ values - self.middles).reshape(count, 1),
+            names=_NAMES,
+            values=values,
+            lower=np.full(2, -np.inf),
+            folds=folds_of(self.masses, fewest=_LEAST_FOLDS),
+        )
+        chosen = choose_terms([nested], always=("zero",), demanded=("bias",) if asked else ())
+        if "bias" not in chosen.terms:
+            return self
+        zeros = np.full(count, values[0])
+        left = self.middles - self._rows @ values
+        return replace(self, zeros=zeros, bias=float(values[1]), left=left)
+
+
+def _solved(rows: Samples, target: Samples) -> Samples:
+    return np.asarray(np.linalg.lstsq(rows, target, rcond=None)[0], dtype=np.float64)
