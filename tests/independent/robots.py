@@ -154,7 +154,7 @@ def _sines(family, truth, masses, rng):
     truth = replace(truth, coulomb=float(dry))
     if family == "B":
         speed = float(np.median([omega * swing for _, omega, swing in aims]))
-        truth = replace(truth, **_mess(truth, masses, drive, speed, rng))
+        truth = replace(truth, **_other_terms(truth, masses, drive, speed, rng))
     return truth, [_sine(truth, *aim) for aim in aims]
 
 
@@ -170,7 +170,7 @@ def _sine(truth, added, omega, swing):
     )
 
 
-def _mess(truth, masses, drive, speed, rng):
+def _other_terms(truth, masses, drive, speed, rng):
     """Draw at least one of what B has besides."""
     sizes = {
         "stribeck": rng.uniform(0.1, 0.6) * max(truth.coulomb, 0.02 * drive),
