@@ -77,7 +77,7 @@ def report(scores: list[Score]) -> str:
     most = max(len(rows) for rows in groups.values())
     parts = [
         _table("coverage of 95 % intervals in %", coverage, "{:.0f}"),
-        f"mean of these cells: {np.mean(cells):.1f} %; a cell of {most} robots that is 95 % in truth "
+        f"mean of these cells: {np.mean(cells):.1f} %; a cell of {most} robots that is truly 95 % "
         f"strays by {100 * math.sqrt(0.95 * 0.05 / most):.1f} %",
         _table(
             "median error in % (delay ms)",
