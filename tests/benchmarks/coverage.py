@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 from collections import Counter
@@ -73,9 +74,11 @@ def report(scores: list[Score]) -> str:
         groups.setdefault((each.family, each.method), []).append(each)
     coverage = {key: _cells(rows, _coverage) for key, rows in groups.items()}
     cells = [cell for row in coverage.values() for cell in row if np.isfinite(cell)]
+    most = max(len(rows) for rows in groups.values())
     parts = [
         _table("coverage of 95 % intervals in %", coverage, "{:.0f}"),
-        f"mean of these cells: {np.mean(cells):.1f} %",
+        f"mean of these cells: {np.mean(cells):.1f} %; a cell of {most} robots that is truly 95 % "
+        f"strays by {100 * math.sqrt(0.95 * 0.05 / most):.1f} %",
         _table(
             "median error in % (delay ms)",
             {key: _cells(rows, _median_error) for key, rows in groups.items()},

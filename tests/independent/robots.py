@@ -29,6 +29,7 @@ FAMILIES = "ABC"
 _WIDEST = {"A": 1.0, "B": 1.0, "C": 2.0}  # rad, beyond which a robot is drawn again
 _LEAST_MOTION = 1e-3  # rad rms in the second half of a driven log, and three steps of the encoder
 _SLOWEST = 1.5  # rad/s, of a sine: a log of 40 s then holds ten periods
+_MOST_FRICTION = 0.3  # Coulomb torque over the drive's amplitude, in every log
 _ATTEMPTS = 1000
 
 
@@ -148,10 +149,12 @@ def _sines(family, truth, masses, rng):
         aims += [(added, omega, rng.uniform(0.1, 0.5)) for omega in omegas]
     drives = [_drive(truth, *aim) for aim in aims]
     drive = float(np.median(drives))
-    truth = replace(truth, coulomb=min(drives) * rng.uniform(0.0, 0.3))
+    share = rng.uniform(0.0, _MOST_FRICTION)
+    dry = min(share * np.quantile(drives, 0.25), _MOST_FRICTION * min(drives))
+    truth = replace(truth, coulomb=float(dry))
     if family == "B":
         speed = float(np.median([omega * swing for _, omega, swing in aims]))
-        truth = replace(truth, **_mess(truth, masses, drive, speed, rng))
+        truth = replace(truth, **_other_terms(truth, masses, drive, speed, rng))
     return truth, [_sine(truth, *aim) for aim in aims]
 
 
@@ -167,7 +170,7 @@ def _sine(truth, added, omega, swing):
     )
 
 
-def _mess(truth, masses, drive, speed, rng):
+def _other_terms(truth, masses, drive, speed, rng):
     """Draw at least one of what B has besides."""
     sizes = {
         "stribeck": rng.uniform(0.1, 0.6) * max(truth.coulomb, 0.02 * drive),
@@ -189,7 +192,7 @@ def _other_inputs(_, truth, masses, rng):
         added: _drive(truth, added, 0.6 * resonances[added], rng.uniform(0.15, 0.4))
         for added in masses
     }
-    truth = replace(truth, coulomb=min(sizes.values()) * rng.uniform(0.0, 0.3))
+    truth = replace(truth, coulomb=min(sizes.values()) * rng.uniform(0.0, _MOST_FRICTION))
     if rng.integers(2):
         truth = replace(truth, drag=rng.uniform(0.1, 1.0) * truth.p2 / rng.uniform(0.5, 2.0))
     driven = [[_multisine], [_chirp], [_multisine, _chirp]][int(rng.integers(3))]

@@ -98,35 +98,38 @@ class Score:
 
 
 def score(robot, method):
-    """Identify a robot; what goes wrong on the way is part of the score."""
-    estimator, _ = METHODS[method]
+    """Identify a robot; a refusal or a crash is a score too."""
     began = time.perf_counter()
-    own = {
-        "family": robot.family,
-        "number": robot.number,
-        "repeat": robot.repeat,
-        "method": method,
-    }
     try:
-        found = identify(robot.data, estimator)
+        judged = _judged(robot, METHODS[method][0])
     except ButterflyError as refusal:
-        return Score(refused=str(refusal), seconds=time.perf_counter() - began, **own)
+        judged = {"refused": str(refusal)}
     except Exception as crash:  # it is counted, not hidden
-        text = f"{type(crash).__name__}: {crash}"
-        return Score(refused=text, seconds=time.perf_counter() - began, **own)
+        judged = {"refused": f"{type(crash).__name__}: {crash}"}
+    return Score(
+        family=robot.family,
+        number=robot.number,
+        repeat=robot.repeat,
+        method=method,
+        **{"seconds": time.perf_counter() - began} | judged,
+    )
+
+
+def _judged(robot, estimator):
+    began = time.perf_counter()
+    found = identify(robot.data, estimator)
     seconds = time.perf_counter() - began
     estimate = found.estimate
     verdict = getattr(estimate, "verdict", "") or getattr(found, "verdict", "")
-    return Score(
-        readings=_readings(robot, estimate),
-        fit=found.summary.median,
-        condition=estimate.condition,
-        ending=str(estimate.ending),
-        verdict=str(verdict),
-        excess=_excess(robot, estimator, estimate),
-        seconds=seconds,
-        **own,
-    )
+    return {
+        "readings": _readings(robot, estimate),
+        "fit": found.summary.median,
+        "condition": estimate.condition,
+        "ending": str(estimate.ending),
+        "verdict": str(verdict),
+        "excess": _excess(robot, estimator, estimate),
+        "seconds": seconds,
+    }
 
 
 def _readings(robot, estimate):

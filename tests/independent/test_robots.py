@@ -1,5 +1,7 @@
 """Random robots of the independent integrator; `make coverage` makes many of them."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -27,6 +29,20 @@ def test_every_method_finds_a_robot_of_another_integrator(robot):
         assert not each.local_minimum
         assert max(abs(each.readings[name].error) for name in SHARED) < 5.0, each
     assert all(name in report(scores) for name in methods)
+
+
+def test_sines_lie_on_both_sides_of_resonance_and_outdo_coulomb_friction(robot):
+    truth, sines = robot.truth, [log for log in robot.logs if log.excitation]
+    assert (len(sines) == len(robot.logs)) is (robot.family != "C")
+    assert len(robot.masses) == 3
+    for added in {log.added_mass for log in sines}:
+        loaded = truth.with_added_mass(added)
+        omegas = [log.excitation.omega for log in sines if log.added_mass == added]
+        assert 4 <= len(omegas) <= 6
+        assert min(omegas) < math.sqrt(loaded.p3 / loaded.p1) < max(omegas)
+    for log in sines:
+        assert truth.coulomb <= 0.3 * truth.p4 * log.excitation.amplitude
+        assert np.abs(log.angle - robot.zero).max() < 1.0
 
 
 def test_numbers_determine_a_robot_and_a_repeat_its_noise_alone(robot):
