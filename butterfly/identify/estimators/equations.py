@@ -96,18 +96,33 @@ class Equations:
     @property
     def gradient(self) -> Samples:
         """(n,) derivatives of the cost."""
-        return self._normal[0]
+        return np.asarray(self.gradients.sum(axis=0))
 
     @property
     def curvature(self) -> Samples:
         """(n, n) second derivatives of the cost, but for those of the residuals."""
+        return np.asarray(self.curvatures.sum(axis=0))
+
+    @property
+    def gradients(self) -> Samples:
+        """(k, n) share of each log in the gradient."""
+        return self._normal[0]
+
+    @property
+    def curvatures(self) -> Samples:
+        """(k, n, n) share of each log in the curvature."""
         return self._normal[1]
+
+    @property
+    def squares(self) -> Samples:
+        """(k,) squared residuals of each log, weighted as its loss says."""
+        return np.array([float(log.residuals @ log.residuals) for log in self._weighted()])
 
     @cached_property
     def _normal(self) -> tuple[Samples, Samples]:
         parts = [_normal(log) for log in self._weighted()]
         gradients, curvatures = zip(*parts, strict=True)
-        return np.sum(gradients, axis=0), np.sum(curvatures, axis=0)
+        return np.array(gradients), np.array(curvatures)
 
     def compressed(self) -> list[tuple[Samples, Samples]]:
         """Return for each log the equations that it comes down to, weighted as its loss says."""

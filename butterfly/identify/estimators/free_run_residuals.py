@@ -13,7 +13,7 @@ from butterfly.identify.estimators.equations import Equations, LogEquations
 from butterfly.identify.free_run import Trajectory
 from butterfly.model.kinematics import Motion
 from butterfly.model.sensitivities import INITIAL
-from butterfly.model.terms import PARAMETERS, TERMS, lower_bounds
+from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -162,6 +162,31 @@ class FreeRunResiduals:
                 motion=tuple(self.motion[k] for k in numbers),
             ),
             kept,
+        )
+
+    def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
+        """Return the residuals in some of the parameters; terms that are not kept are absent.
+
+        Parameters
+        ----------
+        kept
+            Numbers of the n that are kept.
+        initial
+            (n,) first guesses, scaled.
+        """
+        absent = {
+            self.keys[k][0]: getattr(FrictionTerms, self.keys[k][0], 0.0)
+            for k in range(len(self.keys))
+            if k not in kept
+        }
+        return replace(
+            self,
+            start=replace(self.start, **absent),
+            keys=tuple(self.keys[k] for k in kept),
+            shared=int(np.sum(kept < self.shared)),
+            scale=self.scale[kept],
+            lower=self.lower[kept],
+            initial=initial,
         )
 
     def _of_log(self, index: int, values: Samples) -> LogEquations:

@@ -18,13 +18,16 @@ import numpy as np
 from butterfly.errors import InputError, require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, require_names
+from butterfly.identify.estimators.ends import Ends
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
+from butterfly.identify.estimators.free_run_terms import CANDIDATES, FreeRunTerms
 from butterfly.identify.estimators.gauss_newton import minimise
 from butterfly.identify.estimators.loss import Loss, outlying
-from butterfly.identify.estimators.starts import closed_form_start
+from butterfly.identify.estimators.starts import Start, starts
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
+from butterfly.identify.judgement.nested import COMPANIONS
 from butterfly.model.friction import require_periods
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
@@ -52,7 +55,9 @@ class OutputError(Estimator):
     Parameters
     ----------
     terms
-        Fitted besides p1..p4, Coulomb torque and delay; the others keep the values of the start.
+        Fitted besides p1..p4, Coulomb torque and delay, the others keeping the values of the start;
+        if not given, those that help to predict logs that were left out. Stribeck friction brings
+        its velocity along.
     fixed
         Of all parameters, those that keep the values of the start.
     per_mass
@@ -73,7 +78,7 @@ class OutputError(Estimator):
     """
 
     method: Literal["output-error"] = "output-error"
-    terms: tuple[str, ...] = ("drag", "load", "bias", "p3_offset", "stribeck")
+    terms: tuple[str, ...] | None = None
     fixed: tuple[str, ...] = ()
     per_mass: tuple[str, ...] = ()
     per_log: tuple[str, ...] = ()
@@ -87,7 +92,7 @@ class OutputError(Estimator):
 
     def __post_init__(self) -> None:
         known = offered(self.method)
-        require_names(self.method, "terms", self.terms, known)
+        require_names(self.method, "terms", self.terms or (), known)
         require_names(self.method, "fixed", self.fixed, (*PARAMETERS, *known))
         require_names(self.method, "per_mass", self.per_mass, LOCAL)
         require_names(self.method, "per_log", self.per_log, LOCAL)
@@ -97,13 +102,13 @@ class OutputError(Estimator):
             raise InputError(self.method, "workers", self.workers, "0 or more")
 
     def __call__(self, data: DataSet) -> ParameterEstimate:
-        """Fit from a closed form's estimate on (see `Estimator`)."""
-        return self.of_logs(data.logs, *closed_form_start(data))
+        """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
+        return self.of_starts(data.logs, starts(data))
 
     def of_logs(
         self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
     ) -> ParameterEstimate:
-        """Fit the free-run simulation of all logs jointly.
+        """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
         Parameters
         ----------
@@ -113,34 +118,47 @@ class OutputError(Estimator):
             First guess; a poor one may stall the fit, so take a closed form's.
         zeros
             First guess of the encoder's reading in rad of the hand at rest, per added mass.
+        """
+        return self.of_starts(logs, [Start(parameters=start, zeros=zeros)])
+
+    def of_starts(self, logs: Sequence[Log], first: Sequence[Start]) -> ParameterEstimate:
+        """Fit the free-run simulation of all logs jointly, from one or more first guesses.
 
         Raises
         ------
         IdentifiabilityError
-            If the logs cannot determine the parameters.
+            If the logs cannot determine the parameters, or no first guess is a joint's.
         """
         refuse_one_mass(log.added_mass for log in logs)
-        problem = self.problem(logs, start, zeros)
-        end = self._minimise(problem, problem.initial)
-        known = dict(zip(problem.keys, (end.point * problem.scale).tolist(), strict=True))
+        ends = Ends.of([self.problem(logs, each.parameters, each.zeros) for each in first], self)
+        problem, end = ends.problem, ends.end
+        rivals: tuple[NDArray[np.float64], ...] = ()
+        said = list(ends.findings)
+        if self.terms is None:
+            chosen = FreeRunTerms.of(problem, end.point, end.at, ())
+            problem, rivals = chosen.part, chosen.rivals
+            end = self.descend(problem, problem.initial)
+            said += chosen.choice.findings
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
             """Fit from where the whole fit ended, whose equations give the first step."""
             rest = [k for k, log in enumerate(logs) if log.added_mass != mass]
             part, kept = problem.part(rest)
-            end_of_part = self._minimise(part, end.point[kept], end.at.part(rest, kept))
+            end_of_part = self.descend(part, end.point[kept], end.at.part(rest, kept))
             return np.asarray((end_of_part.point * part.scale)[: problem.shared])
 
         masses = (log.added_mass for log in logs)
-        left_out, said = without_each_mass(masses, without, asked=self.check)
+        left_out, few = without_each_mass(masses, without, asked=self.check)
+        known = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         return ParameterEstimate.from_rows(
             self._solved(problem, end),
             method="output error",
             left_out=left_out,
+            rivals=rivals,
             shared=problem.shared,
-            findings=said,
+            findings=[*few, *said],
             held={name: getattr(problem.start, name) for name in (*self.fixed, "cogging_periods")},
-            local=_local(list(known.items())[problem.shared :]),
+            local=_local(list(known)[problem.shared :]),
         )
 
     def minimum(
@@ -154,7 +172,7 @@ class OutputError(Estimator):
             As `of_logs` takes them.
         """
         problem = self.problem(logs, start, zeros)
-        end = self._minimise(problem, problem.initial)
+        end = self.descend(problem, problem.initial)
         return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
 
     def holding(self, name: str) -> OutputError:
@@ -166,7 +184,7 @@ class OutputError(Estimator):
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised (see `of_logs`)."""
         choice = Choice(
-            terms=self.terms,
+            terms=self._names,
             fixed=self.fixed,
             per_mass=self.per_mass,
             per_log=self.per_log,
@@ -176,12 +194,20 @@ class OutputError(Estimator):
         turning = replace(start, cogging_periods=self.cogging_periods)
         return FreeRunResiduals.of(logs, turning, zeros, choice)
 
-    def _minimise(
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Terms that are fitted, or tried."""
+        terms = CANDIDATES if self.terms is None else self.terms
+        brought = {COMPANIONS[name] for name in terms if name in COMPANIONS} - {*terms, *self.fixed}
+        return (*(name for name in terms if name not in self.fixed), *sorted(brought))
+
+    def descend(
         self,
         problem: FreeRunResiduals,
         initial: NDArray[np.float64],
         known: Equations | None = None,
     ) -> Minimum[Equations]:
+        """Return where a descent ends, its loss counted in."""
         plain = minimise(problem.equations, initial, problem.lower, known)
         if self.loss is Loss.LINEAR:
             return plain

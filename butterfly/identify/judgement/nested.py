@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
 _LEAST_FOLDS = 2
 
+COMPANIONS = {"stribeck": "stribeck_velocity"}
+"""Terms that come with another one."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nested:
@@ -50,6 +53,11 @@ class Nested:
     folds: NDArray[np.intp]
     settings: dict[str, float] = field(default_factory=dict)
     demanded: tuple[str, ...] = ()
+
+    @property
+    def mute(self) -> NDArray[np.bool_]:
+        """(n,) which say nothing without another one, and stay as they are when absent."""
+        return np.array([name in COMPANIONS.values() for name in self.names])
 
     @classmethod
     def of(
@@ -110,7 +118,8 @@ class Nested:
         self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]
     ) -> Samples | None:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
-        values = np.where(kept, np.maximum(self.values, self.lower), 0.0)
+        absent = np.where(self.mute, self.values, 0.0)
+        values = np.where(kept, np.maximum(self.values, self.lower), absent)
         free = kept.copy()
         while free.any():
             pull = (gradient + curvature @ (values - self.values))[free]

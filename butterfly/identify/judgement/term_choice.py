@@ -16,6 +16,7 @@ import numpy as np
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.nested import COMPANIONS
 from butterfly.model.terms import PARAMETERS
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def choose_terms(
         (trial for trial in trials if _as_good(trial, best)),
         key=lambda trial: (len(trial.terms), trial.score),
     )
-    rivals = [trial for trial in trials if trial is not chosen and _as_good(trial, best)]
+    rivals = [trial for trial in trials if trial is not chosen and trial.score <= chosen.score]
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
         names=(*always, *chosen.terms),
@@ -156,10 +157,13 @@ class _Trial(NamedTuple):
 def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
     """Try all sets of terms that one fit has, and that have what is demanded."""
     must = {*nested.demanded, *demanded}
-    free = [] if demanded else [n for n in nested.names if n not in {*always, *must}]
+    followers = COMPANIONS.values()
+    free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
     for count in range(len(free) + 1):
         for more in combinations(free, count):
-            terms = tuple(name for name in nested.names if name in {*more, *must})
+            wanted = {*more, *must}
+            wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS}
+            terms = tuple(name for name in nested.names if name in wanted and name not in always)
             errors = nested.held_out(_kept(nested, always, terms))
             if errors is not None:
                 yield _Trial(terms, nested, np.sqrt(errors))

@@ -1,0 +1,96 @@
+"""Which terms output error fits: those that help to foretell the free runs of logs left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.judgement.nested import Nested
+from butterfly.identify.judgement.term_choice import choose_terms, folds_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.estimators.equations import Equations
+    from butterfly.identify.estimators.free_run_residuals import FreeRunResiduals
+    from butterfly.identify.judgement.term_choice import TermChoice
+
+    Samples = NDArray[np.float64]
+
+CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck", "stribeck_velocity")
+"""Terms that are tried where none are told."""
+
+_LEAST_FOLDS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRunTerms:
+    """A choice among the terms of residuals that have them all.
+
+    Parameters
+    ----------
+    problem
+        The residuals.
+    labels
+        What its n parameters are called in the choice.
+    choice
+        What is fitted.
+    """
+
+    problem: FreeRunResiduals
+    labels: tuple[str, ...]
+    choice: TermChoice
+
+    @classmethod
+    def of(
+        cls, problem: FreeRunResiduals, point: Samples, at: Equations, always: Sequence[str]
+    ) -> FreeRunTerms:
+        """Choose by the equations about a point.
+
+        Parameters
+        ----------
+        problem, point, at
+            The residuals, (n,) scaled values of the parameters, and the equations about them.
+        always
+            Names of parameters that are not to be chosen, but fitted.
+        """
+        labels = tuple(
+            name if whose is None else f"{name} of {whose}" for name, whose in problem.keys
+        )
+        optional = {name for name in CANDIDATES if name not in always}
+        masses = [each.log.added_mass for each in problem.trajectories]
+        nested = Nested(
+            names=labels,
+            values=point,
+            lower=problem.lower,
+            curvature=at.curvatures,
+            gradient=at.gradients,
+            cost=at.squares,
+            folds=folds_of(masses, fewest=_LEAST_FOLDS),
+        )
+        kept = tuple(label for label in labels if label not in optional)
+        return cls(problem=problem, labels=labels, choice=choose_terms([nested], always=kept))
+
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """Numbers of the parameters that are fitted."""
+        return np.flatnonzero([label in self.choice.names for label in self.labels])
+
+    @property
+    def part(self) -> FreeRunResiduals:
+        """The residuals with the terms that were chosen, to start from where they should end."""
+        return self.problem.keeping(self.kept, self.scaled(self.choice.values))
+
+    @property
+    def rivals(self) -> tuple[Samples, ...]:
+        """Values of the robot's own parameters of `part`, by fits that predict as well."""
+        part = self.part
+        return tuple((self.scaled(each) * part.scale)[: part.shared] for each in self.choice.rivals)
+
+    def scaled(self, found: dict[str, float]) -> Samples:
+        """Return scaled values of the parameters that are fitted."""
+        return np.array([found[self.labels[k]] for k in self.kept])
