@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.findings import Finding, FindingKind
@@ -19,13 +19,18 @@ if TYPE_CHECKING:
     from butterfly.identify.estimators.gauss_newton import Minimum
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
+_GLANCE = 12  # passes after which a descent that is not lower than another is given up
 
 
 class Descent(Protocol):
     """What can descend."""
 
     def descend(
-        self, problem: FreeRunResiduals, initial: NDArray[np.float64]
+        self,
+        problem: FreeRunResiduals,
+        initial: NDArray[np.float64],
+        known: Equations | None = None,
+        most: int = ...,
     ) -> Minimum[Equations]:
         """Return where a descent ends."""
 
@@ -50,22 +55,46 @@ class Ends:
     def of(cls, problems: Sequence[FreeRunResiduals], fit: Descent) -> Ends:
         """Descend from the first guess of each problem.
 
+        The first descent is made to its end; the others are, only where they come lower.
+
         Raises
         ------
         IdentifiabilityError
             If none of the first guesses can be simulated.
         """
-        ends, refusals = [], []
+        ends: list[_End] = []
+        refusals = []
         for problem in problems:
             try:
-                ends.append((problem, fit.descend(problem, problem.initial)))
+                ends.append(_descended(problem, fit, ends))
             except IdentifiabilityError as refusal:
                 refusals.append(refusal)
         if not ends:
             raise refusals[0]
-        (problem, end), *others = sorted(ends, key=lambda each: each[1].at.cost)
-        findings = []
-        if others and others[0][1].at.cost > _ELSEWHERE * end.at.cost > 0:
-            ratio = others[0][1].at.cost / end.at.cost
-            findings.append(Finding(kind=FindingKind.OTHER_END, number=ratio))
-        return cls(problem=problem, end=end, findings=tuple(findings))
+        (problem, end), *others = sorted(ends, key=_cost)
+        ratios = [_cost(each) / end.at.cost for each in others if each.end.converged]
+        elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
+        findings = tuple(
+            Finding(kind=FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1]
+        )
+        return cls(problem=problem, end=end, findings=findings)
+
+
+class _End(NamedTuple):
+    problem: FreeRunResiduals
+    end: Minimum[Equations]
+
+
+def _cost(each: _End) -> float:
+    return each.end.at.cost
+
+
+def _descended(problem: FreeRunResiduals, fit: Descent, before: Sequence[_End]) -> _End:
+    """Descend to the end, or so far that it shows that the end is no better than one before."""
+    if not before:
+        return _End(problem, fit.descend(problem, problem.initial))
+    least = min(map(_cost, before))
+    end = fit.descend(problem, problem.initial, most=_GLANCE)
+    if not end.converged and end.at.cost < least:
+        end = fit.descend(problem, end.point, end.at)
+    return _End(problem, end)

@@ -28,10 +28,13 @@ _UNSEEN = 0.1  # share of a residual's part of the cost that may be left after i
 _NEGLIGIBLE = 1e-8  # share of the cost, for which no step is worth while
 _STUCK = 1e-3  # share of the cost, more than which the end of a descent must not leave
 _SMALLEST_STEP = 1e-6
-_MOST = 60
 _FLAT = 1e-15  # share of the largest curvature, below which there is only rounding
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the foretold decrease
 _INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
+
+
+MOST = 60
+"""How often a cost is expanded at most."""
 
 
 class Expansion(Protocol):
@@ -87,6 +90,7 @@ def minimise(
     initial: Samples,
     lower: Samples,
     known: _E | None = None,
+    most: int = MOST,
 ) -> Minimum[_E]:
     """Descend from a point to a minimum.
 
@@ -102,6 +106,8 @@ def minimise(
         (n,) where to begin, and least values. The coordinates are of order 1.
     known
         The cost about the beginning, if it is known already.
+    most
+        How often the cost may be expanded.
 
     Raises
     ------
@@ -116,7 +122,7 @@ def minimise(
             "those of a joint (see what a closed form says of these logs, such as the weak form)"
         )
     reach, kept, last = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0
-    while evaluations < _MOST:
+    while evaluations < most:
         step = _step(at, np.maximum(lower - point, -reach), reach)
         foretold, longest = _decrease(at, step), float(np.abs(step).max(initial=0.0))
         there = np.maximum(point + step, lower)
@@ -139,7 +145,7 @@ def minimise(
             last = at.cost - tried.cost
             point, at = there, tried
     promised = _decrease(at, _step(at, lower - point, np.inf))
-    converged = evaluations < _MOST and promised <= _STUCK * at.cost
+    converged = evaluations < most and promised <= _STUCK * at.cost
     return Minimum(point=point, at=at, converged=converged, evaluations=evaluations)
 
 

@@ -21,7 +21,7 @@ from butterfly.identify.estimators.base import Estimator, require_names
 from butterfly.identify.estimators.ends import Ends
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
 from butterfly.identify.estimators.free_run_terms import CANDIDATES, FreeRunTerms
-from butterfly.identify.estimators.gauss_newton import minimise
+from butterfly.identify.estimators.gauss_newton import MOST, minimise
 from butterfly.identify.estimators.loss import Loss, outlying
 from butterfly.identify.estimators.starts import Start, starts
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
@@ -206,9 +206,10 @@ class OutputError(Estimator):
         problem: FreeRunResiduals,
         initial: NDArray[np.float64],
         known: Equations | None = None,
+        most: int = MOST,
     ) -> Minimum[Equations]:
         """Return where a descent ends, its loss counted in."""
-        plain = minimise(problem.equations, initial, problem.lower, known)
+        plain = minimise(problem.equations, initial, problem.lower, known, most)
         if self.loss is Loss.LINEAR:
             return plain
         scale = outlying(np.concatenate([log.residuals for log in plain.at.logs]))

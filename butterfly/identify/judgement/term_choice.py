@@ -8,7 +8,7 @@ section 3.4.3).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -110,14 +110,7 @@ def choose_terms(
         If the data do not even determine what every fit has.
     """
     offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
-    wanted = demanded
-    while not (trials := [each for nested in fits for each in _trials(nested, always, wanted)]):
-        if not wanted:
-            raise IdentifiabilityError(
-                f"these logs do not determine {', '.join(always)}: add frequencies on both sides "
-                "of the resonance, and a run with another known mass"
-            )
-        wanted = wanted[:-1]
+    trials = _all_trials(fits, always, demanded)
     best = min(trials, key=lambda trial: trial.score)
     chosen = min(
         (trial for trial in trials if _as_good(trial, best)),
@@ -152,6 +145,27 @@ class _Trial(NamedTuple):
         values = nested.fitted(_kept(nested, always, self.terms))
         assert values is not None  # noqa: S101 - its parts determine it
         return dict(zip(nested.names, values.tolist(), strict=True)) | nested.settings
+
+
+def _all_trials(
+    fits: Sequence[Nested], always: tuple[str, ...], demanded: tuple[str, ...]
+) -> list[_Trial]:
+    """Try all that can be tried: of the parts of the data, or else of single logs.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If no fit can be left to foretell anything.
+    """
+    by_log = [replace(nested, folds=np.arange(nested.cost.size)) for nested in fits]
+    for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
+        for split in (fits, by_log):
+            if found := [each for nested in split for each in _trials(nested, always, wanted)]:
+                return found
+    raise IdentifiabilityError(
+        f"these logs do not determine {', '.join(always)}: add frequencies on both sides of the "
+        "resonance, and a run with another known mass"
+    )
 
 
 def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
