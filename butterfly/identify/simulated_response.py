@@ -6,32 +6,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import Trajectory
 from butterfly.signals.sine_fit import sine_basis
 from butterfly.signals.window import STEADY_SECONDS, steady_span
 
 if TYPE_CHECKING:
-    from butterfly.logs.log import Log
+    from butterfly.identify.free_run import Trajectory
     from butterfly.model.parameters import LumpedParameters
 
 
 def simulated_response(
-    log: Log, parameters: LumpedParameters, zero: float
+    trajectory: Trajectory, parameters: LumpedParameters, zero: float
 ) -> tuple[complex, float]:
     """Return phasor and mean in rad of the simulated angle, in the window in which a log is read.
 
     Parameters
     ----------
-    log
-        Of a sine.
+    trajectory
+        Of a sine's log.
     parameters
         Of the bare hand.
     zero
         Encoder reading in rad where the model's angle is 0.
     """
+    log = trajectory.log
     assert log.excitation is not None  # noqa: S101 - of a sine
     omega = log.excitation.omega
-    trajectory = Trajectory(log, parameters)
     angle, _ = trajectory.simulate(parameters, zero)
     inside = trajectory.grid > log.time[-1] - steady_span(log, omega, STEADY_SECONDS)
     basis = sine_basis(trajectory.grid[inside], omega)

@@ -33,6 +33,7 @@ from butterfly.identify.estimators.base import Estimator, names_of
 from butterfly.identify.estimators.describing_fit import DescribingFit
 from butterfly.identify.estimators.describing_terms import DescribingTerms
 from butterfly.identify.estimators.steady_model import SteadyModel
+from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.phasors import Phasors
@@ -89,7 +90,8 @@ class HarmonicBalance(Estimator):
         fit = _without_terms(points)
         wanted = None if self.terms is None else "bias" in self.terms
         rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
-        robot = SteadyModel(logs=[data.logs[k] for k in numbers], rest=rest)
+        logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
+        robot = SteadyModel(trajectories=logs, rest=rest)
         fit, robot = robot.corrected(fit)
         chosen = DescribingTerms.of(fit, self.terms)
         fit, robot = robot.settled(DescribingFit.of(chosen.phasors))

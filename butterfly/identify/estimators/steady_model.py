@@ -13,12 +13,12 @@ from butterfly.identify.simulated_response import simulated_response
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from butterfly.identify.free_run import Trajectory
     from butterfly.identify.phasors import Phasors
     from butterfly.identify.rest_angles import RestAngles
-    from butterfly.logs.log import Log
 
 _ROUNDS = 3
-_SETTLED = 0.05  # of the errors, by which a last correction may move the fit
+_SETTLED = 0.1  # of the errors, by which one more correction would move the fit
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
 
 
@@ -28,13 +28,13 @@ class SteadyModel:
 
     Parameters
     ----------
-    logs
+    trajectories
         Of sines.
     rest
         About which angles they swing.
     """
 
-    logs: Sequence[Log]
+    trajectories: Sequence[Trajectory]
     rest: RestAngles
 
     def corrected(self, fit: DescribingFit) -> tuple[DescribingFit, SteadyModel]:
@@ -43,28 +43,26 @@ class SteadyModel:
         That is nothing where the model, or its motion in a log, is too far from the robot's.
         """
         parameters = self.rest.applied(fit.parameters)
-        if not parameters.p1 + min(log.added_mass.inertia for log in self.logs) > 0:
+        masses = (each.log.added_mass for each in self.trajectories)
+        if not parameters.p1 + min(mass.inertia for mass in masses) > 0:
             return fit, self
-        zeros = self.rest.zeros.tolist()
-        moved, middles = zip(
-            *(
-                simulated_response(log, parameters, zero)
-                for log, zero in zip(self.logs, zeros, strict=True)
-            ),
-            strict=True,
-        )
+        pairs = zip(self.trajectories, self.rest.zeros.tolist(), strict=True)
+        responses = (simulated_response(each, parameters, zero) for each, zero in pairs)
+        moved, middles = zip(*responses, strict=True)
         phasors = _with_remainder(fit, np.array(moved))
         rest = self.rest.moved(np.array(middles)) if np.isfinite(middles).all() else self.rest
         return DescribingFit.of(phasors), replace(self, rest=rest)
 
     def settled(self, fit: DescribingFit) -> tuple[DescribingFit, SteadyModel]:
         """Correct a fit until that moves it no more."""
-        robot = self
+        robot, last = self, 1.0
         for _ in range(_ROUNDS):
             before = fit
             fit, robot = robot.corrected(fit)
-            if fit.moved_to(before) < _SETTLED:
+            moved = fit.moved_to(before)
+            if moved * min(moved / last, 1.0) < _SETTLED:  # about what the next one would move
                 break
+            last = moved
         return fit, robot
 
 
