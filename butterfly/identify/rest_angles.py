@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 _NAMES = ("zero", "bias")
-_LEAST_FOLDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,7 +150,7 @@ class RestAngles:
             names=_NAMES,
             values=values,
             lower=np.full(2, -np.inf),
-            folds=folds_of(self.masses, fewest=_LEAST_FOLDS),
+            folds=folds_of(self.masses),
         )
         chosen = choose_terms([nested], always=("zero",), demanded=("bias",) if asked else ())
         if "bias" not in chosen.terms:

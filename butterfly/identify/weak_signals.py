@@ -137,7 +137,12 @@ class Averaging:
         self._places: dict[int, _Place] = {}
 
     def signals(
-        self, names: Iterable[str], *, delay: float = 0.0, compression: float = 0.0
+        self,
+        names: Iterable[str],
+        *,
+        delay: float = 0.0,
+        compression: float = 0.0,
+        stribeck_velocity: float | None = None,
     ) -> WeakSignals:
         """Average the terms of some parameters.
 
@@ -147,6 +152,8 @@ class Averaging:
             Of the parameters.
         delay, compression
             See `Known`.
+        stribeck_velocity
+            In rad/s, if not that of the settings.
 
         Raises
         ------
@@ -154,9 +161,14 @@ class Averaging:
             If the log is shorter than a test function.
         """
         place = self._place(delay)
-        keys = {name: (name, delay, compression) if name in _DRIVEN else (name,) for name in names}
+        slow = stribeck_velocity or self._motion.stribeck_velocity
+        own: dict[str, tuple[str | float, ...]] = {"stribeck": ("stribeck", slow)}
+        own |= {name: (name, delay, compression) for name in _DRIVEN}
+        keys = {name: own.get(name, (name,)) for name in names}
         missing = [name for name, key in keys.items() if key not in place.mean]
-        motion = self._driven(delay, compression) if missing else self._motion
+        motion = self._motion._replace(stribeck_velocity=slow)
+        if not _DRIVEN.isdisjoint(missing):
+            motion = self._driven(motion, delay, compression)
         for name in missing:
             place.mean[keys[name]] = place.bumps.means(*self._column_of(TERMS[name], motion))
         centres = place.bumps.centres
@@ -168,11 +180,16 @@ class Averaging:
             still=place.still,
         )
 
-    def _driven(self, delay: float, compression: float) -> Motion:
+    def _driven(self, motion: Motion, delay: float, compression: float) -> Motion:
         log = self._log
         inputs = compressed(log.input, compression)
         delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
-        return self._motion._replace(input=delivered)
+        return motion._replace(input=delivered)
+
+    @property
+    def fastest(self) -> float:
+        """Largest speed of the log in rad/s."""
+        return float(np.abs(self._motion.velocity).max())
 
     def _place(self, delay: float) -> _Place:
         """Place the test functions where the input is known a delay before."""

@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.judgement.term_choice import choose_terms, folds_of, missing_terms
+from butterfly.identify.judgement.term_choice import (
+    choose_terms,
+    folds_of,
+    missing_terms,
+    stribeck_velocities,
+)
 from butterfly.model.terms import PARAMETERS, offered
 
 if TYPE_CHECKING:
@@ -20,9 +25,6 @@ if TYPE_CHECKING:
     from butterfly.identify.phasors import Phasors
 
 _SCANNED, _OF_REST = "stribeck", "bias"
-_SPEEDS = 6  # Stribeck velocities that are tried
-_SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
-_LEAST_FOLDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +62,7 @@ class DescribingTerms:
         terms
             Told, or None.
         """
-        folds = folds_of(fit.phasors.masses, fewest=_LEAST_FOLDS)
+        folds = folds_of(fit.phasors.masses)
         every = tuple(
             name for name in offered("harmonic-balance") if name not in {_SCANNED, _OF_REST}
         )
@@ -100,7 +102,7 @@ def _scanned(fit: DescribingFit, names: tuple[str, ...], folds: NDArray[np.intp]
     """Return the equations with terms and Stribeck friction, at one velocity after another."""
     fastest = float(np.max(np.abs(fit.phasors.angle) * fit.phasors.omega))
     fits = []
-    for speed in (fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)).tolist():
+    for speed in stribeck_velocities(fastest):
         with_it = (*PARAMETERS, *names, _SCANNED)
         nested = fit.nested(replace(fit.phasors, names=with_it, stribeck_velocity=speed), folds)
         settings = {"stribeck_velocity": speed}

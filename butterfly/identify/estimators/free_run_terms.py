@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck", "stribeck_velocity")
 """Terms that are tried where none are told."""
 
-_LEAST_FOLDS = 3
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRunTerms:
@@ -70,7 +68,7 @@ class FreeRunTerms:
             curvature=at.curvatures,
             gradient=at.gradients,
             cost=at.squares,
-            folds=folds_of(masses, fewest=_LEAST_FOLDS),
+            folds=folds_of(masses),
         )
         kept = tuple(label for label in labels if label not in optional)
         return cls(problem=problem, labels=labels, choice=choose_terms([nested], always=kept))

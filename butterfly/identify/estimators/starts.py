@@ -64,13 +64,13 @@ def _from_sines(data: DataSet) -> Start:
 
 
 def _from_any(data: DataSet) -> Start:
-    """Fit the weak form with all terms that are linear.
+    """Fit the weak form with the terms that it chooses.
 
     Where a hand that decays comes to rest depends on friction: the offset of gravity that is seen
     about the rest angles corrects them.
     """
     zeros = data.equilibria
-    found = WeakForm(terms=("drag", "p3_offset"), check=False)(data).parameters
+    found = WeakForm(check=False)(data).parameters
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
     turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
     corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}

@@ -15,17 +15,18 @@ function of the motion. The delay enters as p4 d int phi' u, about the current o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
 from butterfly.errors import require_number
-from butterfly.identify.estimate import ParameterEstimate, Solved
+from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, names_of
-from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.estimators.weak_fit import WeakFit, Windows
+from butterfly.identify.estimators.weak_terms import WeakTerms
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
-from butterfly.identify.regression import Regression
+from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
 from butterfly.model.friction import require_periods
 from butterfly.model.terms import FrictionTerms
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
 
-_ROUNDS = 8  # about the delay
-_SETTLED = 1e-7  # s
-
 
 @dataclass(frozen=True, kw_only=True)
 class WeakForm(Estimator):
@@ -49,12 +47,13 @@ class WeakForm(Estimator):
 
     Of at least two different added masses (none counts as one). The covariance is the
     cluster-robust one over logs; the intervals are widened to hold the estimates that leave one
-    added mass out. Stribeck velocity is held.
+    added mass out, and those with other terms that predict as well. Stribeck velocity is scanned.
 
     Parameters
     ----------
     terms
-        Fitted besides p1..p4, Coulomb torque and delay.
+        Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
+        logs that were left out.
     half_width
         Of the test functions in s; a sine's logs use at most a quarter period.
     cogging_periods
@@ -64,7 +63,7 @@ class WeakForm(Estimator):
     """
 
     method: Literal["weak-form"] = "weak-form"
-    terms: tuple[str, ...] = ("drag",)
+    terms: tuple[str, ...] | None = None
     half_width: float = HALF_WIDTH
     cogging_periods: float = 1.0
     check: bool = True
@@ -72,7 +71,7 @@ class WeakForm(Estimator):
     summary: ClassVar[str] = "linear fit against test functions, for any input"
 
     def __post_init__(self) -> None:
-        names_of(self.method, self.terms)
+        names_of(self.method, self.terms or ())
         require_number(self.method, positive=True, unit="s", half_width=self.half_width)
         require_periods(self.method, self.cogging_periods)
 
@@ -92,68 +91,28 @@ class WeakForm(Estimator):
         """
         refuse_one_mass(log.added_mass for log in logs)
         windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
-        solved = self._solve(windows)
+        chosen = WeakTerms.of(windows, self.terms)
+        fit = chosen.fit
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
-            return self._solve([each for each in windows if each.added != mass]).values
+            rest = [each for each in windows if each.added != mass]
+            return WeakFit.of(rest, fit.solved.names, fit.slow, fit.delay).solved.values
 
-        left_out, said = without_each_mass(
+        left_out, few = without_each_mass(
             (log.added_mass for log in logs), without, asked=self.check
         )
-        return ParameterEstimate.from_rows(
-            solved,
+        found = ParameterEstimate.from_rows(
+            fit.solved,
             method="weak form",
             left_out=left_out,
-            findings=said,
-            held={"cogging_periods": self.cogging_periods},
+            rivals=chosen.rivals,
+            findings=[*few, *chosen.said],
+            held=chosen.held | {"cogging_periods": self.cogging_periods},
         )
+        return found.with_findings(*missing_terms(found, chosen.best))
 
-    def _solve(self, windows: Sequence[_Windows]) -> Solved:
-        """Solve about a delay, and about the delay found, until it no longer moves."""
-        names = names_of(self.method, self.terms)
-        late, delay, settled = names.index("delay"), 0.0, False
-        for _ in range(_ROUNDS):
-            regression = _regression(windows, names, delay)
-            solution = regression.solve()
-            step, delay = solution.values[late] - delay, float(solution.values[late])
-            settled = bool(abs(step) < _SETTLED)
-            if settled:
-                break
-        rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Severity.WARNING)
-        return Solved.of(regression, solution, unsettled=None if settled else rounds)
-
-    def _windows(self, log: Log, zero: float) -> _Windows:
+    def _windows(self, log: Log, zero: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
         half_width = min(self.half_width, period / 4)
-        return _Windows(log.added_mass, Averaging(log, zero, half_width, settings))
-
-
-class _Windows(NamedTuple):
-    """A log's added mass, and what the log says over test functions."""
-
-    added: AddedMass
-    averaging: Averaging
-
-    def equations(
-        self, names: tuple[str, ...], delay: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m)."""
-        signals = self.averaging.signals(names, delay=delay)
-        rows = np.column_stack([signals.mean[name] for name in names])[signals.moving]
-        inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
-        size = float(np.linalg.norm(inertia)) or 1.0
-        carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
-        return rows / size, -carried / size
-
-
-def _regression(windows: Sequence[_Windows], names: tuple[str, ...], delay: float) -> Regression:
-    """Put the windows of all logs together, each log weighing the same."""
-    rows, targets = zip(*(each.equations(names, delay) for each in windows), strict=True)
-    return Regression(
-        names=names,
-        rows=np.concatenate(rows),
-        target=np.concatenate(targets),
-        cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
-        about={"delay": delay},
-    )
+        return Windows(log.added_mass, Averaging(log, zero, half_width, settings))

@@ -30,7 +30,10 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 
-_MATTERS = 0.05
+_MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
+_SPEEDS = 6  # Stribeck velocities that are tried
+_SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
+_LEAST_FOLDS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +67,16 @@ class TermChoice:
     inseparable: tuple[str, ...]
 
     @property
+    def best(self) -> dict[str, float]:
+        """Values of the parameters that were chosen, by name."""
+        return {name: self.values[name] for name in self.names}
+
+    @property
+    def rival_values(self) -> tuple[Samples, ...]:
+        """Values of the parameters that were chosen, by the rivals; 0 for what they do without."""
+        return tuple(np.array([each.get(name, 0.0) for name in self.names]) for each in self.rivals)
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """What there is to say of terms that are not fitted."""
         said = {
@@ -73,18 +86,15 @@ class TermChoice:
         return tuple(Finding(kind=kind, parameters=names) for kind, names in said.items() if names)
 
 
-def folds_of(parts: Sequence[Hashable], *, fewest: int) -> NDArray[np.intp]:
-    """Return the number of each log's part; where there are too few parts, each log is one.
+def stribeck_velocities(fastest: float) -> list[float]:
+    """Return Stribeck velocities in rad/s to try, for logs of a largest speed."""
+    return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
 
-    Parameters
-    ----------
-    parts
-        What each log belongs to.
-    fewest
-        Least number of parts.
-    """
+
+def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
+    """Return the number of each log's part; where there are too few parts, each log is one."""
     different = list(dict.fromkeys(parts))
-    if len(different) < fewest:
+    if len(different) < _LEAST_FOLDS:
         return np.arange(len(parts))
     return np.array([different.index(part) for part in parts])
 
