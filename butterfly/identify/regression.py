@@ -61,13 +61,17 @@ class Regression:
         lowest = np.where(moved, -np.inf, self.lower)  # of p4 (x - about), whose bound moves too
         fit = lsq_linear(rows / scale, target, (lowest, np.inf), method="bvls", tol=1e-14)
         unknowns = fit.x / scale
-        values = unknowns / self._slopes(unknowns) + self._shift
+        values = self.values(unknowns)
         on_bound = (fit.active_mask != 0) | (values < self.lower)
         return Solution(values=np.maximum(values, self.lower), on_bound=np.asarray(on_bound))
 
     def unknowns(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the rows multiply, of (n,) values."""
         return (values - self._shift) * self._slopes(values)
+
+    def values(self, unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) values of what the rows multiply."""
+        return np.asarray(unknowns / self._slopes(unknowns) + self._shift)
 
     def residuals(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m,) left sides less right sides, with (n,) values."""

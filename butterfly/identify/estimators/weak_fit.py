@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.regression import Solution
     from butterfly.identify.weak_signals import Averaging
     from butterfly.model.parameters import AddedMass
 
@@ -30,12 +31,24 @@ class Windows(NamedTuple):
     added: AddedMass
     averaging: Averaging
 
+    def moving(self, delay: float) -> NDArray[np.bool_]:
+        """Whether the joint moves in each test function."""
+        return self.averaging.signals((), delay=delay).moving
+
     def equations(
-        self, names: tuple[str, ...], delay: float, slow: float
+        self,
+        names: tuple[str, ...],
+        delay: float,
+        slow: float,
+        use: NDArray[np.bool_] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m)."""
+        """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
+
+        Of the test functions in which the joint moves, or of those that are to be used.
+        """
         signals = self.averaging.signals(names, delay=delay, stribeck_velocity=slow)
-        rows = np.column_stack([signals.mean[name] for name in names])[signals.moving]
+        rows = np.column_stack([signals.mean[name] for name in names])
+        rows = rows[signals.moving if use is None else use]
         inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
         size = float(np.linalg.norm(inertia)) or 1.0
         carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
@@ -76,9 +89,33 @@ class WeakFit:
         return cls(regression=regression, solved=solved, slow=slow)
 
     @property
+    def known(self) -> dict[str, float]:
+        """Values by name."""
+        return dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
+
+    @property
     def delay(self) -> float:
         """From input to torque, in s."""
-        return float(self.solved.values[self.solved.names.index("delay")])
+        return self.known["delay"]
+
+    def about(self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_]]) -> Regression:
+        """Return the equations of windows about this end, of test functions that are to be used."""
+        return _regression(windows, self.solved.names, self.delay, self.slow, use)
+
+    def solved_by(self, regression: Regression, through: Regression, solution: Solution) -> WeakFit:
+        """Return a fit of some equations through instruments, whose rows stand for its own."""
+        solved = Solved(
+            names=regression.names,
+            values=solution.values,
+            jacobian=through.jacobian(solution.values),
+            residuals=regression.residuals(solution.values),
+            cluster=regression.cluster,
+            on_bound=solution.on_bound,
+            lower=regression.lower,
+            ending=self.solved.ending,
+            findings=self.solved.findings,
+        )
+        return replace(self, regression=through, solved=solved)
 
     def nested(
         self,
@@ -89,8 +126,7 @@ class WeakFit:
     ) -> Nested:
         """Return the equations with other terms, or another Stribeck velocity, about this end."""
         regression = _regression(windows, names, self.delay, slow)
-        known = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
-        values = np.array([known.get(name, 0.0) for name in names])
+        values = np.array([self.known.get(name, 0.0) for name in names])
         jacobian, residuals = regression.jacobian(values), regression.residuals(values)
         ends = np.cumsum(np.bincount(regression.cluster, minlength=len(windows)))[:-1]
         parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
@@ -106,10 +142,16 @@ class WeakFit:
 
 
 def _regression(
-    windows: Sequence[Windows], names: tuple[str, ...], delay: float, slow: float
+    windows: Sequence[Windows],
+    names: tuple[str, ...],
+    delay: float,
+    slow: float,
+    use: Sequence[NDArray[np.bool_] | None] | None = None,
 ) -> Regression:
     """Put the windows of all logs together, each log weighing the same."""
-    rows, targets = zip(*(each.equations(names, delay, slow) for each in windows), strict=True)
+    pairs = zip(windows, use or [None] * len(windows), strict=True)
+    equations = [each.equations(names, delay, slow, used) for each, used in pairs]
+    rows, targets = zip(*equations, strict=True)
     return Regression(
         names=names,
         rows=np.concatenate(rows),

@@ -22,13 +22,15 @@ import numpy as np
 from butterfly.errors import require_number
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, names_of
-from butterfly.identify.estimators.weak_fit import WeakFit, Windows
+from butterfly.identify.estimators.instruments import refined, seen
+from butterfly.identify.estimators.weak_fit import Windows
 from butterfly.identify.estimators.weak_terms import WeakTerms
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
 from butterfly.model.friction import require_periods
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import FrictionTerms
 
 if TYPE_CHECKING:
@@ -92,11 +94,13 @@ class WeakForm(Estimator):
         refuse_one_mass(log.added_mass for log in logs)
         windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
         chosen = WeakTerms.of(windows, self.terms)
-        fit = chosen.fit
+        parameters = LumpedParameters(**chosen.held | chosen.fit.known)
+        pairs = seen(logs, windows, parameters, zeros, self._windows)
+        fit = refined(chosen.fit, pairs)
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
-            rest = [each for each in windows if each.added != mass]
-            return WeakFit.of(rest, fit.solved.names, fit.slow, fit.delay).solved.values
+            rest = [each for each in pairs if each.windows.added != mass]
+            return refined(chosen.fit, rest).solved.values
 
         left_out, few = without_each_mass(
             (log.added_mass for log in logs), without, asked=self.check
@@ -105,7 +109,7 @@ class WeakForm(Estimator):
             fit.solved,
             method="weak form",
             left_out=left_out,
-            rivals=chosen.rivals,
+            rivals=[each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals],
             findings=[*few, *chosen.said],
             held=chosen.held | {"cogging_periods": self.cogging_periods},
         )

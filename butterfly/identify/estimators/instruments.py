@@ -1,0 +1,91 @@
+"""The weak form's last step: its equations seen through those of the model's own motion.
+
+The noise of the angle enters regressors and targets alike, so that least squares is biased by its
+power. The same regressors of a simulation with the recorded inputs are free of it: equations that
+are multiplied by them, not by their own regressors, are not biased by noise (instrumental
+variables; Soderstrom & Stoica, Instrumental Variable Methods for System Identification, 1983;
+Young, Automatica 17, 1981).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from butterfly.identify.predict import Setting, free_run
+from butterfly.identify.regression import Solution
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from butterfly.identify.estimators.weak_fit import WeakFit, Windows
+    from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+
+LEAST_FIT = 50.0
+"""FIT in per cent of a free run below which its motion is not that of the log."""
+
+
+class Seen(NamedTuple):
+    """A log's windows, and those of its simulation (or again its own, where that fails)."""
+
+    windows: Windows
+    instruments: Windows
+
+
+def seen(
+    logs: Sequence[Log],
+    windows: Sequence[Windows],
+    parameters: LumpedParameters,
+    zeros: Mapping[AddedMass, float],
+    cut: Callable[[Log, float], Windows],
+) -> list[Seen]:
+    """Simulate logs, and cut the simulations into windows as the logs were cut.
+
+    Parameters
+    ----------
+    logs, windows
+        The logs, and what they were cut into.
+    parameters
+        Of the bare hand.
+    zeros
+        Encoder reading in rad at rest for each added mass.
+    cut
+        From a log and its zero to windows.
+    """
+    if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
+        return [Seen(each, each) for each in windows]
+    pairs = []
+    for log, own in zip(logs, windows, strict=True):
+        zero = zeros[log.added_mass]
+        run = free_run(log, Setting(parameters=parameters, zero=zero))
+        like = run.fit > LEAST_FIT
+        pairs.append(Seen(own, cut(replace(log, angle=run.simulated), zero) if like else own))
+    return pairs
+
+
+def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
+    """Return the fit of some logs through their instruments; what a bound holds stays there."""
+    names = fit.solved.names
+    moving = [
+        windows.moving(fit.delay) & instruments.moving(fit.delay) for windows, instruments in pairs
+    ]
+    regression = fit.about([each.windows for each in pairs], moving)
+    through = fit.about([each.instruments for each in pairs], moving)
+    rows, target, multiplied = regression.rows, regression.target, through.rows
+    free = ~fit.solved.on_bound
+    held = np.zeros(len(names), dtype=bool)
+    while True:
+        scale = np.linalg.norm(multiplied[:, free], axis=0)
+        turned = (multiplied[:, free] / scale).T
+        unknowns = np.zeros(len(names))
+        unknowns[free] = np.linalg.solve(turned @ (rows[:, free] / scale), turned @ target) / scale
+        values = regression.values(unknowns)
+        low = free & (values < regression.lower)
+        if not low.any():
+            break
+        free, held = free & ~low, held | low
+    solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
+    return fit.solved_by(regression, through, solution)
