@@ -1,0 +1,47 @@
+"""MuJoCo models of all the robots that an identification leaves open, for domain randomisation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.plant.mjcf import mjcf
+from butterfly.plant.twin import MASS, twin
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from butterfly.model.parameters import AddedMass, LumpedParameters
+
+
+def models(
+    drawn: Iterable[LumpedParameters],
+    added: AddedMass = NO_ADDED_MASS,
+    *,
+    mass: float = MASS,
+    bristle_stiffness: float = 0.0,
+) -> Iterator[str]:
+    """Yield the MJCF text of a robot for each set of parameters, which loads in plain MuJoCo.
+
+    The input delay is left out, as of any such model (see `butterfly.plant.twin.twin`).
+
+    Parameters
+    ----------
+    drawn
+        Parameters of the bare hand.
+    added
+        What it carries.
+    mass
+        Of the hand in kg; the motion does not tell it.
+    bristle_stiffness
+        In N m/rad, of friction that is larger at rest: MuJoCo has it with bristles only.
+
+    Raises
+    ------
+    InputError
+        If no hand of that mass moves so, or such friction has no bristles.
+    """
+    for parameters in drawn:
+        bristles = bristle_stiffness if parameters.stribeck > 0 else parameters.bristle_stiffness
+        yield mjcf(twin(replace(parameters, bristle_stiffness=bristles), mass), added)
