@@ -90,7 +90,7 @@ def predict(
         track=track,
     )
     said = [*known.said, *_verdict(found)]
-    drawn = known.draws and Drawn.of(known.draws, found.title, said)
+    drawn = None if known.draws is None else Drawn.of(known.draws, found.title, said)
     return Predicted.of(source.name, predictions, said, drawn=drawn, measured=measured)
 
 

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from butterfly.api.drawn import Drawn
     from butterfly.identify.prediction import Prediction
 
-_INSIDE = "inside the band of {} in %"
-_WIDTH = "width of the band of {} in rad"
+_INSIDE = "{}: inside in %"
+_WIDTH = "{}: width in rad"
+_SAID_BY_NAME = {"added mass in kg", "frequency in rad/s"}  # columns left out where width counts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -78,6 +79,11 @@ class Predicted(Tabulated):
             drawn=drawn,
             measured=measured,
         )
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the table as a person reads it, without what the logs' names say."""
+        rows = super().shown_rows()
+        return [{k: text for k, text in row.items() if k not in _SAID_BY_NAME} for row in rows]
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
     SettingOf = Callable[[int, ParameterEstimate], Setting]
 
-OF_PARAMETERS = "the parameters"
-OF_NEW_LOG = "a new log"
+OF_PARAMETERS = "parameters"
+OF_NEW_LOG = "new log"
 """What the two bands are of."""
 
 _STEP = 0.02  # s, between the samples at which a band is worked out

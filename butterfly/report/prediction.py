@@ -14,13 +14,10 @@ from butterfly.report.figures import PALETTE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from butterfly.identify.prediction import Prediction
 
 _DRAWN = 12  # logs at most, of which a figure shows the course
-_FILLS = {OF_NEW_LOG: "rgba(86, 180, 233, 0.30)", OF_PARAMETERS: "rgba(213, 94, 0, 0.45)"}
-_COLOURS = {OF_NEW_LOG: PALETTE[4], OF_PARAMETERS: PALETTE[5]}
+_BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
 
 
 def share_figure(predictions: Sequence[Prediction]) -> Figure:
@@ -37,7 +34,7 @@ def share_figure(predictions: Sequence[Prediction]) -> Figure:
                 marker={"color": colour, "size": 8},
                 hovertemplate="%{text}: %{y:.1f} %",
             )
-            for name, colour in _COLOURS.items()
+            for name, (colour, _) in _BANDS.items()
             if name in predictions[0].bands
         ]
     )
@@ -49,7 +46,7 @@ def share_figure(predictions: Sequence[Prediction]) -> Figure:
 
 
 def band_figures(predictions: Sequence[Prediction], *, measured: bool) -> dict[str, Figure]:
-    """Draw predictions in time, by the labels of their logs: all, or some from all over the list.
+    """Draw predictions in time, by the numbers of their logs: all, or some from all over the list.
 
     Parameters
     ----------
@@ -61,55 +58,51 @@ def band_figures(predictions: Sequence[Prediction], *, measured: bool) -> dict[s
     count = len(predictions)
     picked = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).round().astype(int))
     return {
-        f"{number}: {predictions[number].run.log.label}": _band_figure(
-            predictions[number], measured=measured
-        )
+        f"band-{number}": _band_figure(predictions[number], measured=measured)
         for number in picked.tolist()
     }
 
 
 def _band_figure(prediction: Prediction, *, measured: bool) -> Figure:
     """Angle and bands against time, and below both less the free run."""
-    centre = prediction.run.simulated[prediction.samples]
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.55, 0.45]
     )
     time = prediction.time.astype(np.float32)
-
-    def line(row: int, values: NDArray[np.float64], **style: object) -> None:
-        trace = Scatter(x=time, y=values.astype(np.float32), mode="lines", **style)
-        figure.add_trace(trace, row=row, col=1)
-
+    centre = prediction.run.simulated[prediction.samples]
+    lines = {"free run": (centre, PALETTE[5])}
+    if measured:
+        lines["measured"] = prediction.measured, PALETTE[0]
     for row, about in ((1, np.zeros_like(centre)), (2, centre)):
-        for name, fill in _FILLS.items():
+        shown = {"mode": "lines", "showlegend": row == 1}
+        for name, (colour, opacity) in _BANDS.items():
             if name not in prediction.bands:
                 continue
-            band, shown = prediction.bands[name], {"showlegend": row == 1, "legendgroup": name}
-            edge = {"width": 0, "color": _COLOURS[name]}
-            line(
-                row,
-                band.lower - about,
-                line=edge,
-                hoverinfo="skip",
-                **shown | {"showlegend": False},
-            )
-            line(
-                row,
-                band.upper - about,
-                line=edge,
-                fill="tonexty",
-                fillcolor=fill,
-                name=f"band of {name}",
+            band = prediction.bands[name]
+            outline = np.concatenate([band.upper - about, (band.lower - about)[::-1]])
+            filled = Scatter(
+                x=np.concatenate([time, time[::-1]]),
+                y=outline.astype(np.float32),
+                name=f"95 %, {name}",
+                fill="toself",
+                fillcolor=colour,
+                opacity=opacity,
+                line={"width": 0, "color": colour},
                 hoverinfo="skip",
                 **shown,
             )
-        free = {"color": PALETTE[5], "width": 1}
-        line(row, centre - about, name="free run", line=free, showlegend=row == 1)
-        if measured:
-            style = {"color": PALETTE[0], "width": 1}
-            line(row, prediction.measured - about, name="measured", line=style, showlegend=row == 1)
-    title = f"{prediction.run.log.label}: angle in rad"
-    figure.update_yaxes(title=title, row=1)
+            figure.add_trace(filled, row=row, col=1)
+        for name, (angle, colour) in lines.items():
+            drawn = Scatter(
+                x=time,
+                y=(angle - about).astype(np.float32),
+                name=name,
+                line={"width": 1, "color": colour},
+                hovertemplate="%{x:.2f} s: %{y:.4f} rad",
+                **shown,
+            )
+            figure.add_trace(drawn, row=row, col=1)
+    figure.update_yaxes(title=f"{prediction.run.log.label}<br>angle in rad", row=1)
     figure.update_yaxes(title="less free run, rad", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)
