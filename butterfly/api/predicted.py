@@ -92,14 +92,14 @@ class Predicted(Tabulated):
         return {"inside": share_figure(self.predictions)} if self.measured else {}
 
     def page(self) -> Page:
-        """Put together the page of `report`; of a loaded result, it has no courses in time."""
+        """Put together the page of `report`; only bands that were not loaded are drawn in time."""
         plain = super().page()
-        if not self.predictions:
+        if not self.predictions or not self.predictions[0].bands:
             return plain
         courses = Section(
             title="In time",
-            text="Up to twelve logs from all over the list. Light: what a new log would show, at "
-            "each instant with 95 %; dark: what the model does with the parameters that the "
+            text="Up to twelve logs from all over the list. Blue: what a new log would show, at "
+            "each instant with 95 %; orange: what the model does with the parameters that the "
             "estimate leaves open. Below, all less the free run.",
             figures=band_figures(self.predictions, measured=self.measured),
         )

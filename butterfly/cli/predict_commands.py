@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from butterfly.api.looking_ahead import draws as parameters_of
 from butterfly.api.looking_ahead import predict
 from butterfly.cli.console import show_page, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
@@ -36,9 +37,7 @@ def predict_command(
     ],
     bands: Annotated[
         bool,
-        typer.Option(
-            "--bands", help="Say how far the prediction is known; --out and --report always do."
-        ),
+        typer.Option("--bands", help="Say how far the prediction is known; a report always does."),
     ] = False,
     draws: Annotated[
         int, typer.Option(min=LEAST, help="Sets of parameters drawn, for bands and --out.")
@@ -69,7 +68,7 @@ def predict_command(
     found = predict(
         options.read(data) if is_data(named) else read_experiment(named),
         result,
-        bands=bands or out is not None or report is not None,
+        bands=bands or report is not None,
         draws=draws,
         seed=seed,
         track=show_progress,
@@ -77,8 +76,8 @@ def predict_command(
     page = found.page()
     show_page(page)
     if out is not None:
-        assert found.drawn is not None  # noqa: S101 - bands were asked for
-        found.drawn.write_csv(out)
+        drawn = found.drawn or parameters_of(result, draws, seed, track=show_progress)
+        drawn.write_csv(out)
         typer.echo(f"Draws: {out}")
     if report is not None:
         write_page(page, report, figures=figures)
