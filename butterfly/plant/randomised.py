@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.twin import MASS, twin
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.model.parameters import AddedMass
 
 
 def models(
@@ -29,7 +29,7 @@ def models(
     Parameters
     ----------
     drawn
-        Parameters of the bare hand.
+        Parameters of the bare hand; numbers of any kind, as frames have them.
     added
         What it carries.
     mass
@@ -43,5 +43,7 @@ def models(
         If no hand of that mass moves so, or such friction has no bristles.
     """
     for parameters in drawn:
-        bristles = bristle_stiffness if parameters.stribeck > 0 else parameters.bristle_stiffness
-        yield mjcf(twin(replace(parameters, bristle_stiffness=bristles), mass), added)
+        plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
+        if plain.stribeck > 0 and bristle_stiffness:
+            plain = replace(plain, bristle_stiffness=bristle_stiffness)
+        yield mjcf(twin(plain, mass), added)

@@ -15,7 +15,7 @@ def _parameters(seed, **more):
     factor = 1 + 0.1 * np.random.default_rng(seed).standard_normal(5)
     values = factor * np.array([0.003, 1e-3, 0.04, 0.5, 8e-4])
     return LumpedParameters(
-        **dict(zip(("p1", "p2", "p3", "p4", "coulomb"), values.tolist(), strict=True)), **more
+        **dict(zip(("p1", "p2", "p3", "p4", "coulomb"), values, strict=True)), **more
     )
 
 
