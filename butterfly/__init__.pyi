@@ -1,4 +1,8 @@
+from .api.drawn import Drawn as Drawn
 from .api.identified import Identified as Identified
+from .api.looking_ahead import draws as draws
+from .api.looking_ahead import predict as predict
+from .api.predicted import Predicted as Predicted
 from .api.saved import load as load
 from .api.sources import read as read
 from .api.sources import read_experiment as read_experiment

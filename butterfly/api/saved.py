@@ -6,7 +6,9 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
+from butterfly.api.predicted import Predicted
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import root_of
@@ -14,12 +16,13 @@ from butterfly.experiment.data_source import root_of
 if TYPE_CHECKING:
     from os import PathLike
 
-_KINDS = {f"butterfly.{each.kind}": each for each in (Identified, Validated, Designed, Compared)}
+_SAVED = (Identified, Validated, Designed, Compared, Predicted, Drawn)
+_KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 
 
 def load(
     path: str | PathLike[str], *, root: str | PathLike[str] | None = None
-) -> Identified | Validated | Designed | Compared:
+) -> Identified | Validated | Designed | Compared | Predicted | Drawn:
     """Read a result that was saved.
 
     Parameters

@@ -48,6 +48,11 @@ COMMANDS = {
         "validate_command",
         "Predict logs that the estimator has not seen, and compare with those it has.",
     ),
+    "predict": Command(
+        "predict_commands",
+        "predict_command",
+        "Predict logs, or an experiment that nobody has done, with an identification.",
+    ),
     "select": Command(
         "judge_commands",
         "select_command",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -48,6 +49,13 @@ def identify_command(
             show_default=False,
         ),
     ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            help="Save the identification to this file (.json), for `butterfly predict`.",
+            show_default=False,
+        ),
+    ] = None,
     options: DataOptions,
 ) -> None:
     """Identify the robot from a data set.
@@ -82,5 +90,10 @@ def identify_command(
 
         write_report(result, report, figures=figures)
         typer.echo(f"Report: {report}")
+    if save is not None:
+        from butterfly.api.identified import Identified  # noqa: PLC0415 - slow to import
+
+        Identified.of(result, estimator.label).save(save)
+        typer.echo(f"Saved: {save}")
     if not result.estimate.verdict.usable:
         raise typer.Exit(ExitCode.NOT_TO_BE_USED)

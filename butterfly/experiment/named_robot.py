@@ -44,7 +44,7 @@ def robot_of(
         If ``source`` is none of these, or cannot be read.
     """
     path = locate(source)
-    if not _is_data(path):
+    if not is_data(path):
         return read_experiment(path).plant.robot
     return twin(HarmonicBalance(check=False)(read(source)).parameters, mass)
 
@@ -61,7 +61,7 @@ def export(robot: Robot, added: AddedMass, path: Path) -> None:
         draft.write_text(mjcf(robot, added, scene=True), encoding="utf-8")
 
 
-def _is_data(path: Path) -> bool:
+def is_data(path: Path) -> bool:
     """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
     if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT}:
         return True

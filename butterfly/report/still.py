@@ -39,8 +39,8 @@ _MARKERS = {
 def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write each figure as ``folder``/NAME.png and NAME.svg.
 
-    Line and scatter plots (with error bars), bars and heat maps in any grid of axes are drawn,
-    which is all that the reports use.
+    Line and scatter plots (with error bars), filled shapes, bars and heat maps in any grid of axes
+    are drawn, which is all that the reports use.
 
     Raises
     ------
@@ -112,6 +112,9 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
         "label": _label(trace),
     }
     x, y = (np.asarray(values) for values in (trace.x, trace.y))
+    if trace.fill == "toself":
+        axes.fill(x, y, color=trace.fillcolor, alpha=trace.opacity, label=_label(trace), zorder=1)
+        return
     if x.dtype.kind in "UO":
         x = np.array([str(label).replace("<br>", "\n") for label in x])
         axes.tick_params(axis="x", labelsize="x-small")

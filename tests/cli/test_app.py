@@ -85,7 +85,7 @@ def test_identifying_without_a_report_imports_no_simulator_and_nothing_that_draw
 
 TAKE_DATA = {
     *("inspect", "identify", "validate", "select", "residual", "design", "compare", "leaderboard"),
-    *("model show", "model render", "model export"),
+    *("predict", "model show", "model render", "model export"),
 }
 
 

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
+from butterfly.api.looking_ahead import predict
+from butterfly.api.verbs import identify
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
 from butterfly.experiment.columns import ESTIMATES, RUNS
@@ -42,7 +44,7 @@ FLAGS = (
     "--disable-background-networking --disable-component-update --disable-sync "
     "--virtual-time-budget=10000 --enable-logging=stderr --dump-dom"
 )
-KINDS = ("three-way", "leaderboard", "orbit", "sweep")
+KINDS = ("three-way", "leaderboard", "orbit", "sweep", "prediction")
 ROUGH = plant({"coulomb": 1e-4})
 
 
@@ -111,12 +113,13 @@ def entries(data):
 
 
 @pytest.fixture(scope="module")
-def pages(compared, entries, tmp_path_factory):
+def pages(data, compared, entries, tmp_path_factory):
     return {
         "three-way": three_way_page(data.name, "a description", compared),
         "leaderboard": leaderboard_page(entries),
         "orbit": _orbit_page(),
         "sweep": _sweep_page(tmp_path_factory.mktemp("sixty")),
+        "prediction": predict(data, identify(data), draws=40).page(),
     }
 
 
@@ -215,6 +218,9 @@ def test_every_kind_of_trace_has_its_picture():
     assert len(draw(bars).axes[0].patches) == 4
     cells = Figure(Heatmap(z=[[1.0, 2.0]], x=["a", "b"], y=["c"], texttemplate="%{z}"))
     assert len(draw(cells).axes[0].texts) == 2
+    filled = Scatter(x=[0, 1, 1], y=[0, 0, 1], fill="toself", fillcolor="#0072B2", opacity=0.5)
+    (patch,) = draw(Figure(filled)).axes[0].patches
+    assert patch.get_alpha() == 0.5
     spread = {"array": [1, 1], "arrayminus": [0.5, 0.5]}
     lines = Figure(Scatter(x=[1, 10], y=[1, 2], mode="lines+markers", error_y=spread))
     lines.update_xaxes(type="log", title="x<br>in m")

@@ -1,0 +1,93 @@
+"""Parameters that an identification leaves open, as a file and as models."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from butterfly.api.tabulated import Tabulated
+from butterfly.files import replacing
+from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from os import PathLike
+
+    from butterfly.identify.draws import ParameterDraws
+    from butterfly.model.parameters import AddedMass
+
+WEIGHT = "weight"
+"""Column that says how much a draw counts, 1 on average."""
+
+_FIELDS = [each.name for each in fields(LumpedParameters)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Drawn(Tabulated):
+    """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
+
+    kind: ClassVar[str] = "draws"
+
+    @classmethod
+    def of(cls, draws: ParameterDraws, name: str, said: Sequence[str]) -> Drawn:
+        """Tabulate draws from an identification of this name, with what is to be said of them."""
+        estimate, count = draws.estimate, len(draws.values)
+        columns = [*estimate.names, *(key for key in estimate.held if key not in estimate.names)]
+        rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
+        return cls(
+            title=f"{count} draws of the parameters of {name}",
+            summary=tuple(said),
+            table=tuple(
+                {**{key: getattr(each, key) for key in columns}, WEIGHT: count * weight}
+                for each, weight in rows
+            ),
+        )
+
+    @property
+    def parameters(self) -> list[LumpedParameters]:
+        """Each draw as parameters of the bare hand."""
+        return [
+            LumpedParameters(**{key: value for key, value in row.items() if key in _FIELDS})
+            for row in self.table
+        ]
+
+    def write_csv(self, path: str | PathLike[str]) -> None:
+        """Write the table as CSV: names of parameters in the first line, SI units, and `WEIGHT`.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        with (
+            replacing(Path(path)) as draft,
+            draft.open("w", newline="", encoding="utf-8") as file,
+        ):
+            writer = csv.DictWriter(file, list(self.table[0]))
+            writer.writeheader()
+            writer.writerows(self.table)
+
+    def models(
+        self,
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        mass: float = 0.3,
+        bristle_stiffness: float = 0.0,
+    ) -> Iterator[str]:
+        """Yield an MJCF model of each draw, which plain MuJoCo loads, for domain randomisation.
+
+        Parameters
+        ----------
+        added_mass, mass, bristle_stiffness
+            See `butterfly.plant.randomised.models`.
+
+        Raises
+        ------
+        InputError
+            If no hand of that mass moves so, or MuJoCo has no such friction.
+        """
+        from butterfly.plant.randomised import models  # noqa: PLC0415 - slow to import
+
+        return models(self.parameters, added_mass, mass=mass, bristle_stiffness=bristle_stiffness)

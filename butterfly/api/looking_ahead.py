@@ -1,0 +1,236 @@
+"""Verbs that use an identification to say what is to come: predict, draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from butterfly.api.drawn import Drawn
+from butterfly.api.identified import Identified
+from butterfly.api.predicted import Predicted
+from butterfly.api.saved import load
+from butterfly.api.sources import read, read_experiment
+from butterfly.errors import InputError
+from butterfly.experiment.named_robot import is_data
+from butterfly.experiment.planned import planned_logs
+from butterfly.experiment.schema import Experiment
+from butterfly.identify.draws import COUNT, draw_parameters
+from butterfly.identify.importance import weighed
+from butterfly.identify.left_over import left_over
+from butterfly.identify.predict import Predictor, Setting
+from butterfly.identify.prediction import predict_logs
+from butterfly.progress import Track, untracked
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from butterfly.api.sources import Data, Named
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.draws import ParameterDraws
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.left_over import LeftOver
+    from butterfly.logs.log import InputKind, Log
+    from butterfly.model.parameters import AddedMass
+
+
+def predict(
+    data: Data | Experiment,
+    result: Identified | Named,
+    *,
+    bands: bool = True,
+    draws: int = COUNT,
+    seed: int = 0,
+    track: Track = untracked,
+) -> Predicted:
+    """Predict logs, or an experiment that nobody has done, with an identification.
+
+    Parameters
+    ----------
+    data
+        What `read` takes or has read; or an experiment: its file, its name, or what
+        `read_experiment` returned, of which the inputs count.
+    result
+        An identification, or the file where it was saved.
+    bands
+        Whether to say how far the prediction is known.
+    draws
+        How many sets of parameters the bands are made of.
+    seed
+        Fixes everything random.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If data, experiment or result are none, or of other inputs than each other.
+    IdentifiabilityError
+        If the estimate has no covariance, which bands need.
+    """
+    found, source = _identified(result), _source(data)
+    _require_input(found, source.input_kind)
+    logs: Sequence[Log]
+    if isinstance(source, Experiment):
+        logs = planned_logs(source)
+        measured, setting = False, _from_rest(logs)
+    else:
+        logs = source.logs
+        measured, setting = True, Predictor(source).setting
+    known = _Known.of(found, logs, draws, seed, track) if bands else _Known()
+    predictions = predict_logs(
+        logs,
+        found.estimate,
+        setting,
+        draws=known.draws,
+        errors=known.errors,
+        seed=seed,
+        track=track,
+    )
+    said = [*known.said, *_verdict(found)]
+    drawn = None if known.draws is None else Drawn.of(known.draws, found.title, said)
+    return Predicted.of(source.name, predictions, said, drawn=drawn, measured=measured)
+
+
+def draws(
+    result: Identified | Named, n: int = COUNT, seed: int = 0, *, track: Track = untracked
+) -> Drawn:
+    """Draw parameters that an identification leaves open, as for domain randomisation.
+
+    Parameters
+    ----------
+    result
+        An identification, or the file where it was saved.
+    n
+        How many.
+    seed
+        Fixes the draws.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If it is none, or ``n`` is too small.
+    IdentifiabilityError
+        If the estimate has no covariance.
+    """
+    found = _identified(result)
+    known = _Known.of(found, (), n, seed, track)
+    assert known.draws is not None  # noqa: S101 - or there was an error
+    return Drawn.of(known.draws, found.title, [known.said[0], *_verdict(found)])
+
+
+def _verdict(found: Identified) -> list[str]:
+    """Return what is said of how far to trust the identification, wherever it is used."""
+    return found.verdict
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Known:
+    """What an identification leaves open.
+
+    Parameters
+    ----------
+    draws
+        Of its parameters; None if there is to be no band.
+    errors
+        Of the logs that it was made from; none if they are not at hand.
+    said
+        How these were made, in plain words; on the draws first.
+    """
+
+    draws: ParameterDraws | None = None
+    errors: Sequence[LeftOver] = ()
+    said: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, found: Identified, logs: Iterable[Log], count: int, seed: int, track: Track
+    ) -> _Known:
+        """Draw parameters with which all logs have a joint; weigh them if the data are at hand."""
+        logs = list(logs)
+        masses = [log.added_mass for log in logs]
+        try:
+            data = found.data
+        except InputError as error:
+            draws = draw_parameters(found.estimate, count, masses=masses, seed=seed)
+            said = (
+                f"{count} draws of the parameters, not weighed: the logs that the estimate was "
+                f"made from cannot be read ({error}).",
+                "For the same reason there is no band of a new log, which needs their errors.",
+            )
+            return cls(draws=draws, said=said)
+        masses += data.masses
+        draws = draw_parameters(found.estimate, count, masses=masses, seed=seed)
+        draws = weighed(draws, data, track=track)
+        errors = left_over(data, found.estimate)
+        more = (*_of_errors(errors), *_beyond(data.masses, logs))
+        return cls(draws=draws, errors=errors, said=(_of_draws(draws), *more))
+
+
+def _of_draws(draws: ParameterDraws) -> str:
+    count = len(draws.values)
+    return (
+        f"{count} draws of the parameters, which count as {draws.effective_size:.0f}: those that "
+        "follow the logs worse than a linear model promises count less."
+    )
+
+
+def _of_errors(errors: Sequence[LeftOver]) -> list[str]:
+    unseen = sum(each.unseen for each in errors)
+    if unseen == len(errors):
+        return [
+            f"The band of a new log has the errors of {unseen} logs, each simulated without having "
+            "seen its added mass."
+        ]
+    return [
+        f"The band of a new log has the errors of {len(errors)} logs, of which "
+        f"{len(errors) - unseen} were seen with their added mass: no fit without it is known. It "
+        "may be too narrow for another mass."
+    ]
+
+
+def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
+    """Say which added masses lie beyond all that the estimate was made from."""
+    least, largest = (limit(seen, key=lambda mass: mass.inertia) for limit in (min, max))
+    beyond = {
+        str(log.added_mass)
+        for log in logs
+        if not least.inertia <= log.added_mass.inertia <= largest.inertia
+    }
+    if not beyond:
+        return []
+    return [
+        f"{', '.join(sorted(beyond))}: beyond the added masses of the estimate ({least} to "
+        f"{largest}), where it could not be checked."
+    ]
+
+
+def _identified(result: Identified | Named) -> Identified:
+    found = load(result) if isinstance(result, str | PathLike) else result
+    if not isinstance(found, Identified):
+        expected = "an identification, or the file where it was saved"
+        raise InputError("predict", "result", type(found).__name__, expected)
+    return found
+
+
+def _source(data: Any) -> DataSet | Experiment:  # noqa: ANN401 - whatever was given
+    if isinstance(data, Experiment):
+        return data
+    if isinstance(data, str | PathLike) and str(data) and not is_data(locate(Path(data))):
+        return read_experiment(data)
+    return read(data)
+
+
+def _require_input(found: Identified, kind: InputKind) -> None:
+    own = found.origin["input"]
+    if kind != own:
+        raise InputError("predict", "input", str(kind), f"{own}, as the estimate was made with")
+
+
+def _from_rest(logs: Sequence[Log]) -> Callable[[int, ParameterEstimate], Setting]:
+    """Return what simulates a log from rest, its angles from where the hand hangs."""
+    return lambda number, estimate: Setting(parameters=estimate.applied(logs[number])[0], zero=0.0)

@@ -1,0 +1,161 @@
+"""Logs predicted with an identification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from butterfly.api.tabulated import Tabulated
+from butterfly.identify.predict import FitSummary
+from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.report.page import Page, Section
+from butterfly.report.prediction import band_figures, share_figure
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from plotly.graph_objects import Figure
+
+    from butterfly.api.drawn import Drawn
+    from butterfly.identify.prediction import Prediction
+
+_INSIDE = "{}: inside in %"
+_WIDTH = "{}: width in rad"
+_SAID_BY_NAME = {"added mass in kg", "frequency in rad/s"}  # columns left out where width counts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Predicted(Tabulated):
+    """Logs predicted, and how far that is known.
+
+    Parameters
+    ----------
+    predictions
+        Free runs and bands; none of a result that was loaded.
+    drawn
+        The parameters of which the bands were made; None if there are none.
+    measured
+        Whether somebody recorded these logs.
+    """
+
+    kind: ClassVar[str] = "prediction"
+
+    predictions: tuple[Prediction, ...] = ()
+    drawn: Drawn | None = None
+    measured: bool = True
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        predictions: Sequence[Prediction],
+        said: Sequence[str],
+        *,
+        drawn: Drawn | None,
+        measured: bool,
+    ) -> Predicted:
+        """Tabulate predictions.
+
+        Parameters
+        ----------
+        name
+            Of the data set or experiment.
+        predictions
+            At least one.
+        said
+            What else is to be said of them.
+        drawn
+            The parameters of which the bands were made.
+        measured
+            Whether somebody recorded these logs.
+        """
+        return cls(
+            title=f"{name!r} predicted",
+            summary=(*_followed(predictions, measured=measured), *said),
+            table=tuple(_row(each, measured=measured) for each in predictions),
+            predictions=tuple(predictions),
+            drawn=drawn,
+            measured=measured,
+        )
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the table as a person reads it, without what the logs' names say."""
+        rows = super().shown_rows()
+        return [{k: text for k, text in row.items() if k not in _SAID_BY_NAME} for row in rows]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        if not self.predictions or not self.predictions[0].bands:
+            return {"fits": self.plot.fits()} if self.measured else {}
+        return {"inside": share_figure(self.predictions)} if self.measured else {}
+
+    def page(self) -> Page:
+        """Put together the page of `report`; only bands that were not loaded are drawn in time."""
+        plain = super().page()
+        if not self.predictions or not self.predictions[0].bands:
+            return plain
+        courses = Section(
+            title="In time",
+            text="Up to twelve logs from all over the list. Blue: what a new log would show, at "
+            "each instant with 95 %; orange: what the model does with the parameters that the "
+            "estimate leaves open. Below, all less the free run.",
+            figures=band_figures(self.predictions, measured=self.measured),
+        )
+        return Page(
+            name=plain.name,
+            description=plain.description,
+            kind=plain.kind,
+            summary=plain.summary,
+            sections=[*plain.sections, courses],
+            numbers=plain.numbers,
+        )
+
+
+def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
+    run = prediction.run
+    row: dict[str, Any] = {
+        "log": run.log.name,
+        "added mass in kg": run.log.added_mass.mass,
+        "frequency in rad/s": run.log.excitation.omega if run.log.excitation else np.nan,
+        "swing in rad": float(np.ptp(run.simulated)) / 2,
+    }
+    if measured:
+        row["FIT in %"] = run.fit
+    for name, band in prediction.bands.items():
+        if measured:
+            row[_INSIDE.format(name)] = 100 * band.share(prediction.measured)
+        row[_WIDTH.format(name)] = band.width
+    return row
+
+
+def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]:
+    """Say how well the logs are followed, and how many samples lie inside the bands."""
+    count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
+    if not measured:
+        return [f"{count} that nobody has recorded, simulated with the estimate from rest."]
+    fit = FitSummary.of(np.array([each.run.fit for each in predictions]))
+    said = [
+        f"{count} simulated with the estimate from the first sample on: median FIT "
+        f"{fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
+    ]
+    inside = {name: _share(predictions, name) for name in predictions[0].bands}
+    if OF_NEW_LOG in inside:
+        said.append(
+            f"{inside[OF_NEW_LOG]:.1f} % of the measured samples lie inside the band of a new log, "
+            "which is to hold 95 %."
+        )
+    if OF_PARAMETERS in inside:
+        said.append(
+            f"{inside[OF_PARAMETERS]:.1f} % lie inside the band of the parameters, which is to "
+            "hold the motion of the model, not what the model misses."
+        )
+    return said
+
+
+def _share(predictions: Sequence[Prediction], name: str) -> float:
+    """Share in per cent of all measured samples inside a band."""
+    shares = [each.bands[name].share(each.measured) for each in predictions]
+    sizes = [each.samples.size for each in predictions]
+    return 100 * float(np.average(shares, weights=sizes))

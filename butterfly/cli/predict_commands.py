@@ -1,0 +1,84 @@
+"""`butterfly predict`: what is to come, and how far that is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from butterfly.api.looking_ahead import draws as parameters_of
+from butterfly.api.looking_ahead import predict
+from butterfly.cli.console import show_page, show_progress
+from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.options import DATA, FiguresOption, ReportOption, require_report
+from butterfly.experiment.named_robot import is_data
+from butterfly.experiment.reading import read_experiment
+from butterfly.identify.draws import COUNT, LEAST
+from butterfly.report.page import write_page
+from butterfly.resources import locate
+
+
+@takes_data_options
+def predict_command(
+    *,
+    data: Annotated[
+        Path,
+        typer.Argument(
+            help=f"What is predicted: {DATA}; or an experiment file, or a shipped one's name, of "
+            "which the inputs count."
+        ),
+    ],
+    result: Annotated[
+        Path,
+        typer.Option(
+            "--with", help="An identification that was saved: `butterfly identify --save FILE`."
+        ),
+    ],
+    bands: Annotated[
+        bool,
+        typer.Option("--bands", help="Say how far the prediction is known; a report always does."),
+    ] = False,
+    draws: Annotated[
+        int, typer.Option(min=LEAST, help="Sets of parameters drawn, for bands and --out.")
+    ] = COUNT,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write the parameters drawn to this file (CSV), as for domain randomisation.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Fixes everything random.")] = 0,
+    report: ReportOption = None,
+    figures: FiguresOption = False,
+    options: DataOptions,
+) -> None:
+    """Predict logs, or an experiment that nobody has done, with an identification.
+
+    Simulates each log from its first sample and its input alone. With --bands it says of each
+    instant where the angle is with 95 %: of the model, with whatever parameters the estimate
+    leaves open; and of a new log, with what the model misses besides, as seen on the logs that the
+    estimate was made from.
+
+    Example: `butterfly predict quickstart --with result.json --bands --report prediction.html`
+    """
+    require_report(figures, report)
+    named = locate(data)
+    found = predict(
+        options.read(data) if is_data(named) else read_experiment(named),
+        result,
+        bands=bands or report is not None,
+        draws=draws,
+        seed=seed,
+        track=show_progress,
+    )
+    page = found.page()
+    show_page(page)
+    if out is not None:
+        drawn = found.drawn or parameters_of(result, draws, seed, track=show_progress)
+        drawn.write_csv(out)
+        typer.echo(f"Draws: {out}")
+    if report is not None:
+        write_page(page, report, figures=figures)
+        typer.echo(f"Report: {report}")

@@ -1,0 +1,109 @@
+"""The report of a prediction: which samples lie inside the bands, and what the bands look like."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from plotly.graph_objects import Figure, Scatter
+from plotly.subplots import make_subplots
+
+from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.report.figures import PALETTE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from butterfly.identify.prediction import Prediction
+
+_DRAWN = 12  # logs at most, of which a figure shows the course
+_BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity
+
+
+def share_figure(predictions: Sequence[Prediction]) -> Figure:
+    """Draw the share of measured samples inside each band, a point for each log."""
+    labels = [each.run.log.label for each in predictions]
+    figure = Figure(
+        [
+            Scatter(
+                x=list(range(len(predictions))),
+                y=[100 * each.bands[name].share(each.measured) for each in predictions],
+                text=labels,
+                name=f"band of {name}",
+                mode="markers",
+                marker={"color": colour, "size": 8},
+                hovertemplate="%{text}: %{y:.1f} %",
+            )
+            for name, (colour, _) in _BANDS.items()
+            if name in predictions[0].bands
+        ]
+    )
+    figure.add_hline(y=95, line={"color": "#888888", "width": 1, "dash": "dash"})
+    figure.update_xaxes(title="number of the log")
+    figure.update_yaxes(title="measured samples inside, %", range=[0, 102])
+    figure.update_layout(height=380)
+    return figure
+
+
+def band_figures(predictions: Sequence[Prediction], *, measured: bool) -> dict[str, Figure]:
+    """Draw predictions in time, by the numbers of their logs: all, or some from all over the list.
+
+    Parameters
+    ----------
+    predictions
+        With bands.
+    measured
+        Whether their logs were measured.
+    """
+    count = len(predictions)
+    picked = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).round().astype(int))
+    return {
+        f"band-{number}": _band_figure(predictions[number], measured=measured)
+        for number in picked.tolist()
+    }
+
+
+def _band_figure(prediction: Prediction, *, measured: bool) -> Figure:
+    """Angle and bands against time, and below both less the free run."""
+    figure = make_subplots(
+        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.55, 0.45]
+    )
+    time = prediction.time.astype(np.float32)
+    centre = prediction.run.simulated[prediction.samples]
+    lines = {"free run": (centre, PALETTE[5])}
+    if measured:
+        lines["measured"] = prediction.measured, PALETTE[0]
+    for row, about in ((1, np.zeros_like(centre)), (2, centre)):
+        shown = {"mode": "lines", "showlegend": row == 1}
+        for name, (colour, opacity) in _BANDS.items():
+            if name not in prediction.bands:
+                continue
+            band = prediction.bands[name]
+            outline = np.concatenate([band.upper - about, (band.lower - about)[::-1]])
+            filled = Scatter(
+                x=np.concatenate([time, time[::-1]]),
+                y=outline.astype(np.float32),
+                name=f"95 %, {name}",
+                fill="toself",
+                fillcolor=colour,
+                opacity=opacity,
+                line={"width": 0, "color": colour},
+                hoverinfo="skip",
+                **shown,
+            )
+            figure.add_trace(filled, row=row, col=1)
+        for name, (angle, colour) in lines.items():
+            drawn = Scatter(
+                x=time,
+                y=(angle - about).astype(np.float32),
+                name=name,
+                line={"width": 1, "color": colour},
+                hovertemplate="%{x:.2f} s: %{y:.4f} rad",
+                **shown,
+            )
+            figure.add_trace(drawn, row=row, col=1)
+    figure.update_yaxes(title=f"{prediction.run.log.label}<br>angle in rad", row=1)
+    figure.update_yaxes(title="less free run, rad", row=2)
+    figure.update_xaxes(title="time in s", row=2)
+    figure.update_layout(height=460)
+    return figure

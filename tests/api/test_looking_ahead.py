@@ -1,0 +1,149 @@
+"""What is predicted, and drawn, from Python."""
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import butterfly as bf
+from butterfly.api.drawn import WEIGHT
+from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.model.parameters import LumpedParameters
+
+
+@pytest.fixture(scope="module")
+def data(quick_data):
+    return bf.read(quick_data)
+
+
+@pytest.fixture(scope="module")
+def result(data):
+    return bf.identify(data)
+
+
+@pytest.fixture(scope="module")
+def predicted(data, result):
+    return bf.predict(data, result, draws=60)
+
+
+def test_a_prediction_has_rows_bands_and_the_verdict(predicted, data, result):
+    rows = predicted.rows()
+    assert [row["log"] for row in rows] == [log.name for log in data.logs]
+    assert rows[0]["FIT in %"] == pytest.approx(result.fits[data.logs[0].name])
+    for row in rows:
+        assert 0 < row[f"{OF_PARAMETERS}: width in rad"] < row[f"{OF_NEW_LOG}: width in rad"]
+    assert np.mean([row[f"{OF_NEW_LOG}: inside in %"] for row in rows]) > 85
+    said = " ".join(predicted.summary)
+    assert "60 draws of the parameters, which count as" in said
+    assert "12 logs, each simulated without having seen its added mass" in said
+    for sentence in result.verdict:
+        assert sentence in predicted.summary
+
+
+def test_a_prediction_is_reported_saved_and_read_again(predicted, tmp_path):
+    predicted.report(tmp_path / "p.html")
+    page = (tmp_path / "p.html").read_text(encoding="utf-8")
+    assert "In time" in page
+    assert page.count("data-figure=") == 13
+    assert json.loads((tmp_path / "p.json").read_text())["schema"] == "butterfly.prediction"
+    predicted.save(tmp_path / "saved.json")
+    again = bf.load(tmp_path / "saved.json")
+    assert again.rows() == predicted.rows()
+    assert again.predictions == ()
+    again.report(tmp_path / "again.html")
+
+
+def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
+    for plan in (quick, bf.read_experiment(quick)):
+        predicted = bf.predict(plan, result, draws=40)
+        assert not predicted.measured
+        assert "nobody has recorded" in predicted.summary[0]
+        assert not any("FIT" in name or "inside" in name for name in predicted.rows()[0])
+    found = bf.simulate(quick)
+    run, log = predicted.predictions[3].run, found.logs[3]
+    np.testing.assert_array_equal(run.log.input, log.input)
+    apart = np.sqrt(np.mean((run.simulated - log.angle) ** 2)) / np.std(log.angle)
+    assert apart < 0.1
+    assert predicted.page().sections[-1].title == "In time"
+
+
+def test_without_bands_there_are_fits_only(data, result):
+    plain = bf.predict(data, result, bands=False)
+    assert plain.drawn is None
+    assert list(plain.rows()[0])[-1] == "FIT in %"
+    assert [section.title for section in plain.page().sections] == ["At a glance", "In numbers"]
+
+
+def test_without_the_logs_there_is_the_band_of_the_parameters_only(data, quick_data, tmp_path):
+    shutil.copytree(quick_data, tmp_path / "logs")
+    bf.identify(tmp_path / "logs").save(tmp_path / "result.json")
+    whole = bf.predict(data.logs[0], tmp_path / "result.json", draws=40)
+    assert OF_NEW_LOG in whole.predictions[0].bands
+    shutil.rmtree(tmp_path / "logs")
+    part = bf.predict(data.logs[0], str(tmp_path / "result.json"), draws=40)
+    assert list(part.predictions[0].bands) == [OF_PARAMETERS]
+    assert "not weighed: the logs that the estimate was made from cannot be read" in str(part)
+    assert "no band of a new log" in str(part)
+
+
+def test_a_mass_beyond_those_seen_is_said_to_be(data, result):
+    far = replace(data.logs[-1], added_mass=bf.AddedMass(mass=0.3, arm=0.104))
+    said = bf.predict(far, result, draws=40).summary
+    assert any("300 g at 104 mm: beyond the added masses of the estimate" in each for each in said)
+    assert not any("beyond" in each for each in bf.predict(data, result, draws=40).summary)
+
+
+def test_an_estimate_that_left_no_mass_out_says_so(data):
+    rest = bf.read([log for log in data.logs if log.added_mass.mass > 0])
+    found = bf.identify(rest)
+    assert "may be too narrow for another mass" in str(bf.predict(data, found, draws=40))
+
+
+def test_draws_are_a_file_a_frame_and_models(result, tmp_path):
+    drawn = bf.draws(result, 50, seed=3)
+    names = [*result.estimate.names, WEIGHT]
+    drawn.write_csv(tmp_path / "draws.csv")
+    with (tmp_path / "draws.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == names
+    assert [{key: float(text) for key, text in row.items()} for row in rows] == drawn.rows()
+    assert np.mean([row[WEIGHT] for row in drawn.rows()]) == pytest.approx(1)
+    assert list(drawn.to_dataframe()) == names
+    assert all(isinstance(each, LumpedParameters) for each in drawn.parameters)
+    assert bf.draws(result, 50, seed=3).rows() == drawn.rows()
+    drawn.save(tmp_path / "draws.json")
+    assert bf.load(tmp_path / "draws.json").parameters == drawn.parameters
+    inertias = set()
+    for text in drawn.models(bf.AddedMass(mass=0.05, arm=0.104), mass=0.2):
+        model = mujoco.MjModel.from_xml_string(text)
+        inertias.add(float(model.body("hand").inertia[0]))
+    assert len(inertias) == 50
+
+
+def test_what_was_held_is_drawn_too(data):
+    found = bf.identify(data, "output-error", terms=(), fixed=("delay",), check=False)
+    drawn = bf.draws(found, 40)
+    assert {row["delay"] for row in drawn.rows()} == {found.parameters.delay}
+    assert drawn.parameters[0].delay == found.parameters.delay
+
+
+def test_slips_are_one_typed_error(data, result, predicted, tmp_path):
+    predicted.save(tmp_path / "p.json")
+    for slip, message in (
+        (lambda: bf.predict(data, predicted), "result: got Predicted"),
+        (lambda: bf.predict(data, tmp_path / "p.json"), "result: got Predicted"),
+        (lambda: bf.predict(data, data), "result: got DataSet"),
+        (lambda: bf.predict(tmp_path / "nowhere", result), "no such file"),
+        (lambda: bf.predict("", result), "an empty text"),
+        (lambda: bf.predict(data, result, draws=5), "at least 40"),
+        (lambda: bf.draws(result, seed=-1), "seed: got -1"),
+        (lambda: bf.predict(replace(data.logs[0], input_kind="torque"), result), "input: got torq"),
+    ):
+        with pytest.raises(bf.InputError, match=message):
+            slip()
+    with pytest.raises(bf.IdentifiabilityError, match="no covariance"):
+        bf.draws(bf.identify(data, "thesis"))
