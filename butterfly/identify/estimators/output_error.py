@@ -103,7 +103,7 @@ class OutputError(Estimator):
 
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
-        return self.of_starts(data.logs, starts(data))
+        return self.of_starts(data.logs, starts(data, self.terms))
 
     def of_logs(
         self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 from butterfly.errors import ButterflyError
 from butterfly.identify.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identify.estimators.weak_form import WeakForm
+from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from butterfly.identify.data import DataSet
+    from butterfly.identify.estimators.base import Estimator
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
@@ -33,8 +35,15 @@ class Start:
     zeros: Mapping[AddedMass, float]
 
 
-def starts(data: DataSet) -> list[Start]:
+def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     """Return the estimates of all closed forms that the logs allow.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    terms
+        Which they fit, as far as they offer them; those that they choose, if None.
 
     Raises
     ------
@@ -45,7 +54,7 @@ def starts(data: DataSet) -> list[Start]:
     refusals: list[ButterflyError] = []
     for closed_form in (_from_sines, _from_any):
         try:
-            start = closed_form(data)
+            start = closed_form(data, terms)
         except ButterflyError as refusal:
             refusals.append(refusal)
             continue
@@ -56,22 +65,32 @@ def starts(data: DataSet) -> list[Start]:
     return found
 
 
-def _from_sines(data: DataSet) -> Start:
-    found = HarmonicBalance(check=False)(data)
+def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
+    found = HarmonicBalance(terms=_known(HarmonicBalance, terms), check=False)(data)
     zero = found.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
     return Start(parameters=found.parameters, zeros=zeros)
 
 
-def _from_any(data: DataSet) -> Start:
-    """Fit the weak form with the terms that it chooses.
+def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
+    """Fit the weak form.
 
     Where a hand that decays comes to rest depends on friction: the offset of gravity that is seen
     about the rest angles corrects them.
     """
     zeros = data.equilibria
-    found = WeakForm(check=False)(data).parameters
+    wanted = _known(WeakForm, terms)
+    if wanted is not None and "p3_offset" not in wanted:
+        wanted = (*wanted, "p3_offset")
+    found = WeakForm(terms=wanted, check=False)(data).parameters
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
     turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
     corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}
     return Start(parameters=replace(found, p3_offset=0.0), zeros=corrected)
+
+
+def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    """Return the terms that a method offers."""
+    if terms is None:
+        return None
+    return tuple(name for name in terms if name in offered(method.method))
