@@ -28,12 +28,13 @@ from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, 
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.judgement.nested import COMPANIONS
+from butterfly.identify.judgement.term_choice import candidates
 from butterfly.model.friction import require_periods
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -184,7 +185,7 @@ class OutputError(Estimator):
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised (see `of_logs`)."""
         choice = Choice(
-            terms=self._names,
+            terms=self._names(log.added_mass for log in logs),
             fixed=self.fixed,
             per_mass=self.per_mass,
             per_log=self.per_log,
@@ -194,10 +195,9 @@ class OutputError(Estimator):
         turning = replace(start, cogging_periods=self.cogging_periods)
         return FreeRunResiduals.of(logs, turning, zeros, choice)
 
-    @property
-    def _names(self) -> tuple[str, ...]:
-        """Terms that are fitted, or tried."""
-        terms = CANDIDATES if self.terms is None else self.terms
+    def _names(self, masses: Iterable[AddedMass]) -> tuple[str, ...]:
+        """Return the terms that are fitted, or tried."""
+        terms = candidates(CANDIDATES, masses) if self.terms is None else self.terms
         brought = {COMPANIONS[name] for name in terms if name in COMPANIONS} - {*terms, *self.fixed}
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 

@@ -6,7 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from butterfly.identify.estimators.weak_fit import WeakFit
-from butterfly.identify.judgement.term_choice import choose_terms, folds_of, stribeck_velocities
+from butterfly.identify.judgement.term_choice import (
+    candidates,
+    choose_terms,
+    folds_of,
+    stribeck_velocities,
+)
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 
 if TYPE_CHECKING:
@@ -53,12 +58,11 @@ class WeakTerms:
     def of(cls, windows: Sequence[Windows], terms: tuple[str, ...] | None) -> WeakTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity."""
         settings = FrictionTerms()
-        names = (*PARAMETERS, *(CANDIDATES if terms is None else ()))
+        tried = candidates(CANDIDATES, (each.added for each in windows))
+        names = (*PARAMETERS, *(tried if terms is None else ()))
         first = WeakFit.of(windows, names, settings.stribeck_velocity)
-        free = choose_terms(
-            [_plain(first, windows, CANDIDATES), *_scanned(first, windows, CANDIDATES)],
-            always=PARAMETERS,
-        )
+        fits = [_plain(first, windows, tried), *_scanned(first, windows, tried)]
+        free = choose_terms(fits, always=PARAMETERS)
         chosen = free
         if terms is not None:
             rest = tuple(name for name in terms if name != _SCANNED)

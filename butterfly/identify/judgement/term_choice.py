@@ -20,12 +20,13 @@ from butterfly.identify.judgement.nested import COMPANIONS
 from butterfly.model.terms import PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Mapping, Sequence
+    from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.judgement.nested import Nested
+    from butterfly.model.parameters import AddedMass
 
     Samples = NDArray[np.float64]
 
@@ -84,6 +85,15 @@ class TermChoice:
             FindingKind.INSEPARABLE: self.inseparable,
         }
         return tuple(Finding(kind=kind, parameters=names) for kind, names in said.items() if names)
+
+
+def candidates(names: Sequence[str], masses: Iterable[AddedMass]) -> tuple[str, ...]:
+    """Return the terms that are worth trying with some added masses.
+
+    What grows with the added weight shows with three of them: by two the scale of all is set.
+    """
+    enough = len({mass.effect for mass in masses}) >= _LEAST_FOLDS
+    return tuple(name for name in names if enough or name != "load")
 
 
 def stribeck_velocities(fastest: float) -> list[float]:
