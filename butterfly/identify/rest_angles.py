@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 _NAMES = ("zero", "bias")
+_NEGLIGIBLE = 1e-6  # rad
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,6 +153,7 @@ class RestAngles:
             lower=np.full(2, -np.inf),
             folds=folds_of(self.masses),
         )
+        nested = replace(nested, negligible=_NEGLIGIBLE)
         chosen = choose_terms([nested], always=("zero",), demanded=("bias",) if asked else ())
         if "bias" not in chosen.terms:
             return self

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 LARGEST_SWING = 1.6
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 
-_UNSETTLED = 0.5  # of the swing: what a sine and its harmonics leave over, or by which it changes
+_UNSETTLED = 1.0  # of the swing: what a sine and its harmonics leave over
+_CHANGED = 0.5  # of the swing: by how much it grows or falls within the window
 _ELSEWHERE = 0.8  # rad between the middle of a swing and the rest angle
 _MANY = 1 / 3  # share of the sines left out, from which on it is no detail
 
@@ -53,6 +54,6 @@ def _is_steady(data: DataSet, number: int, zero: float) -> bool:
         0 < swing <= LARGEST_SWING
         and widest <= math.pi / 2 + LARGEST_SWING
         and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
-        and not abs(point.drift) > _UNSETTLED
+        and not abs(point.drift) > _CHANGED
         and abs(math.remainder(point.angle.offset - zero, 2 * math.pi)) < _ELSEWHERE
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from butterfly.identify.estimate import Solved
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
+from butterfly.identify.judgement.term_choice import NEGLIGIBLE
 from butterfly.identify.regression import Regression
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import lower_bounds
@@ -92,7 +93,8 @@ class DescribingFit:
         unknowns = np.array([0.0 if n == "delay" else known.get(n, 0.0) for n in phasors.names])
         residuals = regression.rows @ unknowns - regression.target
         count = phasors.omega.size
-        return Nested.of(
+        slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
+        nested = Nested.of(
             regression.rows.reshape(2, count, -1).swapaxes(0, 1),
             residuals.reshape(2, count).T,
             names=phasors.names,
@@ -100,6 +102,7 @@ class DescribingFit:
             lower=lower_bounds(phasors.names),
             folds=folds,
         )
+        return replace(nested, negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)))
 
     def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
         """Return the values of parameters from unknowns of `nested`; 0 if there is none."""

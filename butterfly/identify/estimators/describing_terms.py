@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.judgement.term_choice import (
+    candidates,
     choose_terms,
     folds_of,
     missing_terms,
@@ -63,9 +64,8 @@ class DescribingTerms:
             Told, or None.
         """
         folds = folds_of(fit.phasors.masses)
-        every = tuple(
-            name for name in offered("harmonic-balance") if name not in {_SCANNED, _OF_REST}
-        )
+        offers = [n for n in offered("harmonic-balance") if n not in {_SCANNED, _OF_REST}]
+        every = candidates(offers, fit.phasors.masses)
         free = choose_terms(
             [_plain(fit, every, folds), *_scanned(fit, every, folds)], always=PARAMETERS
         )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.judgement.nested import Nested
-from butterfly.identify.judgement.term_choice import choose_terms, folds_of
+from butterfly.identify.judgement.term_choice import NEGLIGIBLE, choose_terms, folds_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,6 +69,7 @@ class FreeRunTerms:
             gradient=at.gradients,
             cost=at.squares,
             folds=folds_of(masses),
+            negligible=NEGLIGIBLE,
         )
         kept = tuple(label for label in labels if label not in optional)
         return cls(problem=problem, labels=labels, choice=choose_terms([nested], always=kept))

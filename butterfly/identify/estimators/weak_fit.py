@@ -10,6 +10,7 @@ import numpy as np
 from butterfly.identify.estimate import Solved
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
+from butterfly.identify.judgement.term_choice import NEGLIGIBLE
 from butterfly.identify.regression import Regression
 
 if TYPE_CHECKING:
@@ -138,6 +139,7 @@ class WeakFit:
             gradient=np.array([rows.T @ left for rows, left in parts]),
             cost=np.array([float(left @ left) for _, left in parts]),
             folds=folds,
+            negligible=NEGLIGIBLE,
         )
 
 

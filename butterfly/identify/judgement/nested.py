@@ -42,6 +42,8 @@ class Nested:
         Values of what is no parameter here, but was set.
     demanded
         Parameters without which these equations are not asked.
+    negligible
+        Size of an error that is none, as rounding leaves it to exact data.
     """
 
     names: tuple[str, ...]
@@ -53,6 +55,7 @@ class Nested:
     folds: NDArray[np.intp]
     settings: dict[str, float] = field(default_factory=dict)
     demanded: tuple[str, ...] = ()
+    negligible: float = 0.0
 
     @property
     def mute(self) -> NDArray[np.bool_]:

@@ -31,8 +31,11 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 
+NEGLIGIBLE = 1e-6
+"""Of a motion, how well it is foretold at best: rounding leaves more."""
+
 _MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
-_SPEEDS = 6  # Stribeck velocities that are tried
+_SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
 _LEAST_FOLDS = 3
 
@@ -52,7 +55,8 @@ class TermChoice:
     settings
         See `Nested`.
     rivals
-        Values, by name, of the fits with other terms that predict as well, or hardly less so.
+        Values, by name, of the fits that predict as well: with more terms and less error, or with
+        the same terms and other settings.
     not_helping
         Terms that were offered and not chosen.
     inseparable
@@ -136,7 +140,13 @@ def choose_terms(
         (trial for trial in trials if _as_good(trial, best)),
         key=lambda trial: (len(trial.terms), trial.score),
     )
-    rivals = [trial for trial in trials if trial is not chosen and trial.score <= chosen.score]
+    rivals = [
+        trial
+        for trial in trials
+        if trial is not chosen
+        and (trial.score <= chosen.score or trial.terms == chosen.terms)
+        and _as_good(trial, best)
+    ]
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
         names=(*always, *chosen.terms),
@@ -207,7 +217,7 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
     """Whether a set of terms predicts as well as the best, but for a standard error."""
     worse = trial.errors - best.errors
     error = float(np.std(worse, ddof=1)) / worse.size**0.5
-    return bool(worse.mean() <= error)
+    return bool(worse.mean() <= max(error, best.nested.negligible))
 
 
 def _kept(nested: Nested, always: Sequence[str], terms: Sequence[str]) -> NDArray[np.bool_]:
