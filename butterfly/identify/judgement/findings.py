@@ -45,6 +45,10 @@ class FindingKind(StrEnum):
     NO_UNCERTAINTY = "no-uncertainty"  # equations there are
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
+    MISFIT = "misfit"  # times what sensors explain, that free runs leave over
+    NO_MISFIT = "no-misfit"  # the same, where it is no more
+    LEFT_OVER = "left-over"  # share of the residual torque's variance that a missing term explains
+    NOTHING_LEFT = "nothing-left"
 
 
 @dataclass(frozen=True, kw_only=True)
