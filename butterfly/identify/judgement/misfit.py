@@ -42,6 +42,7 @@ LONGEST_LAG = 2.0
 """Of the correlations, in s; a quarter of the errors at most."""
 
 _DRAWN = 24  # sets of sensor errors
+_BY_CHANCE = 0.25  # share of logs that may be outside
 _INDEPENDENT = 1e-6  # singular value over the largest, below which a direction is none
 
 
@@ -149,12 +150,11 @@ class Misfit:
 
     @property
     def beyond_sensors(self) -> bool:
-        """Whether more logs are outside their bands than good models have by chance.
+        """Whether more logs are outside than chance explains in those of one robot and one clock.
 
-        Of n good logs about n/20 are: more than that and two standard deviations are not chance.
+        One log in twenty is by chance; those of one robot are hardly independent of each other.
         """
-        chance = len(self.logs) / 20
-        return self.outside > chance + 2 * np.sqrt(chance)
+        return self.outside > _BY_CHANCE * len(self.logs)
 
 
 class _Linear(NamedTuple):
@@ -190,7 +190,7 @@ def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
     """
     predictor = Predictor(data)
     prepared = [_prepared(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
-    owners = _owners(data, estimate)
+    owners = estimate.owners(data.masses)
     linear = [_linearised(each, estimate.names, owners) for each in prepared]
     sound = [k for k, each in enumerate(linear) if each is not None]
     parts = [each for each in linear if each is not None]
@@ -209,19 +209,6 @@ def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
     return Misfit(
         logs=tuple(judged.get(k) or _failed(each) for k, each in enumerate(prepared))
     )
-
-
-def _owners(data: DataSet, estimate: ParameterEstimate) -> list[Key]:
-    """Return whose each zero and bias is; where no zero was fitted, one belongs to each mass."""
-    owners = [
-        (name, whose)
-        for whose, values in estimate.local.items()
-        for name in values
-        if name != "velocity"
-    ]
-    if not any(name == "zero" for name, _ in owners):
-        owners += [("zero", mass) for mass in data.masses]
-    return owners
 
 
 def _prepared(log: Log, setting: Setting) -> _Prepared:
