@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from butterfly.identify.estimators import Estimator, HarmonicBalance
 from butterfly.identify.judgement.input_kind import judge_input
+from butterfly.identify.judgement.misfit import Misfit, judge_misfit
 from butterfly.identify.other_parameters import OtherParameters, try_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor
 from butterfly.progress import Track, untracked
@@ -54,6 +56,11 @@ class Identification:
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
         return FitSummary.of(self.fits)
+
+    @cached_property
+    def misfit(self) -> Misfit:
+        """What the free runs leave over, and whether the sensors explain it."""
+        return judge_misfit(self.data, self.estimate)
 
 
 def identify(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
+from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -83,6 +84,15 @@ def _torque_driven(finding: Finding, values: Values) -> str:
     )
 
 
+def _left_over(finding: Finding, _: Values) -> str:
+    rows = [TERMS[name] for name in finding.parameters]
+    names = " or ".join(row.looks_like or row.name for row in rows)
+    return (
+        f"What the model leaves over looks like {names} ({_joined(finding, ' or ')}), which it does "
+        f"not have: a little of it would explain {100 * _number(finding):.0f} % of the variance."
+    )
+
+
 _PRECISION: dict[FindingKind, Callable[[Finding], str]] = {
     FindingKind.PRECISE: lambda f: f"{_joined(f)} known within {100 * _number(f):.0f} %",
     FindingKind.ROUGH: lambda f: f"{_joined(f)} known roughly",
@@ -120,6 +130,15 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"{_number(f):.0f} resonance frequencies for {len(f.parameters)} parameters leave no room "
         "for a statement of uncertainty."
     ),
+    FindingKind.MISFIT: lambda f, _: (
+        f"The model misses something: its free runs leave over {_number(f):.3g} times what encoder "
+        "and noise explain, whatever its parameters."
+    ),
+    FindingKind.NO_MISFIT: lambda f, _: (
+        "Encoder and noise explain what the free runs leave over, but for the parameters' own "
+        f"errors ({_number(f):.2f} times as much)."
+    ),
+    FindingKind.LEFT_OVER: _left_over,
     FindingKind.ABSOLUTE: lambda _f, _v: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: lambda _f, _v: (
         "Ratios to p1: no known mass was changed, and a controller needs no more."

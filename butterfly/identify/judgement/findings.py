@@ -46,9 +46,8 @@ class FindingKind(StrEnum):
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
     MISFIT = "misfit"  # times what sensors explain, that free runs leave over
-    NO_MISFIT = "no-misfit"  # the same, where it is no more
-    LEFT_OVER = "left-over"  # share of the residual torque's variance that a missing term explains
-    NOTHING_LEFT = "nothing-left"
+    NO_MISFIT = "no-misfit"  # the same, where sensors explain it
+    LEFT_OVER = "left-over"  # share of it that a missing term explains
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,39 +1,34 @@
 """What the free run of a whole model leaves over of each log, and whether sensors explain it.
 
-Measured less simulated angle is averaged over the steps of the simulation. From these errors is
-taken what a small change of the parameters that all logs share, or of one log's start and zero,
-would take from them, to first order and jointly: a value that is off within its interval is no
-misfit of the model. What stays is compared with errors drawn as each log's own encoder and noise
-make them, averaged and reduced alike (a parametric bootstrap: Efron & Tibshirani, An Introduction
-to the Bootstrap, 1993, section 6.5).
+From the errors of the free runs is taken what a small change of the parameters, of zeros and of
+each log's start would take from them, to first order and jointly: a value that is off within its
+interval is no misfit of the model. What stays is compared with errors drawn as each log's own
+encoder and noise make them, averaged and reduced alike (a parametric bootstrap: Efron & Tibshirani,
+An Introduction to the Bootstrap, 1993, section 6.5). A term that the model lacks is named by how
+much of it a small value of that term would explain, as in a score test.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.findings import Finding, FindingKind
+from butterfly.identify.judgement.free_run_errors import Errors, Run, free_run_errors, less_shared
+from butterfly.identify.judgement.left_over import Balance, LeftOver, name_left_over
 from butterfly.identify.judgement.sensor_errors import SensorErrors
 from butterfly.identify.judgement.whiteness import Curve, autocorrelation, cross_correlation
-from butterfly.identify.predict import Predictor
-from butterfly.signals.window import first_counted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.predict import Setting
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass
 
     Samples = NDArray[np.float64]
-    Key = tuple[str, AddedMass | str | None]  # what may change, and whose it is
 
 ALLOWED = 5e-4
 """Misfit over rms motion that counts for nothing: a free run is hardly more exact than that."""
@@ -43,7 +38,7 @@ LONGEST_LAG = 2.0
 
 _DRAWN = 24  # sets of sensor errors
 _BY_CHANCE = 0.25  # share of logs that may be outside
-_INDEPENDENT = 1e-6  # singular value over the largest, below which a direction is none
+_NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +61,8 @@ class LogMisfit:
         That sensor.
     autocorrelation, cross_correlation
         Of what is left with itself, and with the input before it; None where a simulation failed.
+    left_over
+        What it looks like, of the terms that the model lacks.
     """
 
     name: str
@@ -77,6 +74,7 @@ class LogMisfit:
     sensor: SensorErrors
     autocorrelation: Curve | None
     cross_correlation: Curve | None
+    left_over: LeftOver
 
     @cached_property
     def excess(self) -> tuple[float, float]:
@@ -111,9 +109,12 @@ class Misfit:
     ----------
     logs
         One for each log of the data set.
+    left_over
+        What all of it looks like, of the terms that the model lacks.
     """
 
     logs: tuple[LogMisfit, ...]
+    left_over: LeftOver
 
     @property
     def outside(self) -> int:
@@ -143,12 +144,6 @@ class Misfit:
         return self.left / self.explained if self.explained else np.inf
 
     @property
-    def finding(self) -> Finding:
-        """The judgement: how many times the sensors' errors the misfit is, and whose."""
-        kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        return Finding(kind=kind, number=self.times)
-
-    @property
     def beyond_sensors(self) -> bool:
         """Whether more logs are outside than chance explains in those of one robot and one clock.
 
@@ -157,25 +152,17 @@ class Misfit:
         return self.outside > _BY_CHANCE * len(self.logs)
 
 
-class _Linear(NamedTuple):
-    """One log's errors, and what parameters would change of them, both less what is its own.
-
-    errors (m,), shared (m, n), own (m, k) orthonormal, weight, and the (m,) errors as they are.
-    """
-
-    errors: Samples
-    shared: Samples
-    own: Samples
-    weight: float
-    whole: Samples
-
-
-class _Prepared(NamedTuple):
-    log: Log
-    trajectory: Trajectory
-    setting: Setting
-    first: int
-    motion: float
+    @property
+    def findings(self) -> list[Finding]:
+        """Whether the misfit is beyond the sensors, how many times, and what it looks like."""
+        kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
+        found = [Finding(kind=kind, number=self.times)]
+        if self.left_over.terms:
+            likeliest = self.left_over.terms[0]
+            share = self.left_over.shares[likeliest]
+            like = FindingKind.LEFT_OVER
+            found.append(Finding(kind=like, parameters=self.left_over.terms, number=share))
+        return found
 
 
 def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
@@ -188,147 +175,96 @@ def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
     estimate
         Of any method; its parameters are those that may change.
     """
-    predictor = Predictor(data)
-    prepared = [_prepared(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
-    owners = estimate.owners(data.masses)
-    linear = [_linearised(each, estimate.names, owners) for each in prepared]
-    sound = [k for k, each in enumerate(linear) if each is not None]
-    parts = [each for each in linear if each is not None]
-    left = _less_shared(parts, [part.errors[:, None] for part in parts])
+    found = free_run_errors(data, estimate)
+    logs = [each for each in found if isinstance(each, Errors)]
+    if not logs:
+        failed = (_failed(each) for each in found if isinstance(each, Run))
+        return Misfit(logs=tuple(failed), left_over=_NOTHING)
+    left = less_shared(logs, [log.less_own(log.whole[:, None]) for log in logs])
     random = np.random.default_rng(0)
-    drawn, sensors = [], []
-    for k, part, rest in zip(sound, parts, left, strict=True):
-        sensor, errors = _drawn(prepared[k], part.whole - rest[:, 0], random)
-        sensors.append(sensor)
-        drawn.append(errors - part.own @ (part.own.T @ errors))
-    reduced = _less_shared(parts, drawn)
-    judged = {
-        k: _judged(prepared[k], part, np.column_stack([rest, noise]), sensor)
-        for k, part, rest, noise, sensor in zip(sound, parts, left, reduced, sensors, strict=True)
-    }
+    sensors, drawn = zip(
+        *(_drawn(log, rest[:, 0], random) for log, rest in zip(logs, left, strict=True)),
+        strict=True,
+    )
+    errors = [
+        np.column_stack(pair) for pair in zip(left, less_shared(logs, drawn), strict=True)
+    ]
+    overall, named = name_left_over(
+        [_balance(*pair) for pair in zip(logs, errors, strict=True)], 2 * ALLOWED
+    )
+    judged = map(_judged, logs, errors, sensors, named)
     return Misfit(
-        logs=tuple(judged.get(k) or _failed(each) for k, each in enumerate(prepared))
+        logs=tuple(_failed(each) if isinstance(each, Run) else next(judged) for each in found),
+        left_over=overall,
     )
-
-
-def _prepared(log: Log, setting: Setting) -> _Prepared:
-    first = first_counted(log)
-    trajectory = Trajectory(log, setting.parameters, first)
-    return _Prepared(log, trajectory, setting, first, float(np.std(log.angle[first:])))
-
-
-def _linearised(each: _Prepared, names: tuple[str, ...], owners: list[Key]) -> _Linear | None:
-    """Return the linearised errors, simulated less measured; None where the simulation fails.
-
-    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
-    change of it moves the readings by 1 less what one of the zero does.
-    """
-    local = list(dict.fromkeys(["zero", *(name for name, _ in owners), "velocity"]))
-    setting, log = each.setting, each.log
-    with np.errstate(all="ignore"):
-        errors, rows, mixture = each.trajectory.linearised(
-            [*names, *local], setting.parameters, setting.zero, setting.velocity
-        )
-        slopes = rows @ mixture
-    if not (np.isfinite(errors).all() and np.isfinite(slopes).all() and each.motion > 0):
-        return None
-    found = dict(zip(local, slopes[:, len(names) :].T, strict=True))
-    own = _orthonormal(np.column_stack([1 - found["zero"], found["velocity"]]))
-    mine = {None, log.added_mass, log.name}
-    owned = [found[name] * (whose in mine) for name, whose in owners]
-    shared = np.column_stack([slopes[:, : len(names)], *owned])
-    return _Linear(
-        errors=errors - own @ (own.T @ errors),
-        shared=shared - own @ (own.T @ shared),
-        own=own,
-        weight=1 / (each.motion * errors.size**0.5),
-        whole=errors,
-    )
-
-
-def _orthonormal(columns: Samples) -> Samples:
-    """(m, k) orthonormal columns that span the given ones."""
-    sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > _INDEPENDENT * columns.shape[0] ** 0.5  # more than that of what moved the start
-    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
-    return np.asarray(left[:, singular > _INDEPENDENT * singular.max(initial=0.0)])
-
-
-def _less_shared(parts: list[_Linear], errors: list[Samples]) -> list[Samples]:
-    """Take from each log's (m, k) errors what a change of the shared parameters explains jointly.
-
-    Each log counts as it does in output error, by its errors over its motion.
-    """
-    if not parts:
-        return []
-    rows = np.concatenate([part.weight * part.shared for part in parts])
-    sizes = np.linalg.norm(rows, axis=0)
-    sizes[sizes == 0] = 1.0
-    wanted = np.concatenate(
-        [part.weight * each for part, each in zip(parts, errors, strict=True)]
-    )
-    change = np.linalg.lstsq(rows / sizes, wanted, rcond=_INDEPENDENT)[0] / sizes[:, None]
-    return [each - part.shared @ change for part, each in zip(parts, errors, strict=True)]
 
 
 def _drawn(
-    each: _Prepared, misses: Samples, random: np.random.Generator
+    log: Errors, left: Samples, random: np.random.Generator
 ) -> tuple[SensorErrors, Samples]:
-    """Return a log's sensor, and (m, k) sets of its errors about the corrected free run.
+    """Return a log's sensor, and (m, k) sets of its errors, less what its own start explains.
 
-    ``misses`` is (m,), what a change of parameters would take from simulated less measured angle.
+    They are errors about the free run as changed parameters would have it, ``left`` being the (m,)
+    errors that stay.
     """
-    setting, counted = each.setting, slice(each.first, None)
-    simulated = each.trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-    instants = each.log.time[counted]
-    angle = simulated[counted] - np.interp(instants, each.trajectory.middles(), misses)
-    sensor = SensorErrors.of(each.log.angle[counted], angle)
-    at_stamps = np.zeros(simulated.size)
-    sets = []
+    run, counted = log.run, slice(log.run.first, None)
+    angle, instants = run.simulated(), run.log.time[counted]
+    angle[counted] -= np.interp(instants, run.trajectory.middles(), log.whole - left)
+    sensor = SensorErrors.of(run.log.angle[counted], angle[counted])
+    readings, sets = np.zeros(angle.size), []
     for _ in range(_DRAWN):
-        at_stamps[counted] = sensor.draw(angle, random, unsure=ALLOWED * each.motion)
-        sets.append(each.trajectory.averaged(at_stamps))
-    return sensor, np.column_stack(sets)
+        readings[counted] = sensor.draw(angle[counted], random, unsure=ALLOWED * run.motion)
+        sets.append(run.trajectory.averaged(readings))
+    return sensor, log.less_own(np.column_stack(sets))
 
 
-def _judged(
-    each: _Prepared, part: _Linear, errors: Samples, sensor: SensorErrors
-) -> LogMisfit:
-    """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
-    left, explained = _rms(errors[:, 0]), _rms(errors[:, 1:])
-    step = float(each.trajectory.grid[1] - each.trajectory.grid[0])
-    lags = max(1, min(round(LONGEST_LAG / step), errors.shape[0] // 4))
-    allowed = ALLOWED * each.motion / left if left else 0.0
-    inputs = each.trajectory.mean_inputs(each.setting.parameters)
-    lag = step * np.arange(lags + 1)
-    own = autocorrelation(errors, lags)
-    crossed = cross_correlation(errors, inputs, lags)
-    count = errors.shape[0]
-    return LogMisfit(
-        name=each.log.name,
-        label=each.log.label,
-        motion=each.motion,
-        error=_rms(part.whole),
-        left=left,
-        explained=explained,
-        sensor=sensor,
-        autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
-        cross_correlation=Curve.of(lag, crossed, count, allowed),
+def _balance(log: Errors, errors: Samples) -> Balance:
+    """Return what a log says of missing terms: errors (m, 1 + k) left of its own, and drawn."""
+    return Balance(
+        left=errors[:, 0],
+        known=log.shared,
+        candidates=log.missing,
+        whole=log.run.motion,
+        noise=_rms(errors[:, 1:]),
     )
 
 
-def _failed(each: _Prepared) -> LogMisfit:
+def _judged(log: Errors, errors: Samples, sensor: SensorErrors, left_over: LeftOver) -> LogMisfit:
+    """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
+    run, left, count = log.run, _rms(errors[:, 0]), errors.shape[0]
+    step = float(run.trajectory.grid[1] - run.trajectory.grid[0])
+    lags = max(1, min(round(LONGEST_LAG / step), count // 4))
+    lag = step * np.arange(lags + 1)
+    allowed = ALLOWED * run.motion / left if left else 0.0
+    own = autocorrelation(errors, lags)
+    crossed = cross_correlation(errors, run.trajectory.mean_inputs(run.setting.parameters), lags)
+    return LogMisfit(
+        name=run.log.name,
+        label=run.log.label,
+        motion=run.motion,
+        error=_rms(log.whole),
+        left=left,
+        explained=_rms(errors[:, 1:]),
+        sensor=sensor,
+        autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
+        cross_correlation=Curve.of(lag, crossed, count, allowed),
+        left_over=left_over,
+    )
+
+
+def _failed(run: Run) -> LogMisfit:
     """Return the misfit of a log that could not be simulated, or in which nothing moves."""
     return LogMisfit(
-        name=each.log.name,
-        label=each.log.label,
-        motion=each.motion,
+        name=run.log.name,
+        label=run.log.label,
+        motion=run.motion,
         error=np.inf,
         left=np.inf,
         explained=0.0,
         sensor=SensorErrors(step=0.0, noise=0.0),
         autocorrelation=None,
         cross_correlation=None,
+        left_over=_NOTHING,
     )
 
 

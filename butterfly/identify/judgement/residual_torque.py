@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from butterfly.identify.judgement.left_over import Balance, LeftOver, name_left_over
+from butterfly.identify.judgement.left_over import (
+    Balance,
+    LeftOver,
+    missing_terms,
+    name_left_over,
+    slow_velocity,
+)
 from butterfly.identify.judgement.sensor_errors import SensorErrors
 from butterfly.identify.predict import Predictor
 from butterfly.identify.weak_signals import Known, weak_signals
@@ -32,10 +38,10 @@ if TYPE_CHECKING:
 HALF_WIDTHS = (0.05, 0.25)
 """Least and largest half-width in s of the bumps over which the torque is averaged."""
 
+LEAST_SIZE = 5e-3
+"""Share of the motor's torque below which nothing is said: averages are no more exact than that."""
+
 _OF_A_PERIOD = 1 / 8  # of the drive or of the resonance, a bump's half-width
-_EVERY = 10  # samples, over which an angle advances more than by noise
-_STRIBECK = 0.3  # share of the rms velocity at which Stribeck friction is looked for
-_CANDIDATES = tuple(row.name for row in TERMS.values() if row.looks_like)
 _ACTING = tuple(row.name for row in TERMS.values() if row.basis or row.derivative)
 _AVERAGED = (*_ACTING, "delay")
 
@@ -98,21 +104,22 @@ def residual_torques(
     model = _Model(
         names=tuple(name for name in (*_AVERAGED, "tilt") if name in estimate.names),
         owners=estimate.owners(data.masses),
-        missing=tuple(name for name in _CANDIDATES if not _has(estimate, name)),
+        missing=missing_terms(estimate),
     )
-    averaged = [_averaged(data.logs[k], predictor.setting(k, estimate)) for k in chosen]
+    slow = slow_velocity(data.logs[k] for k in chosen)
+    averaged = [_averaged(data.logs[k], predictor.setting(k, estimate), slow) for k in chosen]
     balances = [
         model.balance(each, _sensor_torque(each, predictor.run_with(k, each.setting)))
         for k, each in zip(chosen, averaged, strict=True)
     ]
-    overall, left = name_left_over(balances)
+    overall, left = name_left_over(balances, LEAST_SIZE)
     logs = (
         ResidualTorque(
             label=each.log.label,
             time=each.signals.time[each.moving],
             angle=each.signals.angle[each.moving],
             velocity=each.signals.velocity[each.moving],
-            torque=balance.torque,
+            torque=balance.left,
             left_over=own,
         )
         for each, balance, own in zip(averaged, balances, left, strict=True)
@@ -152,10 +159,10 @@ class _Model(NamedTuple):
         columns = [self._column(name, each) for name in self.names]
         columns += [self._owned(name, whose, each) for name, whose in self.owners]
         return Balance(
-            torque=_unbalanced(each),
+            left=_unbalanced(each),
             known=np.column_stack(columns),
             candidates={name: each.mean(name) for name in self.missing},
-            motor=motor or 1.0,
+            whole=motor or 1.0,
             noise=noise,
         )
 
@@ -174,19 +181,12 @@ class _Model(NamedTuple):
         return column * mine
 
 
-def _has(estimate: ParameterEstimate, name: str) -> bool:
-    local = {own for values in estimate.local.values() for own in values}
-    return name in {*estimate.names, *local} or getattr(estimate.parameters, name) != 0
-
-
-def _averaged(log: Log, setting: Setting) -> _Averaged:
+def _averaged(log: Log, setting: Setting, slow: float) -> _Averaged:
+    """Average the torques of a log; Stribeck friction below ``slow`` if the model has none."""
     parameters = setting.parameters
     loaded = parameters.with_added_mass(log.added_mass)
     half_width = _half_width(log, loaded)
-    speed = float(np.std(np.gradient(log.angle[::_EVERY], log.time[::_EVERY])))
-    sought = parameters if parameters.stribeck else replace(
-        parameters, stribeck_velocity=_STRIBECK * speed
-    )
+    sought = parameters if parameters.stribeck else replace(parameters, stribeck_velocity=slow)
     known = Known(
         zero=setting.zero,
         delay=parameters.delay,
