@@ -85,7 +85,7 @@ def write_report(
         first=middle,
         response=response.to_json(),
         series=json.dumps(time_figures(runs)),
-        misfit=misfit_table(misfit),
+        misfit=misfit_table(misfit.logs),
         correlations=json.dumps(correlation_figures(misfit)),
     )
     drawn = {}

@@ -14,25 +14,28 @@ from butterfly.report.page import Table
 from butterfly.report.words import sentences_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
     from butterfly.identify.judgement.left_over import LeftOver
     from butterfly.identify.judgement.misfit import LogMisfit, Misfit
     from butterfly.identify.judgement.whiteness import Curve
 
-    from numpy.typing import NDArray
-
 HEADERS = (
-    *("log", "error in % of the motion", "after small changes of parameters", "by sensors"),
-    *("times the sensors", "bands", "looks like"),
+    *("log", "error in % of motion", "after small changes", "of sensors", "times sensors", "bands"),
+    "looks like",
 )
 
 _CAPTION = (
-    "Error: rms of measured less simulated angle over that of the motion, averaged over steps of the "
-    "simulation. The next column is what no small change of the parameters takes away, the one after "
-    "what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation with "
-    "the input stay where those of such sensors do; of good logs one in twenty leaves the band of "
-    "95 %, one in a hundred that of 99 %."
+    "Error: rms of measured less simulated angle, averaged over steps of the simulation, over the "
+    "rms motion. The next column is what no small change of the parameters takes away, the one "
+    "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
+    "with the input stay where those of such sensors do: of good logs one in twenty leaves the 95 % "
+    "band, one in a hundred the 99 % band."
 )
-_GREY = ("rgba(128,128,128,0.18)", "rgba(128,128,128,0.30)")  # outer, inner band
+_GREY = "#888888"
+_SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
 
 
 def misfit_sentences(misfit: Misfit) -> list[str]:
@@ -46,17 +49,9 @@ def misfit_sentences(misfit: Misfit) -> list[str]:
     ]
 
 
-def misfit_table(misfit: Misfit) -> Table:
+def misfit_table(logs: Iterable[LogMisfit]) -> Table:
     """Make a table with a row per log."""
-    return Table(headers=HEADERS, rows=[_row(log) for log in misfit.logs], caption=_CAPTION)
-
-
-def bands_left(log: LogMisfit) -> str:
-    """Say whether the correlations of a log stay inside their bands."""
-    inner, outer = log.excess
-    if inner <= 1:
-        return "inside"
-    return "outside 99 %" if outer > 1 else "outside 95 %"
+    return Table(headers=HEADERS, rows=[_row(log) for log in logs], caption=_CAPTION)
 
 
 def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
@@ -68,7 +63,7 @@ def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
         "times_sensors": misfit.times,
         "beyond_sensors": misfit.beyond_sensors,
         "logs_outside": misfit.outside,
-        "left_over": _left_over_numbers(misfit.left_over),
+        "left_over": left_over_numbers(misfit.left_over),
         "logs": [
             {
                 "log": log.name,
@@ -79,26 +74,42 @@ def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
                 "encoder_step_rad": log.sensor.step,
                 "noise_rad": log.sensor.noise,
                 "over_band": dict(zip(map(str, LEVELS), log.excess, strict=True)),
-                "left_over": _left_over_numbers(log.left_over),
+                "left_over": left_over_numbers(log.left_over),
             }
             for log in misfit.logs
         ],
     }
 
 
+def left_over_numbers(left_over: LeftOver) -> dict[str, Any]:
+    """Return what something left over looks like, for programs."""
+    return {
+        "looks_like": list(left_over.terms),
+        "relative": left_over.relative,
+        "size": left_over.size,
+        "noise_share": left_over.noise,
+        "shares": left_over.shares,
+    }
+
+
 def correlation_figure(log: LogMisfit) -> Figure:
     """Draw autocorrelation and cross-correlation of what is left of a log, with their bands."""
-    figure = make_subplots(rows=2, cols=1, vertical_spacing=0.16)
-    titles = ("autocorrelation", "cross-correlation with the input")
-    for row, (title, curve) in enumerate(zip(titles, _curves(log), strict=True), start=1):
-        x, *lines = _lines(curve)
-        for number, y in enumerate(lines):
-            trace = Scatter(x=x, y=y, mode="lines", **_style(number, first=row == 1))
-            figure.add_trace(trace, row=row, col=1)
-        figure.update_yaxes(title=title, row=row)
-    figure.update_xaxes(title="lag in s", row=2)
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    draw_correlations(figure, log)
     figure.update_layout(height=480)
     return figure
+
+
+def draw_correlations(figure: Figure, log: LogMisfit, *, first: int = 1) -> None:
+    """Draw them into two panels of a figure, from row ``first`` on."""
+    titles = ("autocorrelation", "cross-correlation<br>with the input")
+    for row, (title, curve) in enumerate(zip(titles, _curves(log), strict=True), start=first):
+        x, *lines = _lines(curve)
+        for number, y in enumerate(lines):
+            trace = Scatter(x=x, y=y, mode="lines", **_style(number, named=row == first))
+            figure.add_trace(trace, row=row, col=1)
+        figure.update_yaxes(title=title, row=row)
+    figure.update_xaxes(title="lag in s", row=first + 1)
 
 
 def correlation_figures(misfit: Misfit) -> dict[str, Any]:
@@ -123,17 +134,16 @@ def _row(log: LogMisfit) -> tuple[str, ...]:
     shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
     numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
     times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
-    return (log.label, *numbers, times, bands_left(log), log.left_over.words("the motion"))
+    looks = log.left_over.words("the motion") if log.left_over.terms else "–"
+    return (log.label, *numbers, times, _bands_left(log), looks)
 
 
-def _left_over_numbers(left_over: LeftOver) -> dict[str, Any]:
-    return {
-        "looks_like": list(left_over.terms),
-        "relative": left_over.relative,
-        "size": left_over.size,
-        "noise_share": left_over.noise,
-        "shares": left_over.shares,
-    }
+def _bands_left(log: LogMisfit) -> str:
+    """Say whether the correlations of a log stay inside their bands."""
+    inner, outer = log.excess
+    if inner <= 1:
+        return "inside"
+    return "outside 99 %" if outer > 1 else "outside 95 %"
 
 
 def _curves(log: LogMisfit) -> tuple[Curve | None, Curve | None]:
@@ -150,13 +160,14 @@ def _lines(curve: Curve | None) -> list[NDArray[np.float32]]:
     return [each.astype(np.float32) for each in (curve.lag, *limits, curve.value)]
 
 
-def _style(number: int, *, first: bool) -> dict[str, Any]:
+def _style(number: int, *, named: bool) -> dict[str, Any]:
     """Return the look of one of `_lines`: limits of the bands, filled, and the curve."""
     if number == len(LEVELS) * 2:
-        return {"line": {"color": PALETTE[0], "width": 1.4}, "name": "the log", "showlegend": first}
-    style: dict[str, Any] = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
+        return {"line": {"color": PALETTE[0], "width": 1.4}, "name": "the log", "showlegend": named}
+    line = {"color": _GREY, "width": 1, "dash": ("dot", "dash")[number // 2]}
+    style: dict[str, Any] = {"line": line, "hoverinfo": "skip", "showlegend": False}
     if number % 2:
         level = LEVELS[1 - number // 2]
-        style |= {"fill": "tonexty", "fillcolor": _GREY[number // 2], "showlegend": first}
+        style |= {"fill": "tonexty", "fillcolor": _SHADES[number // 2], "showlegend": named}
         style["name"] = f"{100 * level:.0f} % of logs whose sensors explain all"
     return style

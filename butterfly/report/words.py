@@ -88,8 +88,8 @@ def _left_over(finding: Finding, _: Values) -> str:
     rows = [TERMS[name] for name in finding.parameters]
     names = " or ".join(row.looks_like or row.name for row in rows)
     return (
-        f"What the model leaves over looks like {names} ({_joined(finding, ' or ')}), which it does "
-        f"not have: a little of it would explain {100 * _number(finding):.0f} % of the variance."
+        f"What the model leaves over looks like {names} ({_joined(finding, ' or ')}), which it "
+        f"lacks: a little of it would explain {100 * _number(finding):.0f} % of the variance."
     )
 
 

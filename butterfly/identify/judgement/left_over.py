@@ -1,7 +1,8 @@
 """Which term of the table, missing from a model, looks like what it leaves over.
 
-That may be torque or, as a score test has it, errors of the free run. What a change of the model's own coefficients would add is first taken
-from it and from every candidate, jointly over all logs: only what is new can be missing.
+That may be torque or, as a score test has it, errors of the free run. What a change of the model's
+own coefficients would add is first taken from it and from every candidate, jointly over all logs:
+only what is new can be missing.
 """
 
 from __future__ import annotations
@@ -123,9 +124,7 @@ def _speed(log: Log) -> float:
     return float(np.std(np.diff(log.angle[::every]) / np.diff(log.time[::every])))
 
 
-def name_left_over(
-    balances: Sequence[Balance], least: float
-) -> tuple[LeftOver, list[LeftOver]]:
+def name_left_over(balances: Sequence[Balance], least: float) -> tuple[LeftOver, list[LeftOver]]:
     """Name what several logs leave over: together, and each.
 
     Parameters

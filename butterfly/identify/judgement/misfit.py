@@ -151,7 +151,6 @@ class Misfit:
         """
         return self.outside > _BY_CHANCE * len(self.logs)
 
-
     @property
     def findings(self) -> list[Finding]:
         """Whether the misfit is beyond the sensors, how many times, and what it looks like."""
@@ -186,9 +185,7 @@ def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
         *(_drawn(log, rest[:, 0], random) for log, rest in zip(logs, left, strict=True)),
         strict=True,
     )
-    errors = [
-        np.column_stack(pair) for pair in zip(left, less_shared(logs, drawn), strict=True)
-    ]
+    errors = [np.column_stack(pair) for pair in zip(left, less_shared(logs, drawn), strict=True)]
     overall, named = name_left_over(
         [_balance(*pair) for pair in zip(logs, errors, strict=True)], 2 * ALLOWED
     )
@@ -199,9 +196,7 @@ def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
     )
 
 
-def _drawn(
-    log: Errors, left: Samples, random: np.random.Generator
-) -> tuple[SensorErrors, Samples]:
+def _drawn(log: Errors, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
     """Return a log's sensor, and (m, k) sets of its errors, less what its own start explains.
 
     They are errors about the free run as changed parameters would have it, ``left`` being the (m,)
