@@ -31,8 +31,8 @@ _CAPTION = (
     "Error: rms of measured less simulated angle, averaged over steps of the simulation, over the "
     "rms motion. The next column is what no small change of the parameters takes away, the one "
     "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
-    "with the input stay where those of such sensors do: of good logs one in twenty leaves the 95 % "
-    "band, one in a hundred the 99 % band."
+    "with the input stay where those of such sensors do: of good logs one in twenty leaves the "
+    "band of 95 %, one in a hundred that of 99 %."
 )
 _GREY = "#888888"
 _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
@@ -134,8 +134,15 @@ def _row(log: LogMisfit) -> tuple[str, ...]:
     shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
     numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
     times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
-    looks = log.left_over.words("the motion") if log.left_over.terms else "–"
-    return (log.label, *numbers, times, _bands_left(log), looks)
+    return (log.label, *numbers, times, _bands_left(log), _likeness(log.left_over))
+
+
+def _likeness(left_over: LeftOver) -> str:
+    """Name the missing terms that it looks like, and the share of the likeliest."""
+    if not left_over.terms:
+        return "–"
+    share = left_over.shares[left_over.terms[0]]
+    return f"{' or '.join(left_over.terms)}, {100 * share:.0f} % of its variance"
 
 
 def _bands_left(log: LogMisfit) -> str:
