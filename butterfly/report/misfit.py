@@ -31,8 +31,7 @@ _CAPTION = (
     "Error: rms of measured less simulated angle, averaged over steps of the simulation, over the "
     "rms motion. The next column is what no small change of the parameters takes away, the one "
     "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
-    "with the input stay where those of such sensors do: of good logs one in twenty leaves the "
-    "band of 95 %, one in a hundred that of 99 %."
+    "with the input stay where those of such sensors do; one log in twenty of a good model does not."
 )
 _GREY = "#888888"
 _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
@@ -176,5 +175,5 @@ def _style(number: int, *, named: bool) -> dict[str, Any]:
     if number % 2:
         level = LEVELS[1 - number // 2]
         style |= {"fill": "tonexty", "fillcolor": _SHADES[number // 2], "showlegend": named}
-        style["name"] = f"{100 * level:.0f} % of logs whose sensors explain all"
+        style["name"] = f"{100 * level:.0f} % band of the sensors"
     return style

@@ -30,13 +30,14 @@ if TYPE_CHECKING:
 
     Samples = NDArray[np.float64]
 
-ALLOWED = 5e-4
+ALLOWED = 7e-4
 """Misfit over rms motion that counts for nothing: a free run is hardly more exact than that."""
 
 LONGEST_LAG = 2.0
 """Of the correlations, in s; a quarter of the errors at most."""
 
 _DRAWN = 24  # sets of sensor errors
+_LEAST = 1e-3  # share of the motion for which a missing term must count, to be named
 _BY_CHANCE = 0.25  # share of logs that may be outside
 _NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
 
@@ -187,7 +188,7 @@ def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
     )
     errors = [np.column_stack(pair) for pair in zip(left, less_shared(logs, drawn), strict=True)]
     overall, named = name_left_over(
-        [_balance(*pair) for pair in zip(logs, errors, strict=True)], 2 * ALLOWED
+        [_balance(*pair) for pair in zip(logs, errors, strict=True)], _LEAST
     )
     judged = map(_judged, logs, errors, sensors, named)
     return Misfit(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 LEVELS = (0.95, 0.99)
-"""Shares of good logs whose two curves both stay inside the inner and the outer band."""
+"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
 
 _CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
 _SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged

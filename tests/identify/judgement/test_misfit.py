@@ -30,9 +30,7 @@ MISSING = {
 
 def _read(logs, encoder, seed=0):
     rng = np.random.default_rng(seed)
-    return DataSet.of(
-        [replace(log, angle=encoder.read(log.time, log.angle, rng)) for log in logs]
-    )
+    return DataSet.of([replace(log, angle=encoder.read(log.time, log.angle, rng)) for log in logs])
 
 
 def _tame(robot):
