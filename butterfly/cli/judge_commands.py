@@ -22,8 +22,6 @@ from butterfly.identify.judgement.term_selection import select_terms
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
-from butterfly.report.misfit import HEADERS, misfit_numbers, misfit_sentences, misfit_table
-from butterfly.report.page import write_numbers
 
 
 @takes_data_options
@@ -126,6 +124,14 @@ def residual_command(
 
     Example: `butterfly residual results/quickstart --method output-error --log 2 --plot left.html`
     """
+    from butterfly.report.misfit import (  # noqa: PLC0415 - slow to import
+        HEADERS,
+        misfit_numbers,
+        misfit_sentences,
+        misfit_table,
+    )
+    from butterfly.report.page import write_numbers  # noqa: PLC0415 - slow to import
+
     logs = options.read(data)
     if number is not None and number >= len(logs.logs):
         raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
