@@ -31,7 +31,7 @@ _CAPTION = (
     "Error: rms of measured less simulated angle, averaged over steps of the simulation, over the "
     "rms motion. The next column is what no small change of the parameters takes away, the one "
     "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
-    "with the input stay where those of such sensors do; in one log of twenty a good model's do not."
+    "with the input stay where those of such sensors do; of good logs one in twenty leaves."
 )
 _GREY = "#888888"
 _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
