@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.design import Candidate
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.judgement.misfit import Misfit
     from butterfly.identify.judgement.validation import HeldOut
     from butterfly.logs.log import Log
     from butterfly.report.page import Page
@@ -154,16 +155,19 @@ class Compared(Tabulated):
     live: Page | None = None
 
     @classmethod
-    def of(cls, data: DataSet, compared: Sequence[ThreeWay]) -> Compared:
-        """Tabulate logs, each simulated twice."""
-        page = three_way_page(data.name, data.description, compared)
+    def of(cls, data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit) -> Compared:
+        """Tabulate logs, each simulated twice, and the misfit of the data set."""
+        page = three_way_page(data.name, data.description, compared, misfit)
+        judged = {log.name: log for log in misfit.logs}
         rows = tuple(
             {
                 **_about(each.log),
                 **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
                 "simulators apart in rad": each.difference,
                 **{f"gain {name}": abs(gain) for name, gain in each.gains.items()},
-                "left over looks like": each.residual.looks_like,
+                "error in % of the motion": 100 * judged[each.log.name].relative,
+                "outside its bands": judged[each.log.name].outside,
+                "left over looks like": judged[each.log.name].left_over.looks_like,
             }
             for each in compared
         )

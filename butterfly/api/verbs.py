@@ -21,6 +21,7 @@ from butterfly.experiment.simulation import write_logs
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.identification import identify as identify_data
+from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
@@ -181,7 +182,8 @@ def compare(
     whole, found = _estimated(data, method, options, check=False)
     count = len(whole.logs)
     numbers = list(range(count)) if logs is None else _numbers(logs, count)
-    return Compared.of(whole, compare_three(whole, found, numbers, mass=mass))
+    compared = compare_three(whole, found, numbers, mass=mass)
+    return Compared.of(whole, compared, judge_misfit(whole, found))
 
 
 def _estimated(

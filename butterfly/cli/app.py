@@ -61,7 +61,7 @@ COMMANDS = {
     "residual": Command(
         "judge_commands",
         "residual_command",
-        "Show the torque that p1..p4 leave over in one log, and the friction term it looks like.",
+        "Show what the identified model, all its terms, leaves over of the logs.",
     ),
     "design": Command(
         "design_commands",

@@ -24,6 +24,7 @@ from butterfly.compare.three_way import compare_three
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identify.estimators import Estimator
+from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.page import Page, write_page
@@ -49,8 +50,8 @@ def compare_command(
     """Compare MuJoCo, grey-box model and logs for the same input.
 
     The robot is identified from the data set; both simulators get its parameters and each log's
-    input. Prints FIT, amplitude and phase error of each, and what the torque left over looks like;
-    the report draws time, frequency, phase plane and residual torque.
+    input. Prints FIT, amplitude and phase error of each, and what the model leaves over; the report
+    draws time, frequency, phase plane, correlations of the errors and residual torque.
 
     Example: `butterfly compare real-logs --root LOGS --report compare.html`
     """
@@ -59,7 +60,8 @@ def compare_command(
     found = estimator.unchecked()(read)
     numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
     compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
-    _show(three_way_page(read.name, read.description, compared), report, figures)
+    page = three_way_page(read.name, read.description, compared, judge_misfit(read, found))
+    _show(page, report, figures)
 
 
 @takes_data_options

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -14,10 +15,13 @@ from butterfly.cli.options import DataArgument, PlotOption, parse_terms
 from butterfly.errors import InputError
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.judgement.bootstrap import bootstrap
-from butterfly.identify.judgement.residual_torque import residual_torque
+from butterfly.identify.judgement.left_over import LeftOver
+from butterfly.identify.judgement.misfit import judge_misfit
+from butterfly.identify.judgement.residual_torque import residual_torques
 from butterfly.identify.judgement.term_selection import select_terms
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.model.terms import TERMS
 
 
 @takes_data_options
@@ -100,27 +104,69 @@ def residual_command(
     *,
     data: DataArgument,
     estimator: Estimator,
-    number: Annotated[int, typer.Option("--log", min=0, help="Which log, from 0 on.")] = 0,
+    number: Annotated[
+        int | None,
+        typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
+    ] = None,
     plot: PlotOption = None,
+    numbers: Annotated[
+        Path | None,
+        typer.Option("--json", help="Write the numbers to this file.", show_default=False),
+    ] = None,
     options: DataOptions,
 ) -> None:
-    """Show the torque that p1..p4 leave over in one log, and the friction term it looks like."""
-    logs = options.read(data)
-    if number >= len(logs.logs):
-        raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
-    log = logs.logs[number]
-    setting = Predictor(logs).setting(number, estimator.unchecked()(logs))
-    residual = residual_torque(log, setting.parameters, setting.zero)
-    typer.echo(f"{log.label}: looks like {residual.looks_like}")
-    table = new_table("Share of its variance that each term alone explains", "term", "%")
-    for name, share in residual.shares.items():
-        table.add_row(name, f"{100 * share:.1f}")
-    CONSOLE.print(table)
-    if plot is not None:
-        from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow to import
+    """Show what the identified model, all its terms, leaves over of the logs.
 
-        write_residual(residual, log.label, plot)
-        typer.echo(f"Plot: {plot}")
+    Errors of the free runs, beside what encoder and noise explain; whether their correlations stay
+    inside the bands that such sensors allow; and the missing term that they look like. With --log
+    also the torque that is left over in that log. --plot draws that log, or the one with the
+    largest error.
+
+    Example: `butterfly residual results/quickstart --method output-error --log 2 --plot left.html`
+    """
+    from butterfly.report.misfit import (  # noqa: PLC0415 - slow to import
+        HEADERS,
+        misfit_numbers,
+        misfit_sentences,
+        misfit_table,
+    )
+    from butterfly.report.page import write_numbers  # noqa: PLC0415 - slow to import
+
+    logs = options.read(data)
+    if number is not None and number >= len(logs.logs):
+        raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
+    estimate = estimator.unchecked()(logs)
+    misfit = judge_misfit(logs, estimate)
+    shown = misfit.logs if number is None else misfit.logs[number : number + 1]
+    table = new_table(f"{logs.name}: what {estimate.method} leaves over", *HEADERS)
+    for row in misfit_table(shown).rows:
+        table.add_row(*map(str, row))
+    CONSOLE.print(table)
+    for sentence in misfit_sentences(misfit):
+        typer.echo(sentence)
+    if number is not None or plot is not None:
+        worst = int(np.argmax([log.relative for log in misfit.logs]))
+        chosen = worst if number is None else number
+        residual = residual_torques(logs, estimate).logs[chosen]
+        looks = residual.left_over.words("the motor's torque")
+        typer.echo(f"{residual.label}: the torque left over looks like {looks}")
+        _show_shares(residual.left_over)
+        if plot is not None:
+            from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow
+
+            write_residual(residual, misfit.logs[chosen], plot)
+            typer.echo(f"Plot: {plot}")
+    if numbers is not None:
+        write_numbers(misfit_numbers(misfit), numbers)
+        typer.echo(f"Numbers: {numbers}")
+
+
+def _show_shares(left_over: LeftOver) -> None:
+    table = new_table("Share of its variance that each missing term alone explains", "term", "%")
+    for name, share in left_over.shares.items():
+        table.add_row(TERMS[name].looks_like, f"{100 * share:.1f}")
+    if left_over.shares:
+        CONSOLE.print(table)
 
 
 def _fit(fit: FitSummary) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.judgement.residual_torque import ResidualTorque, residual_torque
+from butterfly.identify.judgement.residual_torque import ResidualTorque, residual_torques
 from butterfly.identify.predict import FreeRun, Predictor
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.replay import replay_input
@@ -41,7 +41,7 @@ class ThreeWay:
     mujoco, greybox
         (n,) simulated angles in rad, from the encoder's zero.
     residual
-        tau_eps that p1..p4 leave over in the log.
+        Torque that all terms of the model leave over in the log.
     gains
         For a sine, by simulator: its response over the log's, complex.
     """
@@ -96,7 +96,8 @@ def compare_three(
     """
     predictor = Predictor(data)
     found = []
-    for number in track(numbers, "Simulating twice"):
+    torques = residual_torques(data, estimate, numbers).logs
+    for number, residual in zip(track(numbers, "Simulating twice"), torques, strict=True):
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
         parameters, zero = setting.parameters, setting.zero
@@ -113,7 +114,7 @@ def compare_three(
                 parameters=parameters,
                 mujoco=mujoco,
                 greybox=greybox,
-                residual=residual_torque(log, parameters, zero),
+                residual=residual,
                 gains=_gains(log, {"MuJoCo": mujoco, "grey box": greybox}),
             )
         )

@@ -16,7 +16,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
+    from collections.abc import Hashable, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -244,6 +244,21 @@ class ParameterEstimate:
             own |= self.local.get(key, {})
         parameters = self.parameters
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
+
+    def owners(self, masses: Iterable[AddedMass]) -> list[tuple[str, AddedMass | str | None]]:
+        """Return whose each encoder's zero and bias is (see `local`).
+
+        Where no zero was fitted, one belongs to each of ``masses``.
+        """
+        owners = [
+            (name, whose)
+            for whose, values in self.local.items()
+            for name in values
+            if name != "velocity"
+        ]
+        if not any(name == "zero" for name, _ in owners):
+            owners += [("zero", mass) for mass in masses]
+        return owners
 
     def with_gain(self, p4: float) -> ParameterEstimate:
         """Return the estimate with p4 set to a value found otherwise."""

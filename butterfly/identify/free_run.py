@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
 
+_SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
@@ -121,6 +122,20 @@ class Trajectory:
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
             rows[:, zero_column] += 1  # it moves the start back, and all readings on
         return values + (zero - measured), rows, columns.mixture
+
+    def averaged(self, values: Samples) -> Samples:
+        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
+        log, first = self.log, self._first
+        return hermite.averages(self.grid, log.time[first:], values[first:])[2]
+
+    def mean_inputs(self, parameters: LumpedParameters) -> Samples:
+        """Return the (m,) means of the delivered input where `linearised` has errors."""
+        inputs = self._inputs(parameters.delay, parameters.compression)[0]
+        return np.asarray((inputs @ _SIMPSON)[self._averages[0].into >= 0])
+
+    def middles(self) -> Samples:
+        """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
+        return np.asarray((self.grid[:-1] + self.grid[1:])[self._averages[0].into >= 0] / 2)
 
     def _start(self, zero: float) -> float:
         return float(self.log.angle[0]) - zero

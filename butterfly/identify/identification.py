@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy as np
 from butterfly.identify.estimators import Estimator, HarmonicBalance
 from butterfly.identify.judgement.following import judge_fit
 from butterfly.identify.judgement.input_kind import judge_input
+from butterfly.identify.judgement.misfit import Misfit, judge_misfit
 from butterfly.identify.judgement.physics import judge_physics
 from butterfly.identify.other_parameters import OtherParameters, try_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor
@@ -56,6 +58,11 @@ class Identification:
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
         return FitSummary.of(self.fits)
+
+    @cached_property
+    def misfit(self) -> Misfit:
+        """What the free runs leave over, and whether the sensors explain it."""
+        return judge_misfit(self.data, self.estimate)
 
 
 def identify(

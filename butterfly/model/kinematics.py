@@ -107,7 +107,7 @@ class Term:
         Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and
         the rate in rad/s of the motion.
     looks_like
-        What a residual torque of this shape is called; empty if one log cannot show it.
+        What a residual torque of this shape is called; empty for one that is not looked for.
     offered
         Names of the estimators that can estimate it when asked to.
     """

@@ -165,6 +165,7 @@ _ROWS = (
         basis=lambda m: m.weight * m.direction,
         describing=lambda _w, a, m: m.weight * coulomb_describing_function(a),
         dry=True,
+        looks_like="Coulomb friction that grows with the added weight",
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT}),
     ),
     Term(
@@ -174,6 +175,7 @@ _ROWS = (
         meaning="constant torque",
         basis=lambda m: -np.ones_like(m.angle),
         potential=lambda x, _n: -x,
+        looks_like="a constant torque",
         offered=frozenset({_HARMONIC, _WEAK, _OUTPUT, _ORBIT}),
     ),
     Term(

@@ -134,7 +134,7 @@ def time_figures(runs: Sequence[FreeRun]) -> dict[str, Any]:
     common = time_figure(runs[0]).to_dict()
     traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
     layout = {key: value for key, value in common["layout"].items() if key != "template"}
-    curves = [[_typed(curve) for curve in _curves(run)] for run in runs]
+    curves = [[single_precision(curve) for curve in _curves(run)] for run in runs]
     return {"data": traces, "layout": layout, "curves": curves}
 
 
@@ -149,7 +149,7 @@ def _curves(run: FreeRun) -> tuple[NDArray[np.float32], ...]:
     return time, angle, simulated, angle - simulated
 
 
-def _typed(values: NDArray[np.float32]) -> dict[str, str]:
+def single_precision(values: NDArray[np.floating[Any]]) -> dict[str, str]:
     """Return the form in which plotly.js takes an array of single precision from JSON."""
     return {"dtype": "f4", "bdata": b64encode(values.astype("<f4").tobytes()).decode("ascii")}
 

@@ -12,6 +12,13 @@ from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.files import replacing
 from butterfly.model.linear import resonance_frequency
 from butterfly.report.figures import frequency_response_figure, time_figure, time_figures
+from butterfly.report.misfit import (
+    correlation_figure,
+    correlation_figures,
+    misfit_numbers,
+    misfit_sentences,
+    misfit_table,
+)
 from butterfly.report.page import render, write_beside
 from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.words import sentences, summary
@@ -50,7 +57,7 @@ def write_report(
     """
     estimate, rows = identification.estimate, parameter_rows(identification, truth)
     parameters = estimate.parameters
-    runs, data = identification.free_runs, identification.data
+    runs, data, misfit = identification.free_runs, identification.data, identification.misfit
     response = frequency_response_figure(identification)
     middle = int(np.argsort(identification.fits)[len(runs) // 2])
     page = render(
@@ -58,7 +65,7 @@ def write_report(
         name=data.name,
         description=data.description,
         kind="identification",
-        summary=summary(identification),
+        summary=[*summary(identification), *misfit_sentences(misfit)],
         parameters=rows,
         own={name: row.value for name, row in zip(estimate.names, rows, strict=True)},
         with_truth=truth is not None,
@@ -78,10 +85,16 @@ def write_report(
         first=middle,
         response=response.to_json(),
         series=json.dumps(time_figures(runs)),
+        misfit=misfit_table(misfit.logs),
+        correlations=json.dumps(correlation_figures(misfit)),
     )
     drawn = {}
     if figures:
-        drawn = {"frequency-response": response, "time": time_figure(runs[middle])}
+        drawn = {
+            "frequency-response": response,
+            "time": time_figure(runs[middle]),
+            "left-over": correlation_figure(misfit.logs[middle]),
+        }
     write_beside(path, drawn, _numbers(identification, truth))
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
@@ -96,8 +109,11 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
         "parameters": {each.parameter: each.numbers() for each in records},
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
         "fits": {run.log.name: run.fit for run in identification.free_runs},
+        "misfit": misfit_numbers(identification.misfit),
         "ending": estimate.ending,
-        "findings": [asdict(finding) for finding in estimate.findings],
+        "findings": [
+            asdict(finding) for finding in (*estimate.findings, *identification.misfit.findings)
+        ],
         "verdict": estimate.verdict.standing,
         "summary": sentences(estimate),
     }

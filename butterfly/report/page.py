@@ -126,7 +126,18 @@ def write_beside(path: Path, figures: Mapping[str, Figure], numbers: dict[str, A
         from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
 
         write_stills(figures, path.with_name(f"{path.stem}-figures"))
-    with replacing(path.with_suffix(".json")) as draft:
+    write_numbers(numbers, path.with_suffix(".json"))
+
+
+def write_numbers(numbers: dict[str, Any], path: Path) -> None:
+    """Write numbers as JSON.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with replacing(path) as draft:
         text = json.dumps(finite(numbers), indent=1, allow_nan=False)
         draft.write_text(text, encoding="utf-8")
 

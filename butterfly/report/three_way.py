@@ -9,6 +9,13 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.report.figures import PALETTE
+from butterfly.report.misfit import (
+    correlation_figure,
+    left_over_numbers,
+    misfit_numbers,
+    misfit_sentences,
+    misfit_table,
+)
 from butterfly.report.page import Page, Section, Table
 
 if TYPE_CHECKING:
@@ -17,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.compare.three_way import ThreeWay
+    from butterfly.identify.judgement.misfit import Misfit
 
 _SIMULATORS = {"MuJoCo": (PALETTE[1], "square"), "grey box": (PALETTE[5], "diamond")}
 _STEP = 0.02  # s between drawn points
@@ -24,7 +32,9 @@ _DRAWN = 3  # logs drawn in time, phase plane and residual torque
 _PERIODS = 4  # of the slowest drawn motion in the phase plane
 
 
-def three_way_page(name: str, description: str, compared: Sequence[ThreeWay]) -> Page:
+def three_way_page(
+    name: str, description: str, compared: Sequence[ThreeWay], misfit: Misfit
+) -> Page:
     """Put together the report of a comparison.
 
     Parameters
@@ -33,13 +43,27 @@ def three_way_page(name: str, description: str, compared: Sequence[ThreeWay]) ->
         Of the data set.
     compared
         Its logs, each simulated twice. The best, the middle and the worst by FIT are drawn.
+    misfit
+        Of the whole data set, with the same parameters.
     """
+    judged = {log.name: log for log in misfit.logs}
     order = np.argsort([each.fits["grey box"] for each in compared])
     picked = sorted({int(order[k]) for k in (0, len(order) // 2, len(order) - 1)})[:_DRAWN]
     drawn = [compared[k] for k in picked]
     sines = [each for each in compared if each.gains]
     sections = [
         Section(title="Every log", tables=(_table(compared),)),
+        Section(
+            title="What the model leaves over",
+            text="Errors of the grey box, judged in all logs of the data set, and their "
+            "correlations in the drawn logs of this page: where encoder and noise explain them, "
+            "both curves stay inside the bands.",
+            tables=(misfit_table(misfit.logs),),
+            figures={
+                f"left-over-{k}": correlation_figure(judged[each.log.name])
+                for k, each in enumerate(drawn)
+            },
+        ),
         Section(
             title="Time",
             text="The logs that the grey box follows worst, middling and best, from the first "
@@ -53,14 +77,14 @@ def three_way_page(name: str, description: str, compared: Sequence[ThreeWay]) ->
         ),
         Section(
             title="Residual torque",
-            text="What p₁..p₄ leave over of the torque, against angle and velocity, and the part "
-            "of its variance that the likeliest friction term explains alone.",
+            text="What all terms of the model leave over of the torque, averaged over short "
+            "bumps, against angle and velocity.",
             figures={f"residual-{k}": _residual_figure(each) for k, each in enumerate(drawn)},
         ),
     ]
     if sines:
         sections.insert(
-            1,
+            2,
             Section(
                 title="Amplitude and phase error per frequency",
                 text="Steady response of each simulator against the log's.",
@@ -71,17 +95,15 @@ def three_way_page(name: str, description: str, compared: Sequence[ThreeWay]) ->
         name=name,
         description=description,
         kind="comparison",
-        summary=_summary(compared),
+        summary=[*_summary(compared), *misfit_sentences(misfit)],
         sections=sections,
-        numbers=_numbers(compared),
+        numbers=_numbers(compared) | {"misfit": misfit_numbers(misfit)},
     )
 
 
 def _summary(compared: Sequence[ThreeWay]) -> list[str]:
     fits = {key: np.array([each.fits[key] for each in compared]) for key in _SIMULATORS}
     apart = max(each.difference for each in compared)
-    looks = [each.residual.looks_like.split(" (")[0] for each in compared]
-    common = max(set(looks), key=looks.count)
     return [
         f"{len(compared)} logs, each simulated in MuJoCo and by the grey-box equation with the "
         "same parameters and the recorded input.",
@@ -91,8 +113,6 @@ def _summary(compared: Sequence[ThreeWay]) -> list[str]:
             for key, fit in fits.items()
         ),
         f"The two simulators are nowhere more than {apart:.2g} rad apart.",
-        f"What p₁..p₄ leave over of the torque looks most like {common} "
-        f"({looks.count(common)} of {len(looks)} logs).",
     ]
 
 
@@ -104,7 +124,7 @@ def _numbers(compared: Sequence[ThreeWay]) -> dict[str, Any]:
                 "fit": each.fits,
                 "largest_difference_rad": each.difference,
                 "gain_ratio": {k: [abs(g), float(np.angle(g))] for k, g in each.gains.items()},
-                "residual_looks_like": each.residual.looks_like,
+                "residual_torque": left_over_numbers(each.residual.left_over),
             }
             for each in compared
         ]
@@ -120,7 +140,8 @@ def _table(compared: Sequence[ThreeWay]) -> Table:
         ] or ["–", "–"]
         fits = [f"{fit:.2f}" for fit in each.fits.values()]
         apart = f"{each.difference:.2g}"
-        rows.append((each.log.label, *fits, *errors, apart, each.residual.looks_like))
+        looks = each.residual.left_over.words("the motor's torque")
+        rows.append((each.log.label, *fits, *errors, apart, looks))
     headers = (
         *("log", "FIT in %: MuJoCo", "grey box", "amplitude, phase error: MuJoCo", "grey box"),
         *("largest difference in rad", "residual torque looks like"),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.verdict import Standing, Verdict
+from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -52,20 +53,22 @@ def sentences_of(verdict: Verdict, findings: Sequence[Finding], values: Values) 
     """
     precision = [_PRECISION[each.kind](each) for each in findings if each.kind in _PRECISION]
     others = [
-        _SENTENCES[each.kind](each, values)
-        for each in findings
-        if each.kind not in _PRECISION and each not in verdict.reasons
+        each for each in findings if each.kind not in _PRECISION and each not in verdict.reasons
     ]
     known = ["; ".join(precision) + "."] if precision and verdict.usable else []
-    return [verdict_in_words(verdict, values), *known, *others]
+    return [verdict_in_words(verdict, values), *known, *said_of(others, values)]
+
+
+def said_of(findings: Sequence[Finding], values: Values) -> list[str]:
+    """Say what findings mean that are not about how well a value is known, one after the other."""
+    return [_SENTENCES[each.kind](each, values) for each in findings]
 
 
 def verdict_in_words(verdict: Verdict, values: Values) -> str:
     """Say the verdict on values in one line, and why it is no better."""
     if verdict.standing is Standing.GOOD:
         return "Good: nothing was found that speaks against these values."
-    reasons = [_SENTENCES[each.kind](each, values) for each in verdict.reasons]
-    said = " ".join(reasons) or "The estimation did not settle."
+    said = " ".join(said_of(verdict.reasons, values)) or "The estimation did not settle."
     return f"{verdict.standing.capitalize()}: {said}"
 
 
@@ -110,6 +113,15 @@ def _torque_driven(finding: Finding, values: Values) -> str:
         f"below {resistance * abs(values['p4']):.2g} V s/rad and a resistance below "
         f"{resistance:.2g} Ohm, since its back EMF alone would brake more than p2 does. Check the "
         "manifest's key input."
+    )
+
+
+def _left_over(finding: Finding, _: Values) -> str:
+    rows = [TERMS[name] for name in finding.parameters]
+    names = " or ".join(row.looks_like or row.name for row in rows)
+    return (
+        f"What the model leaves over looks like {names} ({_joined(finding, ' or ')}), which it "
+        f"lacks: a little of it would explain {100 * _number(finding):.0f} % of the variance."
     )
 
 
@@ -186,6 +198,15 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"{_number(f):.0f} resonance frequencies for {len(f.parameters)} parameters leave no room "
         "for a statement of uncertainty."
     ),
+    FindingKind.MISFIT: lambda f, _: (
+        f"The model misses something: its free runs leave over {_number(f):.3g} times what encoder "
+        "and noise explain, whatever its parameters."
+    ),
+    FindingKind.NO_MISFIT: lambda f, _: (
+        "Encoder and noise explain what the free runs leave over, but for the parameters' own "
+        f"errors ({_number(f):.2f} times as much)."
+    ),
+    FindingKind.LEFT_OVER: _left_over,
     FindingKind.ABSOLUTE: lambda _f, _v: "Absolute values, the scale set by the known masses.",
     FindingKind.RATIOS: lambda _f, _v: (
         "Ratios to p1: no known mass was changed, and a controller needs no more."

@@ -61,3 +61,14 @@ def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> floa
             f"at least {MIN_PERIODS} periods of {period:.3g} s",
         )
     return periods * period
+
+
+def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:
+    """Return the number of the first sample whose free-run error counts.
+
+    It begins the last ``seconds`` of a sine's log, whose start depends on how the joint came to
+    rest; logs of other inputs count from their first sample.
+    """
+    if log.excitation is None:
+        return 0
+    return int(np.searchsorted(log.time, log.time[-1] - seconds))

@@ -1,5 +1,6 @@
 """The commands that judge an identification."""
 
+import json
 import re
 
 import pytest
@@ -40,12 +41,19 @@ def test_a_term_that_is_none_is_one_line(butterfly, quick_data):
     assert err.count("\n") == 1
 
 
-def test_the_residual_torque_is_named_and_drawn(butterfly, quick_data, tmp_path):
-    plot = tmp_path / "residual.html"
-    code, out, _ = butterfly("residual", quick_data, "--log", 2, "--plot", plot)
-    assert code == 0
-    assert "looks like" in out
-    assert "velocity in rad" in plot.read_text(encoding="utf-8")
+def test_what_is_left_over_is_told_of_all_logs_and_drawn_of_one(butterfly, quick_data, tmp_path):
+    plot, numbers = tmp_path / "residual.html", tmp_path / "residual.json"
+    code, out, err = butterfly("residual", quick_data, "--json", numbers)
+    assert code == 0, err
+    assert "of 12 logs leave over more than their sensors explain" in out
+    assert "torque left over" not in out
+    assert len(json.loads(numbers.read_text(encoding="utf-8"))["logs"]) == 12
+    code, out, err = butterfly("residual", quick_data, "--log", 2, "--plot", plot)
+    assert code == 0, err
+    assert "the torque left over looks like" in out
+    text = plot.read_text(encoding="utf-8")
+    assert "velocity in rad" in text
+    assert "autocorrelation" in text
     code, _, err = butterfly("residual", quick_data, "--log", 99)
     assert code == 2
     assert "less than 12" in err

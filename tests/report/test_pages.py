@@ -20,6 +20,7 @@ from butterfly.experiment.store import ResultStore
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Linear
 from butterfly.identify.judgement.findings import Ending
+from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
@@ -61,8 +62,17 @@ def data():
 
 
 @pytest.fixture(scope="module")
-def compared(data):
-    found = HarmonicBalance(check=False)(data)
+def found(data):
+    return HarmonicBalance(check=False)(data)
+
+
+@pytest.fixture(scope="module")
+def misfit(data, found):
+    return judge_misfit(data, found)
+
+
+@pytest.fixture(scope="module")
+def compared(data, found):
     return compare_three(data, found, (0, 3, 4))  # each mass, each sine
 
 
@@ -113,9 +123,9 @@ def entries(data):
 
 
 @pytest.fixture(scope="module")
-def pages(data, compared, entries, tmp_path_factory):
+def pages(data, compared, entries, misfit, tmp_path_factory):
     return {
-        "three-way": three_way_page(data.name, "a description", compared),
+        "three-way": three_way_page(data.name, "a description", compared, misfit),
         "leaderboard": leaderboard_page(entries),
         "orbit": _orbit_page(),
         "sweep": _sweep_page(tmp_path_factory.mktemp("sixty")),
@@ -130,6 +140,14 @@ def test_both_simulators_follow_the_log_and_each_other(compared):
         assert each.difference < 5e-3
         for gain in each.gains.values():
             assert abs(gain - 1) < 0.05
+
+
+def test_a_comparison_says_what_the_model_leaves_over(pages, misfit):
+    page = pages["three-way"]
+    assert any("leave over more than their sensors explain" in each for each in page.summary)
+    assert page.numbers["misfit"]["logs_outside"] == misfit.outside
+    assert len(page.numbers["misfit"]["logs"]) == len(misfit.logs) == 6
+    assert not any("p₁..p₄" in section.text for section in page.sections)
 
 
 def test_the_leaderboard_is_sorted_by_what_was_predicted_unseen(entries):

@@ -22,6 +22,12 @@ from butterfly.report.figures import frequency_response_figure, time_figure, tim
 from butterfly.report.format import interval, with_error
 from butterfly.report.identification import write_report
 from butterfly.report.inspection import health_rows, write_inspection
+from butterfly.report.misfit import (
+    correlation_figure,
+    correlation_figures,
+    misfit_sentences,
+    misfit_table,
+)
 from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.words import summary
 from butterfly.resources import shipped
@@ -69,7 +75,36 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
             assert cell in text
     for sentence in summary(result):
         assert sentence in text
-    assert text.count('<tr class="pick"') == len(result.data.logs) == 12
+    assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24
+    for row in misfit_table(result.misfit.logs).rows:
+        for cell in row:
+            assert cell in text
+    for sentence in misfit_sentences(result.misfit):
+        assert sentence in text
+
+
+def test_the_numbers_beside_the_page_say_what_is_left_over(page, simulated):
+    misfit = simulated[0].misfit
+    numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
+    assert numbers["misfit"]["times_sensors"] == pytest.approx(misfit.times)
+    assert [each["log"] for each in numbers["misfit"]["logs"]] == [log.name for log in misfit.logs]
+    kinds = [each["kind"] for each in numbers["findings"]]
+    assert {"misfit", "no-misfit"} & set(kinds)
+
+
+def test_a_page_s_correlations_are_those_of_each_log_s_own_figure(simulated):
+    misfit = simulated[0].misfit
+    shown = json.loads(json.dumps(correlation_figures(misfit)))
+    for log, panels in zip(misfit.logs, shown["curves"], strict=True):
+        flat = [
+            [np.frombuffer(b64decode(each["bdata"]), each["dtype"]) for each in panel]
+            for panel in panels
+        ]
+        drawn = correlation_figure(log).data
+        ys = [y for _, *lines in flat for y in lines]
+        assert len(ys) == len(drawn) == len(shown["data"])
+        for y, trace in zip(ys, drawn, strict=True):
+            np.testing.assert_array_equal(y, trace.y)
 
 
 def test_a_name_with_markup_is_shown_and_not_obeyed(simulated, tmp_path):

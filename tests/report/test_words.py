@@ -20,11 +20,14 @@ NUMBERS = {
     FindingKind.FEW_MASSES: (2.0, "Fewer than three"),
     FindingKind.TORQUE_DRIVEN: (0.004, "0.004 Ohm"),
     FindingKind.NO_UNCERTAINTY: (3.0, "3 resonance"),
+    FindingKind.MISFIT: (41.3, "41.3 times"),
+    FindingKind.NO_MISFIT: (1.02, "1.02 times"),
+    FindingKind.LEFT_OVER: (0.87, "87 %"),
 }
 NAMELESS = {
     *(FindingKind.CONDITION, FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES),
     *(FindingKind.UNCHECKED, FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
-    *(FindingKind.ABSOLUTE, FindingKind.RATIOS),
+    *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
 
 

@@ -14,6 +14,7 @@ from butterfly.identify.free_run import Trajectory
 from butterfly.model.kinematics import Motion
 from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
+from butterfly.signals.window import first_counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -117,7 +118,7 @@ class FreeRunResiduals:
         InputError
             If a joint stands still where its errors would count.
         """
-        first = [_first_sample(log, choice.window) for log in logs]
+        first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
         keys = (*((name, None) for name in choice.shared), *_local_keys(logs, choice))
         sizes = _scales(logs, start)
@@ -257,12 +258,6 @@ def _local_keys(logs: Sequence[Log], choice: Choice) -> list[Key]:
     if "zero" not in {*choice.per_mass, *choice.per_log}:
         keys.append(("zero", None))
     return keys
-
-
-def _first_sample(log: Log, window: float) -> int:
-    if log.excitation is None:
-        return 0
-    return int(np.searchsorted(log.time, log.time[-1] - window))
 
 
 def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:

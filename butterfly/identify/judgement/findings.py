@@ -50,6 +50,9 @@ class FindingKind(StrEnum):
     NO_UNCERTAINTY = "no-uncertainty"  # equations there are
     ABSOLUTE = "absolute"
     RATIOS = "ratios"
+    MISFIT = "misfit"  # times what sensors explain, that free runs leave over
+    NO_MISFIT = "no-misfit"  # the same, where sensors explain it
+    LEFT_OVER = "left-over"  # share of it that a missing term explains
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Residual torque, input kind, resampling and experiment design."""
+"""Input kind, resampling and experiment design."""
 
 import re
 from dataclasses import replace
@@ -16,15 +16,12 @@ from butterfly.identify.judgement.bootstrap import bootstrap
 from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.judgement.input_kind import judge_input
 from butterfly.identify.judgement.profile_likelihood import profile
-from butterfly.identify.judgement.residual_torque import residual_torque
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS
 from butterfly.report.words import sentences
 from butterfly.thesis.scripts import fit_thesis
 from tests.conftest import MASSES
-from tests.identify.simulated import wild
 
 ROBOT = LumpedParameters(p1=0.003, p2=0.0, p3=0.05, p4=0.5)
 
@@ -47,49 +44,6 @@ def _log(robot, mass=MASSES[1], omega=4.0, noise=0.0, seed=0):
         excitation=Sine(omega=omega, amplitude=amplitude),
         source=f"{mass}-{omega}-{seed}",
     )
-
-
-@pytest.mark.parametrize(
-    ("term", "value", "name"),
-    [
-        ("coulomb", 2e-3, "Coulomb friction"),
-        ("p2", 1e-3, "viscous friction"),
-        ("drag", 1e-3, "quadratic drag"),
-    ],
-)
-def test_the_residual_torque_is_recognised_and_of_the_right_size(term, value, name):
-    log = _log(replace(ROBOT, **{term: value}), noise=1e-4)
-    residual = residual_torque(log, ROBOT, 0.0)
-    assert residual.looks_like.startswith(name)
-    v = residual.velocity
-    expected = {"coulomb": np.sign(v), "p2": v, "drag": np.abs(v) * v}[term] * -value
-    moving = np.abs(v) > 0.3 * np.std(v)
-    error = residual.torque[moving] - expected[moving]
-    assert np.sqrt(np.mean(error**2)) < 0.2 * np.sqrt(np.mean(expected[moving] ** 2))
-
-
-@pytest.mark.parametrize(
-    ("change", "name"),
-    [
-        ({"p1": 5e-4}, "an inertia"),
-        ({"p2": 1e-3}, "viscous friction"),
-        ({"p3": 8e-3}, "a gravity moment"),
-        ({"coulomb": 2e-3}, "Coulomb friction"),
-        ({"drag": 1e-3}, "quadratic drag"),
-        ({"p3_offset": 1e-2}, "a centre of mass beside its line"),
-        ({"stribeck": 2e-3, "stribeck_velocity": 0.2}, "Stribeck friction"),
-    ],
-)
-def test_every_template_is_told_from_the_others(change, name):
-    """From a multisine, so that an inertia is no spring, and slow enough for Stribeck friction."""
-    changed = {k: v + getattr(ROBOT, k) * (k in {"p1", "p3"}) for k, v in change.items()}
-    robot = replace(ROBOT, p2=1e-3) if "p2" not in change else ROBOT
-    (log,) = wild(replace(robot, **changed), MASSES[1:2])
-    residual = residual_torque(log, robot, 0.0)
-    shares = residual.shares
-    assert residual.looks_like.startswith(name)
-    assert shares[name] == max(shares.values()) > 0.5
-    assert set(shares) == {row.looks_like for row in TERMS.values() if row.looks_like}
 
 
 @pytest.mark.parametrize(("resistance", "accused"), [(0.005, True), (0.05, False), (0.9, False)])
@@ -161,15 +115,6 @@ def test_a_candidate_tells_two_numbers_of_the_model_s_relative_error():
     gain = prior @ np.linalg.inv(np.eye(6) + information @ prior)
     expected = np.sqrt(np.diag(gain)) / found.standard_errors
     np.testing.assert_allclose(chosen.errors, expected, rtol=1e-3)
-
-
-def test_the_real_robot_s_residual_torque_looks_like_coulomb_friction(real):
-    data, parameters = real.data, real.estimate.parameters
-    names = [
-        residual_torque(log, parameters, data.equilibria[log.added_mass]).looks_like
-        for log in data.logs[::4]
-    ]
-    assert sum(name.startswith("Coulomb") for name in names) >= 8
 
 
 def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):

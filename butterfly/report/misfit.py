@@ -1,0 +1,179 @@
+"""What free runs leave over, as sentences, a table, a figure and numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from plotly.graph_objects import Figure, Scatter
+from plotly.subplots import make_subplots
+
+from butterfly.identify.judgement.whiteness import LEVELS
+from butterfly.report.figures import PALETTE, single_precision
+from butterfly.report.page import Table
+from butterfly.report.words import said_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.judgement.left_over import LeftOver
+    from butterfly.identify.judgement.misfit import LogMisfit, Misfit
+    from butterfly.identify.judgement.whiteness import Curve
+
+HEADERS = (
+    *("log", "error in % of motion", "after small changes", "of sensors", "times sensors", "bands"),
+    "looks like",
+)
+
+_CAPTION = (
+    "Error: rms of measured less simulated angle, averaged over steps of the simulation, over the "
+    "rms motion. The next column is what no small change of the parameters takes away, the one "
+    "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
+    "with the input stay where those of such sensors do; of good logs one in twenty leaves."
+)
+_GREY = "#888888"
+_SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
+
+
+def misfit_sentences(misfit: Misfit) -> list[str]:
+    """Say what the free runs of all logs leave over, and what that looks like."""
+    return [
+        f"{misfit.outside} of {len(misfit.logs)} logs leave over more than their sensors explain "
+        f"(95 % bands); over all logs the error is {100 * misfit.relative:.2g} % of the motion, "
+        f"{100 * misfit.left:.2g} % after small changes of the parameters, and the sensors' is "
+        f"{100 * misfit.explained:.2g} %.",
+        *said_of(misfit.findings, {}),
+    ]
+
+
+def misfit_table(logs: Iterable[LogMisfit]) -> Table:
+    """Make a table with a row per log."""
+    return Table(headers=HEADERS, rows=[_row(log) for log in logs], caption=_CAPTION)
+
+
+def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
+    """Return what the table says, for programs: shares of the rms motion, and names of terms."""
+    return {
+        "relative": misfit.relative,
+        "after_small_changes": misfit.left,
+        "by_sensors": misfit.explained,
+        "times_sensors": misfit.times,
+        "beyond_sensors": misfit.beyond_sensors,
+        "logs_outside": misfit.outside,
+        "left_over": left_over_numbers(misfit.left_over),
+        "logs": [
+            {
+                "log": log.name,
+                "motion_rad": log.motion,
+                "error_rad": log.error,
+                "after_small_changes_rad": log.left,
+                "by_sensors_rad": log.explained,
+                "encoder_step_rad": log.sensor.step,
+                "noise_rad": log.sensor.noise,
+                "over_band": dict(zip(map(str, LEVELS), log.excess, strict=True)),
+                "left_over": left_over_numbers(log.left_over),
+            }
+            for log in misfit.logs
+        ],
+    }
+
+
+def left_over_numbers(left_over: LeftOver) -> dict[str, Any]:
+    """Return what something left over looks like, for programs."""
+    return {
+        "looks_like": list(left_over.terms),
+        "relative": left_over.relative,
+        "size": left_over.size,
+        "noise_share": left_over.noise,
+        "shares": left_over.shares,
+    }
+
+
+def correlation_figure(log: LogMisfit) -> Figure:
+    """Draw autocorrelation and cross-correlation of what is left of a log, with their bands."""
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    draw_correlations(figure, log)
+    figure.update_layout(height=480)
+    return figure
+
+
+def draw_correlations(figure: Figure, log: LogMisfit, *, first: int = 1) -> None:
+    """Draw them into two panels of a figure, from row ``first`` on."""
+    titles = ("autocorrelation", "cross-correlation<br>with the input")
+    for row, (title, curve) in enumerate(zip(titles, _curves(log), strict=True), start=first):
+        x, *lines = _lines(curve)
+        for number, y in enumerate(lines):
+            trace = Scatter(x=x, y=y, mode="lines", **_style(number, named=row == first))
+            figure.add_trace(trace, row=row, col=1)
+        figure.update_yaxes(title=title, row=row)
+    figure.update_xaxes(title="lag in s", row=first + 1)
+
+
+def correlation_figures(misfit: Misfit) -> dict[str, Any]:
+    """Return what a page needs to draw `correlation_figure` of each log, as JSON has it.
+
+    Returns
+    -------
+    ``data`` and ``layout`` of all the figures, their traces without points; and ``curves``, for
+    each log and each panel the x of all its traces, then the y of each.
+    """
+    common = correlation_figure(misfit.logs[0]).to_dict()
+    traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
+    layout = {key: value for key, value in common["layout"].items() if key != "template"}
+    curves = [
+        [[single_precision(line) for line in _lines(curve)] for curve in _curves(log)]
+        for log in misfit.logs
+    ]
+    return {"data": traces, "layout": layout, "curves": curves}
+
+
+def _row(log: LogMisfit) -> tuple[str, ...]:
+    shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
+    numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
+    times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
+    return (log.label, *numbers, times, _bands_left(log), _likeness(log.left_over))
+
+
+def _likeness(left_over: LeftOver) -> str:
+    """Name the missing terms that it looks like, and the share of the likeliest."""
+    if not left_over.terms:
+        return "–"
+    share = left_over.shares[left_over.terms[0]]
+    return f"{' or '.join(left_over.terms)}, {100 * share:.0f} % of its variance"
+
+
+def _bands_left(log: LogMisfit) -> str:
+    """Say whether the correlations of a log stay inside their bands."""
+    inner, outer = log.excess
+    if inner <= 1:
+        return "inside"
+    return "outside 99 %" if outer > 1 else "outside 95 %"
+
+
+def _curves(log: LogMisfit) -> tuple[Curve | None, Curve | None]:
+    return log.autocorrelation, log.cross_correlation
+
+
+def _lines(curve: Curve | None) -> list[NDArray[np.float32]]:
+    """Return (l,) lags, and the limits of outer and inner band before the values; none of none."""
+    if curve is None:
+        return [np.empty(0, dtype=np.float32)] * (2 + 2 * len(LEVELS))
+    inner, outer = curve.reach
+    centre = curve.centre
+    limits = (centre - outer, centre + outer, centre - inner, centre + inner)
+    return [each.astype(np.float32) for each in (curve.lag, *limits, curve.value)]
+
+
+def _style(number: int, *, named: bool) -> dict[str, Any]:
+    """Return the look of one of `_lines`: limits of the bands, filled, and the curve."""
+    if number == len(LEVELS) * 2:
+        return {"line": {"color": PALETTE[0], "width": 1.4}, "name": "the log", "showlegend": named}
+    line = {"color": _GREY, "width": 1, "dash": ("dot", "dash")[number // 2]}
+    style: dict[str, Any] = {"line": line, "hoverinfo": "skip", "showlegend": False}
+    if number % 2:
+        level = LEVELS[1 - number // 2]
+        style |= {"fill": "tonexty", "fillcolor": _SHADES[number // 2], "showlegend": named}
+        style["name"] = f"{100 * level:.0f} % band of the sensors"
+    return style
