@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.judgement.nested import Nested
+from butterfly.identify.judgement.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identify.judgement.nested import COMPANIONS, Nested
 from butterfly.identify.judgement.term_choice import NEGLIGIBLE, choose_terms, folds_of
+from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,3 +95,18 @@ class FreeRunTerms:
     def scaled(self, found: dict[str, float]) -> Samples:
         """Return scaled values of the parameters that are fitted."""
         return np.array([found[self.labels[k]] for k in self.kept])
+
+
+def inseparable(problem: FreeRunResiduals, at: Equations) -> tuple[str, ...]:
+    """Return a term, and what comes with it, that the equations cannot tell from the others."""
+    rows = np.concatenate([rows for rows, _ in at.compressed()])
+    names = tuple(name for name, _ in problem.keys)
+    conditioning = Conditioning.of(rows, names)
+    doubtful = [n for n in conditioning.weakest if n in {*CANDIDATES, *offered("output-error")}]
+    if conditioning.number <= SINGULAR_CONDITION or not doubtful:
+        return ()
+    last = doubtful[-1]
+    leader = next((name for name, with_it in COMPANIONS.items() if with_it == last), last)
+    return tuple(
+        n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
+    )

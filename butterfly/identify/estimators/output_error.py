@@ -20,7 +20,7 @@ from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, require_names
 from butterfly.identify.estimators.ends import Ends
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
-from butterfly.identify.estimators.free_run_terms import CANDIDATES, FreeRunTerms
+from butterfly.identify.estimators.free_run_terms import CANDIDATES, FreeRunTerms, inseparable
 from butterfly.identify.estimators.gauss_newton import MOST, minimise
 from butterfly.identify.estimators.loss import Loss, outlying
 from butterfly.identify.estimators.starts import Start, starts
@@ -140,6 +140,12 @@ class OutputError(Estimator):
             problem, rivals = chosen.part, chosen.rivals
             end = self.descend(problem, problem.initial)
             said += chosen.choice.findings
+        while lost := inseparable(problem, end.at):
+            said.append(Finding(kind=FindingKind.INSEPARABLE, parameters=lost))
+            kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
+            rivals = tuple(each[kept[kept < each.size]] for each in rivals)
+            problem = problem.keeping(kept, end.point[kept])
+            end = self.descend(problem, problem.initial)
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
             """Fit from where the whole fit ended, whose equations give the first step."""
