@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
 
 
+_WELL = 3.0  # standard errors
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
     """A solver's end: n values that m equations determine, and the equations about them.
@@ -198,6 +201,7 @@ class ParameterEstimate:
         limits = honest_limits(values, covariance[own, own], freedom[own], others)
         lower = np.maximum(limits[0], solved.lower[own])
         on_bound = tuple(np.array(names)[solved.on_bound[own]].tolist())
+        pulled = set(np.array(names)[_pulled(rows, residuals, covariance)[own]].tolist())
         return cls(
             method=method,
             names=names,
@@ -213,7 +217,7 @@ class ParameterEstimate:
                 *sort_by_precision(values, lower, limits[1], names),
                 *conditioning.findings,
                 *solved.findings,
-                *_of_bounds(on_bound),
+                *_of_bounds(on_bound, pulled),
                 *_of_signs(names),
                 *findings,
             ),
@@ -270,10 +274,27 @@ class ParameterEstimate:
         return replace(self, findings=(*self.findings, *more))
 
 
-def _of_bounds(on_bound: tuple[str, ...]) -> list[Finding]:
-    if not on_bound:
-        return []
-    return [Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=Severity.CARE)]
+def _pulled(
+    rows: NDArray[np.float64], residuals: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(n,) which parameters the data would have well below their values, were there no bound."""
+    flat, left = rows.reshape(-1, rows.shape[2]), residuals.reshape(-1)
+    scale = np.linalg.norm(flat, axis=0)
+    step = np.linalg.lstsq(flat / scale, -left, rcond=None)[0] / scale
+    return np.asarray(step < -_WELL * np.sqrt(np.diag(covariance)))
+
+
+def _of_bounds(on_bound: tuple[str, ...], pulled: set[str]) -> list[Finding]:
+    """Say what a bound holds; it needs care only where the data would go far beyond."""
+    groups = {
+        Severity.CARE: tuple(name for name in on_bound if name in pulled),
+        Severity.NOTE: tuple(name for name in on_bound if name not in pulled),
+    }
+    return [
+        Finding(kind=FindingKind.ON_BOUND, parameters=names, severity=severity)
+        for severity, names in groups.items()
+        if names
+    ]
 
 
 def _of_signs(names: Sequence[str]) -> list[Finding]:

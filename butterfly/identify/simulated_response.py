@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.signals.sine_fit import sine_basis
+from butterfly.signals.sine_fit import sine_basis, with_transient
 from butterfly.signals.window import STEADY_SECONDS, steady_span
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def simulated_response(
-    trajectory: Trajectory, parameters: LumpedParameters, zero: float
+    trajectory: Trajectory, parameters: LumpedParameters, zero: float, pole: complex | None = None
 ) -> tuple[complex, float]:
     """Return phasor and mean in rad of the simulated angle, in the window in which a log is read.
 
@@ -27,12 +27,15 @@ def simulated_response(
         Of the bare hand.
     zero
         Encoder reading in rad where the model's angle is 0.
+    pole
+        In 1/s, of a transient that was fitted to the log, too.
     """
     log = trajectory.log
     assert log.excitation is not None  # noqa: S101 - of a sine
     omega = log.excitation.omega
     angle, _ = trajectory.simulate(parameters, zero)
     inside = trajectory.grid > log.time[-1] - steady_span(log, omega, STEADY_SECONDS)
-    basis = sine_basis(trajectory.grid[inside], omega)
+    time = trajectory.grid[inside]
+    basis = with_transient(sine_basis(time, omega), time, pole)
     coefficients = np.linalg.solve(basis @ basis.T, basis @ angle[inside])
     return complex(coefficients[1], -coefficients[2]), float(coefficients[0])

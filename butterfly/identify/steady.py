@@ -10,13 +10,16 @@ import numpy as np
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from butterfly.identify.data import DataSet
+    from butterfly.model.parameters import AddedMass
 
 
 LARGEST_SWING = 1.6
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 
-_UNSETTLED = 1.0  # of the swing: what a sine and its harmonics leave over
+_UNSETTLED = 0.5  # of the swing: what a sine, its harmonics and a transient leave over
 _CHANGED = 0.5  # of the swing: by how much it grows or falls within the window
 _ELSEWHERE = 0.8  # rad between the middle of a swing and the rest angle
 _MANY = 1 / 3  # share of the sines left out, from which on it is no detail
@@ -30,7 +33,7 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
     """
     sines = [k for k, point in enumerate(data.points) if point is not None]
     zeros = data.equilibria
-    steady = [k for k in sines if _is_steady(data, k, zeros[data.logs[k].added_mass])]
+    steady = [k for k in sines if _is_steady(data, k, zeros)]
     lost = [k for k in sines if k not in steady]
     if not lost:
         return steady, []
@@ -44,11 +47,11 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
     ]
 
 
-def _is_steady(data: DataSet, number: int, zero: float) -> bool:
+def _is_steady(data: DataSet, number: int, zeros: Mapping[AddedMass, float]) -> bool:
     point = data.points[number]
     assert point is not None  # noqa: S101 - of a sine
-    swing = point.amplitude
-    log = data.logs[number]
+    log, swing = data.logs[number], point.amplitude
+    zero = zeros[log.added_mass]
     widest = float(np.ptp(log.angle)) / 2
     return (
         0 < swing <= LARGEST_SWING

@@ -98,6 +98,15 @@ def _simulations(finding: Finding, _: Values) -> str:
     return f"The fit {how}, after {_number(finding):.0f} simulations of every log."
 
 
+def _on_bound(finding: Finding, _: Values) -> str:
+    if finding.severity is Severity.NOTE:
+        return f"{_joined(finding)} ended on a bound: these data do not show any."
+    return (
+        f"{_joined(finding)} ended on a bound that the data would cross: the model misses "
+        "something, or a sign, a mass or a stamp is wrong."
+    )
+
+
 def _few_masses(finding: Finding, _: Values) -> str:
     if _number(finding) < _LEAST_MASSES:
         why = "Fewer than three added masses"
@@ -179,10 +188,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"The iteration did not settle in {_number(f):.0f} rounds: do not trust the values."
     ),
     FindingKind.SIMULATIONS: _simulations,
-    FindingKind.ON_BOUND: lambda f, _: (
-        f"{_joined(f)} ended on a bound: the bound, not the data, sets it, as with friction that "
-        "the data do not show, or a model that misses something."
-    ),
+    FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.UNCHECKED: lambda _f, _v: (
         "The intervals were not checked by leaving an added mass out, as asked."

@@ -16,11 +16,17 @@ from butterfly.signals.sine_fit import (
     fit_sine,
     sine_basis,
 )
+from butterfly.signals.transient import pole_of
 from butterfly.signals.window import STEADY_SECONDS, steady_window
 
 if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
+
+LOUD = 0.1
+"""Of the swing: what else moves, from which on a transient is looked for."""
+
+_CALMER = 0.5  # of what a sine leaves over, that one with a transient may leave
 
 MIN_COHERENCE = 0.5
 """Smallest share of the input's variance that the commanded sine must explain."""
@@ -42,6 +48,8 @@ class ResponsePoint:
         Relative change of the angle's amplitude from the window's first to its second half.
     label
         Short name of the log.
+    pole
+        In 1/s, of a transient that still rings and was fitted too; None where there is none.
     """
 
     added_mass: AddedMass
@@ -49,6 +57,7 @@ class ResponsePoint:
     angle: SineFit
     drift: float
     label: str
+    pole: complex | None = None
 
     @property
     def omega(self) -> float:
@@ -78,7 +87,7 @@ def response_point(
     seconds
         Length of the window at its end.
     pole
-        Of a transient that is fitted too (see `fit_sine`).
+        Of a transient that is fitted too (see `fit_sine`); one that rings loudly is found unasked.
 
     Raises
     ------
@@ -104,10 +113,18 @@ def response_point(
     response, before, after = fit_halves(basis, angle, omega)
     if pole is not None:
         response = fit_sine(time, angle, omega, pole=pole)
+    elif np.sqrt(2) * response.residual_rms > LOUD * response.amplitude:
+        pole = pole_of(time, angle - response.at(time))
+        calmer = fit_sine(time, angle, omega, pole=pole)
+        if calmer.residual_rms < _CALMER * response.residual_rms:
+            response = calmer
+        else:
+            pole = None
     return ResponsePoint(
         added_mass=log.added_mass,
         input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
         angle=response,
         drift=(after - before) / response.amplitude,
         label=log.label,
+        pole=pole,
     )

@@ -71,6 +71,12 @@ class SineFit:
         """Root sum of squares of the harmonics over the fundamental."""
         return float(np.linalg.norm(self.phasors[1:]) / self.amplitude)
 
+    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) values of mean, sine and harmonics at (n,) instants in s."""
+        orders = np.arange(1, self.phasors.size + 1)
+        waves = self.phasors[:, None] * np.exp(1j * self.omega * np.outer(orders, time))
+        return np.asarray(self.offset + waves.real.sum(axis=0))
+
     def _error_along(self, direction: complex) -> float:
         unit = np.array([direction.real, direction.imag])
         return float(np.sqrt(unit @ self.covariance @ unit))
@@ -100,10 +106,7 @@ def fit_sine(
     pole
         In 1/s; if given, a transient Re{c e^(pole t)} of any amplitude and phase is fitted too.
     """
-    basis = sine_basis(time, omega, harmonics)
-    if pole is not None:
-        transient = np.exp(pole * (time - time[0]))
-        basis = np.vstack([basis, transient.real, transient.imag])
+    basis = with_transient(sine_basis(time, omega, harmonics), time, pole)
     return fit_basis(basis, values, omega, harmonics)
 
 
@@ -131,6 +134,16 @@ def sine_basis(
         cosines[k] = cosines[k - 1] * cosines[0] - sines[k - 1] * sines[0]
         sines[k] = sines[k - 1] * cosines[0] + cosines[k - 1] * sines[0]
     return basis
+
+
+def with_transient(
+    basis: NDArray[np.float64], time: NDArray[np.float64], pole: complex | None
+) -> NDArray[np.float64]:
+    """Return the rows of a basis, and those of a transient of a pole in 1/s if there is one."""
+    if pole is None:
+        return basis
+    transient = np.exp(pole * (time - time[0]))
+    return np.vstack([basis, transient.real, transient.imag])
 
 
 def fit_basis(

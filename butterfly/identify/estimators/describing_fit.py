@@ -14,7 +14,7 @@ from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import NEGLIGIBLE
 from butterfly.identify.regression import Regression
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import lower_bounds
+from butterfly.model.terms import PARAMETERS, lower_bounds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,6 +75,17 @@ class DescribingFit:
         """The solution as parameters of the model."""
         found = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
         return LumpedParameters(stribeck_velocity=self.phasors.stribeck_velocity, **found)
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Terms that a bound holds at nothing."""
+        names = zip(self.phasors.names, self.solved.on_bound.tolist(), strict=True)
+        return tuple(name for name, held in names if held and name not in PARAMETERS)
+
+    def without(self, terms: tuple[str, ...]) -> DescribingFit:
+        """Return the fit without some terms."""
+        names = tuple(name for name in self.phasors.names if name not in terms)
+        return DescribingFit.of(replace(self.phasors, names=names))
 
     def moved_to(self, other: DescribingFit) -> float:
         """Return by what share of its errors another fit of the same names lies elsewhere."""

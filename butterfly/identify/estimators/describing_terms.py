@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.term_choice import (
     candidates,
     choose_terms,
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.estimators.describing_fit import DescribingFit
-    from butterfly.identify.judgement.findings import Finding
     from butterfly.identify.judgement.nested import Nested
     from butterfly.identify.phasors import Phasors
 
@@ -86,6 +86,19 @@ class DescribingTerms:
             best=dict(
                 zip(free.names, fit.values_of(free.names, free.values).tolist(), strict=True)
             ),
+        )
+
+    def without(self, idle: tuple[str, ...]) -> DescribingTerms:
+        """Return the terms without some that turned out to be nothing."""
+        kept = np.array([name not in idle for name in self.phasors.names])
+        names = tuple(name for name in self.phasors.names if name not in idle)
+        return replace(
+            self,
+            phasors=replace(self.phasors, names=names),
+            held={} if _SCANNED in idle else self.held,
+            rivals=tuple(each[kept] for each in self.rivals),
+            said=(*self.said, Finding(kind=FindingKind.NOT_HELPING, parameters=idle)),
+            best={name: value for name, value in self.best.items() if name not in idle},
         )
 
     def judge(self, found: ParameterEstimate) -> ParameterEstimate:

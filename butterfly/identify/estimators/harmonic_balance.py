@@ -91,10 +91,13 @@ class HarmonicBalance(Estimator):
         wanted = None if self.terms is None else "bias" in self.terms
         rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
         logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
-        robot = SteadyModel(trajectories=logs, rest=rest)
+        poles = [point.pole for point in points]
+        robot = SteadyModel(trajectories=logs, rest=rest, poles=poles)
         fit, robot = robot.corrected(fit)
         chosen = DescribingTerms.of(fit, self.terms)
         fit, robot = robot.settled(DescribingFit.of(chosen.phasors))
+        while self.terms is None and (idle := fit.idle):
+            fit, chosen = fit.without(idle), chosen.without(idle)
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(points, fit, _NAME, said, chosen=chosen, rest=known, check=self.check)
 

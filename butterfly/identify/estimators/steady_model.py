@@ -32,10 +32,13 @@ class SteadyModel:
         Of sines.
     rest
         About which angles they swing.
+    poles
+        Of the transients that were fitted to them.
     """
 
     trajectories: Sequence[Trajectory]
     rest: RestAngles
+    poles: Sequence[complex | None]
 
     def corrected(self, fit: DescribingFit) -> tuple[DescribingFit, SteadyModel]:
         """Return the fit with what the model's own motion leaves over in its balance.
@@ -46,8 +49,8 @@ class SteadyModel:
         masses = (each.log.added_mass for each in self.trajectories)
         if not parameters.p1 + min(mass.inertia for mass in masses) > 0:
             return fit, self
-        pairs = zip(self.trajectories, self.rest.zeros.tolist(), strict=True)
-        responses = (simulated_response(each, parameters, zero) for each, zero in pairs)
+        logs = zip(self.trajectories, self.rest.zeros.tolist(), self.poles, strict=True)
+        responses = (simulated_response(each, parameters, *own) for each, *own in logs)
         moved, middles = zip(*responses, strict=True)
         phasors = _with_remainder(fit, np.array(moved))
         rest = self.rest.moved(np.array(middles)) if np.isfinite(middles).all() else self.rest

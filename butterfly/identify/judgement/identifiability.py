@@ -24,7 +24,8 @@ SINGULAR_CONDITION = 1e7
 """Above this one, the regression is singular for every practical purpose."""
 
 _INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
-_PRECISE = 0.10  # half-width over value below which a parameter counts as known
+_PRECISE = 0.10  # of the value, within which a parameter counts as known
+_FOR_CERTAIN = 2.0  # half-widths that must lie within: what is said without "probably" must hold
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def sort_by_precision(
 ) -> list[Finding]:
     """Tell which of the (n,) parameters are known well, roughly, or not from zero."""
     zero = (lower <= 0) & (upper >= 0)
-    precise = ~zero & ((upper - lower) / 2 <= _PRECISE * np.abs(values))
+    precise = ~zero & (_FOR_CERTAIN * (upper - lower) / 2 <= _PRECISE * np.abs(values))
     groups = {
         FindingKind.PRECISE: precise,
         FindingKind.ROUGH: ~zero & ~precise,

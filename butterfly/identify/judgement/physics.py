@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import stdtrit
 
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.intervals import CONFIDENCE
 from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
 
 _CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
+_OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
 
 
 def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> list[Finding]:
@@ -47,8 +50,7 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
         for name, value, error in _rows(estimate)
         if (name == "delay" or TERMS[name].lower == 0) and value < -_CLEARLY * error
     ]
-    levels = [found.with_added_mass(mass).level(0.0) for mass in masses]
-    if min(levels, default=0.0) < 0 and "load" in estimate.names:
+    if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
     if negative:
         judged.append(
@@ -61,6 +63,15 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
             Finding(kind=FindingKind.NEGATIVE_GAIN, parameters=("p4",), severity=Severity.CARE)
         )
     return judged
+
+
+def _drives(estimate: ParameterEstimate, mass: AddedMass) -> bool:
+    """Whether friction that grows with the added weight is clearly negative with some mass."""
+    weights = np.array([_OF_LEVEL.get(name, 0.0) for name in estimate.names])
+    weights[estimate.names.index("load")] = mass.weight
+    error = float(np.sqrt(max(weights @ estimate.covariance @ weights, 0.0)))
+    level = estimate.parameters.with_added_mass(mass).level(0.0)
+    return bool(level < -_CLEARLY * stdtrit(len(estimate.names), 0.5 + CONFIDENCE / 2) * error)
 
 
 def _rows(estimate: ParameterEstimate) -> list[tuple[str, float, float]]:
