@@ -32,7 +32,7 @@ from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, names_of
 from butterfly.identify.estimators.describing_fit import DescribingFit
 from butterfly.identify.estimators.describing_terms import DescribingTerms
-from butterfly.identify.estimators.steady_model import SteadyModel
+from butterfly.identify.estimators.steady_model import ROUGHLY, SteadyModel
 from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
@@ -93,7 +93,7 @@ class HarmonicBalance(Estimator):
         logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
         poles = [point.pole for point in points]
         robot = SteadyModel(trajectories=logs, rest=rest, poles=poles)
-        fit, robot = robot.corrected(fit)
+        fit, robot = robot.settled(fit, ROUGHLY)
         chosen = DescribingTerms.of(fit, self.terms)
         fit, robot = robot.settled(DescribingFit.of(chosen.phasors))
         while self.terms is None and (idle := fit.idle):

@@ -17,8 +17,13 @@ if TYPE_CHECKING:
     from butterfly.identify.phasors import Phasors
     from butterfly.identify.rest_angles import RestAngles
 
+SETTLED = 0.1
+"""Of the errors, by which one more correction would move a fit that has settled."""
+
+ROUGHLY = 2.0
+"""The same, of a fit that tells which terms help."""
+
 _ROUNDS = 3
-_SETTLED = 0.1  # of the errors, by which one more correction would move the fit
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
 
 
@@ -56,14 +61,16 @@ class SteadyModel:
         rest = self.rest.moved(np.array(middles)) if np.isfinite(middles).all() else self.rest
         return DescribingFit.of(phasors), replace(self, rest=rest)
 
-    def settled(self, fit: DescribingFit) -> tuple[DescribingFit, SteadyModel]:
-        """Correct a fit until that moves it no more."""
+    def settled(
+        self, fit: DescribingFit, tolerance: float = SETTLED
+    ) -> tuple[DescribingFit, SteadyModel]:
+        """Correct a fit until one more correction would move it by little of its errors."""
         robot, last = self, 1.0
         for _ in range(_ROUNDS):
             before = fit
             fit, robot = robot.corrected(fit)
             moved = fit.moved_to(before)
-            if moved * min(moved / last, 1.0) < _SETTLED:  # about what the next one would move
+            if moved * min(moved / last, 1.0) < tolerance:  # about what the next one would move
                 break
             last = moved
         return fit, robot
