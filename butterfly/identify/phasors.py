@@ -45,6 +45,8 @@ class Phasors:
     remainder
         Torque in N m that the motion of the model leaves over in the balance of its fundamentals:
         what describing functions neglect, transients that still ring, stamps that are not regular.
+    doubt
+        Further variance in rad^2, of logs in which the model does not move like the robot.
     stribeck_velocity
         In rad/s, at which Stribeck friction is described.
     """
@@ -57,6 +59,7 @@ class Phasors:
     names: tuple[str, ...]
     swing: NDArray[np.float64]
     remainder: NDArray[np.complex128]
+    doubt: NDArray[np.float64]
     stribeck_velocity: float = FrictionTerms.stribeck_velocity
 
     @classmethod
@@ -74,6 +77,7 @@ class Phasors:
             names=names,
             swing=np.full(angle.size, _SMALL_SWING) if small else np.abs(angle),
             remainder=np.zeros(angle.size, dtype=np.complex128),
+            doubt=np.zeros(angle.size),
         )
 
     def take(self, rows: NDArray[np.bool_]) -> Phasors:
@@ -87,6 +91,7 @@ class Phasors:
             masses=tuple(mass for mass, taken in zip(self.masses, rows, strict=True) if taken),
             swing=self.swing[rows],
             remainder=self.remainder[rows],
+            doubt=self.doubt[rows],
         )
 
     def corrected(
@@ -94,6 +99,7 @@ class Phasors:
         parameters: LumpedParameters,
         moved: NDArray[np.complex128],
         told: NDArray[np.bool_],
+        doubt: NDArray[np.float64],
     ) -> Phasors:
         """Return the balance, with the remainder of a model's motion.
 
@@ -105,13 +111,16 @@ class Phasors:
             (n,) phasors in rad of its angle, simulated with the recorded inputs.
         told
             (n,) whether they can tell of a remainder.
+        doubt
+            (n,) variance in rad^2 of the angles of logs in which the model does not move alike.
         """
         model = replace(
             self, angle=moved, swing=np.abs(moved), remainder=np.zeros_like(self.remainder)
         )
         matrix, target = model.equations(parameters.delay)
         values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
-        return replace(self, remainder=np.where(told, matrix @ np.array(values) - target, 0.0))
+        remainder = np.where(told, matrix @ np.array(values) - target, 0.0)
+        return replace(self, remainder=remainder, doubt=doubt)
 
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""

@@ -58,8 +58,9 @@ class DescribingFit:
             slope = phasors.slope(values)
             swing = np.abs(phasors.angle)
             errors = np.abs(matrix @ unknowns - target) / (slope * swing)
-            spread = _model_variance(errors, phasors.variance / swing**2, count)
-            weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
+            variance = phasors.variance + phasors.doubt
+            spread = _model_variance(errors, variance / swing**2, count)
+            weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))
             if "delay" in phasors.names:
                 delay = float(values[phasors.names.index("delay")])
             change = np.linalg.norm(regression.rows @ (unknowns - before))

@@ -13,6 +13,8 @@ from butterfly.identify.simulated_response import simulated_response
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from butterfly.identify.free_run import Trajectory
     from butterfly.identify.phasors import Phasors
     from butterfly.identify.rest_angles import RestAngles
@@ -24,6 +26,7 @@ ROUGHLY = 2.0
 """The same, of a fit that tells which terms help."""
 
 _ROUNDS = 3
+_ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not foretold
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
 
 
@@ -76,7 +79,12 @@ class SteadyModel:
         return fit, robot
 
 
-def _with_remainder(fit: DescribingFit, moved: np.ndarray) -> Phasors:
-    size = np.abs(moved) / np.abs(fit.phasors.angle)
+def _with_remainder(fit: DescribingFit, moved: NDArray[np.complex128]) -> Phasors:
+    measured = fit.phasors.angle
+    size = np.abs(moved) / np.abs(measured)
     told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)
-    return fit.phasors.corrected(fit.parameters, np.where(told, moved, fit.phasors.angle), told)
+    moved = np.where(told, moved, measured)
+    apart = np.where(told, np.abs(moved / measured - 1), 1.0)
+    odd = apart > max(_ODD * float(np.median(apart)), _ODD_AT_LEAST)
+    doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
+    return fit.phasors.corrected(fit.parameters, moved, told, doubt)
