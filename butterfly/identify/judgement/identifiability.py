@@ -25,7 +25,7 @@ SINGULAR_CONDITION = 1e7
 
 _INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
 _PRECISE = 0.10  # of the value, within which a parameter counts as known
-_FOR_CERTAIN = 2.0  # half-widths that must lie within: what is said without "probably" must hold
+_FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,6 @@ def choose_terms(
         trial
         for trial in trials
         if trial is not chosen
-        and (trial.score <= chosen.score or trial.terms == chosen.terms)
         and _as_good(trial, best)
     ]
     tried = {name for trial in trials for name in trial.terms}
