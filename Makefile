@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test lint types bench bench-short wheel clean
+.PHONY: demo test lint types bench bench-short coverage wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -30,6 +30,12 @@ bench: $(VENV)/.development
 # A part of it, at twice its bars, for machines that others share.
 bench-short: $(VENV)/.development
 	BUTTERFLY_BENCH_SHORT=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
+
+# How often the intervals hold the truth: random robots, by an integrator of their own, on all cores.
+ROBOTS ?= 100
+SEED ?= 1
+coverage: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.coverage --robots $(ROBOTS) --seed $(SEED)
 
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:

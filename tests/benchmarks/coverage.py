@@ -1,0 +1,179 @@
+"""Identify random robots and print how often the intervals hold the truth: ``make coverage``.
+
+python -m tests.benchmarks.coverage --family ABC --robots 100 --seed 1
+python -m tests.benchmarks.coverage --family A --repeats 40 --of 7   # one robot, new noise
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from butterfly.model.terms import PARAMETERS
+from tests.independent.robots import FAMILIES, draw
+from tests.independent.scores import METHODS, Score, score
+
+
+def main(arguments=None):
+    """Score, print, and write what was asked for."""
+    asked = _options().parse_args(arguments)
+    robots = [(asked.of, k) for k in range(asked.repeats)] if asked.repeats else None
+    jobs = [
+        (family, number, asked.seed, repeat, asked.method)
+        for family in asked.family
+        for number, repeat in robots or [(k, 0) for k in range(asked.robots)]
+    ]
+    scores = []
+    with ProcessPoolExecutor(asked.workers) as pool:
+        for done, more in enumerate(pool.map(_score_robot, jobs), 1):
+            scores += more
+            print(f"\r{done}/{len(jobs)} robots", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    print(report(scores))
+    if asked.json:
+        rows = json.dumps([asdict(each) for each in scores], indent=1)
+        Path(asked.json).write_text(rows, encoding="utf-8")
+
+
+def _options():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--family", default=FAMILIES, help="letters of the families")
+    parser.add_argument("--robots", type=int, default=100, help="of each family")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--method", nargs="*", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--repeats", type=int, default=0, help="of one robot, with new noise")
+    parser.add_argument("--of", type=int, default=0, help="number of that robot")
+    parser.add_argument("--json", help="file for all scores")
+    return parser
+
+
+def _score_robot(job):
+    family, number, seed, repeat, methods = job
+    chosen = [name for name in methods if family in METHODS[name][1]]
+    if not chosen:
+        return []
+    robot = draw(family, number, seed, repeat)
+    return [score(robot, name) for name in chosen]
+
+
+def report(scores: list[Score]) -> str:
+    """Return the tables and lists as text."""
+    groups = {}
+    for each in scores:
+        groups.setdefault((each.family, each.method), []).append(each)
+    coverage = {key: _cells(rows, _coverage) for key, rows in groups.items()}
+    cells = [cell for row in coverage.values() for cell in row if np.isfinite(cell)]
+    parts = [
+        _table("coverage of 95 % intervals in %", coverage, "{:.0f}"),
+        f"mean of these cells: {np.mean(cells):.1f} %",
+        _table(
+            "median error in % (delay ms)",
+            {key: _cells(rows, _median_error) for key, rows in groups.items()},
+            "{:.2g}",
+        ),
+        _table(
+            "median half-width over median error",
+            {key: _cells(rows, _sharpness) for key, rows in groups.items()},
+            "{:.1f}",
+        ),
+        _endings(groups),
+        "known within 10 % as it says, and off by more:",
+        *_false_claims(scores),
+        "local minima:",
+        *_local_minima(scores),
+        "refused:",
+        *(f"  {each.name} {each.method}: {each.refused}" for each in scores if each.refused),
+    ]
+    return "\n".join(parts)
+
+
+def _cells(rows, statistic):
+    return [
+        statistic([each.readings[name] for each in rows if name in each.readings])
+        for name in PARAMETERS
+    ]
+
+
+def _coverage(readings):
+    return 100.0 * np.mean([each.covered for each in readings]) if readings else np.nan
+
+
+def _median_error(readings):
+    return np.median([abs(each.error) for each in readings]) if readings else np.nan
+
+
+def _sharpness(readings):
+    half_widths = [each.half_width for each in readings]
+    return np.median(half_widths) / _median_error(readings) if readings else np.nan
+
+
+def _table(title, rows, form):
+    lines = [f"\n| {title} | {' | '.join(PARAMETERS)} |", "|---" * (len(PARAMETERS) + 1) + "|"]
+    for (family, method), cells in rows.items():
+        numbers = " | ".join(form.format(cell) for cell in cells)
+        lines.append(f"| {family} {method} | {numbers} |")
+    return "\n".join(lines)
+
+
+def _endings(groups):
+    heads = (
+        *("robots", "FIT", "condition", "claims", "missed", "false", "local minima", "refused"),
+        *("s each", "endings, verdicts"),
+    )
+    lines = [f"\n| what was said | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
+    for (family, method), rows in groups.items():
+        found = [each for each in rows if not each.refused]
+        readings = [reading for each in found for reading in each.readings.values()]
+        claims = [each for each in readings if each.claimed]
+        said = Counter(word for each in found for word in (each.ending, each.verdict) if word)
+        cells = (
+            len(rows),
+            f"{np.median([each.fit for each in found]):.2f}" if found else "",
+            f"{np.median([each.condition for each in found]):.0f}" if found else "",
+            len(claims),
+            sum(not each.covered for each in claims),
+            sum(each.false_claim for each in claims),
+            sum(each.local_minimum for each in found),
+            len(rows) - len(found),
+            f"{np.mean([each.seconds for each in rows]):.2f}",
+            ", ".join(f"{word} {count}" for word, count in said.items()),
+        )
+        lines.append(f"| {family} {method} | {' | '.join(map(str, cells))} |")
+    return "\n".join(lines) + "\n"
+
+
+def _false_claims(scores):
+    for each, name in product(scores, PARAMETERS):
+        reading = each.readings.get(name)
+        if reading and reading.false_claim:
+            off, covered = 100 * reading.miss, "" if not reading.covered else ", but covered"
+            verdict = f", {each.verdict}" if each.verdict else ""
+            yield (
+                f"  {each.name} {each.method}: {name} off by {off:.0f} %{covered}, "
+                f"FIT {each.fit:.1f} %{verdict}"
+            )
+
+
+def _local_minima(scores):
+    for each in scores:
+        if each.local_minimum:
+            worst = max(each.readings, key=lambda name: each.readings[name].miss)
+            yield (
+                f"  {each.name} {each.method}: cost {each.excess:.3g} times that of a fit begun at "
+                f"the truth, {each.ending}, FIT {each.fit:.1f} %, {worst} off by "
+                f"{100 * each.readings[worst].miss:.0f} %"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""The independent integrator against SciPy's, a closed form, and its own convergence."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from tests.independent.integrator import Joint, motion
+
+JOINT = Joint(
+    inertia=3e-3,
+    viscous=1e-3,
+    gravity=0.04,
+    gain=0.02,
+    drag=2e-4,
+    bias=1e-3,
+    gravity_beside=2e-3,
+    delay=3.3e-3,
+)
+DRY = JOINT._replace(gain=1e-2, coulomb=4e-3, excess=1e-3, excess_velocity=0.1)
+
+
+def _driven(duration, cycle, omega=4.0):
+    """Stamps of an uneven clock, and a sine that is held between them."""
+    cycles = cycle * (1 + 0.4 * np.sin(np.arange(round(duration / cycle))))
+    stamps = np.concatenate([[0.0], np.cumsum(cycles)])
+    return stamps, np.sin(omega * stamps)
+
+
+def _by_scipy(joint, stamps, inputs, angle):
+    """Angles at the stamps, the equation without dry friction solved between all changes."""
+    edges = np.unique(np.concatenate([stamps, stamps + joint.delay]))
+    edges = edges[edges <= stamps[-1]]
+    state, found = np.array([angle, 0.0]), {0.0: angle}
+    for begin, end in itertools.pairwise(edges):
+        latest = np.searchsorted(stamps + joint.delay, begin, "right") - 1
+        drive = joint.gain * inputs[latest] if latest >= 0 else 0.0
+
+        def rates(_, now, drive=drive):
+            x, v = now
+            torque = drive + joint.bias - joint.gravity * math.sin(x)
+            torque -= joint.gravity_beside * math.cos(x)
+            return [v, (torque - (joint.viscous + joint.drag * abs(v)) * v) / joint.inertia]
+
+        solved = solve_ivp(rates, (begin, end), state, "DOP853", rtol=1e-12, atol=1e-14)
+        state = solved.y[:, -1]
+        found[end] = state[0]
+    return np.array([found[stamp] for stamp in stamps])
+
+
+def test_without_dry_friction_it_moves_as_dop853_does():
+    stamps, inputs = _driven(2.0, 4e-3)
+    ours, _ = motion(JOINT, stamps, inputs, 0.3)
+    np.testing.assert_allclose(ours, _by_scipy(JOINT, stamps, inputs, 0.3), atol=1e-11)
+
+
+def test_a_decay_by_coulomb_friction_alone_loses_the_same_at_every_turn_and_stops():
+    """x(t) = s d + (x_n - s d) cos(w t) from turn to turn, d = coulomb/gravity, of small angles."""
+    joint = Joint(inertia=3e-3, viscous=0.0, gravity=0.05, gain=1.0, coulomb=5e-7)
+    omega, band, start = math.sqrt(joint.gravity / joint.inertia), 1e-5, 1.07e-4
+    stamps = np.arange(0.0, 8.0, 1e-3)
+    turn = (omega * stamps / np.pi).astype(int)
+    stop = math.ceil((start / band - 1.0) / 2.0)  # turns until what is left lies in the band
+    turn, phase = np.minimum(turn, stop), omega * stamps
+    sign = np.where(turn % 2, -1.0, 1.0)
+    closed = sign * band + (start - (2 * turn + 1) * band) * np.cos(phase)
+    closed = np.where(turn == stop, (-1.0) ** stop * (start - 2 * stop * band), closed)
+    found, velocity = motion(joint, stamps, np.zeros(stamps.size), start)
+    np.testing.assert_allclose(found, closed, atol=1e-12)
+    assert velocity[-1] == 0.0
+
+
+def test_its_order_is_four_with_stick_and_slip():
+    joint = DRY._replace(delay=0.0)
+    stamps, inputs = _driven(6.0, 0.04, 2.0)
+    _, velocity = motion(joint, stamps, inputs, 0.3)
+    assert np.sum(velocity == 0.0) > 10  # it rests at many stamps
+    coarse, middle, fine, exact = (
+        motion(joint, stamps, inputs, 0.3, step=step)[0] for step in (4e-3, 2e-3, 1e-3, 5e-5)
+    )
+    errors = [np.abs(each - exact).max() for each in (coarse, middle, fine)]
+    assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 3.5), errors
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.999, False), (1.001, True)])
+def test_a_hand_at_rest_slips_when_the_torque_exceeds_what_friction_holds(share, moves):
+    joint = DRY._replace(bias=0.0, gravity_beside=0.0, delay=0.0)
+    held = share * (joint.coulomb + joint.excess) / joint.gain
+    _, velocity = motion(joint, np.arange(0.0, 1.0, 1e-3), np.full(1000, held))
+    assert bool(velocity.any()) is moves
