@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identify.judgement.slips.inputs import slips_of_refused
+from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
@@ -84,10 +86,7 @@ class DataSet:
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
-            points=tuple(
-                response_point(log) if log.excitation else None
-                for log in track(logs, "Fitting sines")
-            ),
+            points=_responses(logs, track),
         )
 
     @property
@@ -133,6 +132,16 @@ class DataSet:
             return None
         entries = [self.manifest.logs[k] for k in rows]
         return self.manifest.model_copy(update={"logs": entries})
+
+
+def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None, ...]:
+    """Fit the steady response of each sine; a refusal names the slip that explains it."""
+    try:
+        return tuple(
+            response_point(log) if log.excitation else None for log in track(logs, "Fitting sines")
+        )
+    except InputError as error:
+        raise with_slips(error, slips_of_refused(logs)) from None
 
 
 def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:

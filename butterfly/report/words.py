@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
+from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing, Verdict
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
     Values = Mapping[str, float]
 
-_NAMED = 4  # logs that a sentence names
 _LEAST_MASSES = 3  # of which one can be left out
 
 
@@ -77,12 +77,6 @@ def _joined_after(finding: Finding) -> str:
     return ", ".join(finding.parameters[1:])
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Name a few logs, and count the others."""
-    rest = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")
-
-
 def _number(finding: Finding) -> float:
     assert finding.number is not None  # noqa: S101 - kinds whose sentence asks for one have one
     return finding.number
@@ -120,12 +114,13 @@ _PRECISION: dict[FindingKind, Callable[[Finding], str]] = {
 }
 
 _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
+    FindingKind.SLIP: lambda f, _: slip_in_words(f),
     FindingKind.POOR_FIT: lambda f, _: (
         f"The model follows the logs with a median FIT of {_number(f):.1f} % only: it moves "
         "otherwise than this robot. Check units, signs and masses, and look at the residuals."
     ),
     FindingKind.UNFOLLOWED: lambda f, _: (
-        f"The model does not follow {_listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
+        f"The model does not follow {listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
         "what is different there, or leave out what is not this robot."
     ),
     FindingKind.NO_INERTIA: lambda f, _: (
@@ -141,7 +136,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         "the angle or the input counts the other way, change the sign of one of them (sign: -1)."
     ),
     FindingKind.LEFT_OUT: lambda f, _: (
-        f"{_listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
+        f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
         "rests elsewhere or never settles, and the steady response to a sine says nothing there. "
         "The methods weak-form and output-error use them."
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,8 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.signals import hold
 from butterfly.signals.sine_fit import (
+    HARMONICS,
     SineFit,
-    fit_basis,
     fit_halves,
     fit_sine,
     sine_basis,
@@ -21,6 +22,9 @@ from butterfly.signals.window import STEADY_SECONDS, steady_window
 if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
+
+_PER_PERIOD = 2 * HARMONICS  # samples that show the harmonics which are fitted
+_FEWEST = 2 * (1 + 2 * HARMONICS)  # samples in both halves of a window, for what is fitted there
 
 MIN_COHERENCE = 0.5
 """Smallest share of the input's variance that the commanded sine must explain."""
@@ -42,6 +46,8 @@ class ResponsePoint:
         Relative change of the angle's amplitude from the window's first to its second half.
     label
         Short name of the log.
+    detuning
+        Relative distance of the input's frequency from the one that was told.
     """
 
     added_mass: AddedMass
@@ -49,6 +55,7 @@ class ResponsePoint:
     angle: SineFit
     drift: float
     label: str
+    detuning: float = 0.0
 
     @property
     def omega(self) -> float:
@@ -83,15 +90,17 @@ def response_point(
     Raises
     ------
     InputError
-        If the log has no sine excitation, is too short, or its input is not that sine.
+        If the log has no sine excitation, is too short or too coarse, or its input is not that
+        sine.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
     omega = log.excitation.omega
     rows = steady_window(log, omega, seconds)
     time, inputs, angle = log.time[rows], log.input[rows], log.angle[rows]
+    _refuse_coarse(log, omega, time.size)
     basis = sine_basis(time, omega)
-    command = fit_basis(basis[:3], inputs, omega, harmonics=1)
+    command, first, second = fit_halves(basis[:3], inputs, omega)
     spread = float(np.std(inputs))
     explained = 1.0 - (command.residual_rms / spread) ** 2 if spread > 0 else 0.0
     if explained < MIN_COHERENCE:
@@ -108,6 +117,17 @@ def response_point(
         added_mass=log.added_mass,
         input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
         angle=response,
-        drift=(after - before) / response.amplitude,
+        drift=(abs(after) - abs(before)) / response.amplitude,
         label=log.label,
+        detuning=float(np.angle(second / first)) / (omega * (time[-1] - time[0]) / 2),
     )
+
+
+def _refuse_coarse(log: Log, omega: float, samples: int) -> None:
+    """Refuse a log that does not show a sine between its samples."""
+    step = 2 * math.pi / (_PER_PERIOD * omega)
+    if log.mean_step > step or samples < _FEWEST:
+        value = f"a mean step of {log.mean_step:.3g} s"
+        raise InputError(
+            log.source, "time", value, f"steps below {step:.2g} s for a sine of {omega:g} rad/s"
+        )

@@ -127,9 +127,11 @@ def _fit(
         _refuse_too_few(kept, names)
         return _solve(Phasors.of(kept, names, small=small)).values
 
-    masses = (point.added_mass for point in points)
+    masses = [point.added_mass for point in points]
     left_out, said = without_each_mass(masses, without, asked=check)
-    return ParameterEstimate.from_rows(solved, method=method, left_out=left_out, findings=said)
+    return ParameterEstimate.from_rows(
+        solved, method=method, left_out=left_out, findings=said, masses=masses
+    )
 
 
 def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> None:
@@ -165,6 +167,8 @@ def _solve(phasors: Phasors) -> Solved:
         slope = phasors.slope(values)
         swing = np.abs(phasors.angle)
         errors = np.abs(matrix @ unknowns - target) / (slope * swing)
+        if not np.isfinite(errors).all():
+            raise IdentifiabilityError("no joint's response balances these logs: check their units")
         spread = _model_variance(errors, phasors.variance / swing**2, count)
         weights = 1.0 / (slope * np.sqrt(phasors.variance + spread * swing**2))
         if "delay" in phasors.names:

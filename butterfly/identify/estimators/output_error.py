@@ -131,7 +131,7 @@ class OutputError(Estimator):
             end_of_part = self._minimise(part, end.point[kept], end.at.part(rest, kept))
             return np.asarray((end_of_part.point * part.scale)[: problem.shared])
 
-        masses = (log.added_mass for log in logs)
+        masses = [log.added_mass for log in logs]
         left_out, said = without_each_mass(masses, without, asked=self.check)
         return ParameterEstimate.from_rows(
             self._solved(problem, end),
@@ -141,6 +141,7 @@ class OutputError(Estimator):
             findings=said,
             held={name: getattr(problem.start, name) for name in (*self.fixed, "cogging_periods")},
             local=_local(list(known.items())[problem.shared :]),
+            masses=masses,
         )
 
     def minimum(

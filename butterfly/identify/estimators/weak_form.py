@@ -97,15 +97,15 @@ class WeakForm(Estimator):
         def without(mass: AddedMass) -> NDArray[np.float64]:
             return self._solve([each for each in windows if each.added != mass]).values
 
-        left_out, said = without_each_mass(
-            (log.added_mass for log in logs), without, asked=self.check
-        )
+        masses = [log.added_mass for log in logs]
+        left_out, said = without_each_mass(masses, without, asked=self.check)
         return ParameterEstimate.from_rows(
             solved,
             method="weak form",
             left_out=left_out,
             findings=said,
             held={"cogging_periods": self.cogging_periods},
+            masses=masses,
         )
 
     def _solve(self, windows: Sequence[_Windows]) -> Solved:

@@ -1,0 +1,116 @@
+"""Whether the added masses that were told agree with each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.model.parameters import GRAVITY
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.model.parameters import AddedMass
+
+EVIDENCE = 15.0
+"""F statistic above which a correction is no fluke, though it is the best of many."""
+
+_MATTERS = 0.05  # of the largest mass, below which a correction does not matter
+_EXACT = 1e-12  # of what a correction explains, that rounding leaves
+_UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is one of them
+
+
+@dataclass(frozen=True, kw_only=True)
+class Correction:
+    """What some logs would have carried, had the rest been told right.
+
+    Parameters
+    ----------
+    told
+        What they are said to have carried.
+    logs
+        Their numbers.
+    change
+        To be added to the told mass, in kg.
+    evidence
+        F statistic of the change: that of one more parameter.
+    """
+
+    told: AddedMass
+    logs: tuple[int, ...]
+    change: float
+    evidence: float
+
+
+def corrections(
+    rows: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    names: Sequence[str],
+    masses: Sequence[AddedMass],
+) -> tuple[Correction, ...]:
+    """Return what each added mass, and each log alone, would have to be; the best explained first.
+
+    A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, r_1 and r_3
+    being their derivatives by p1 and p3. The change that explains most of the residuals, once the
+    parameters follow, is a regression on one column more.
+
+    Parameters
+    ----------
+    rows, residuals
+        (k, m, n) derivatives and (k, m) residuals of k logs.
+    names
+        Of the n parameters; without p1 and p3 there is nothing to tell.
+    masses
+        (k,) what each log carried.
+    """
+    if not {"p1", "p3"} <= set(names):
+        return ()
+    inertia, gravity = (rows[:, :, names.index(name)] for name in ("p1", "p3"))
+    farthest = max(mass.arm for mass in masses)  # where a bare hand would carry what it was not to
+    arms = np.array([[mass.arm or farthest] for mass in masses])
+    columns = arms**2 * inertia + GRAVITY * arms * gravity
+    flat = rows.reshape(-1, len(names))
+    size = np.linalg.norm(flat, axis=0)
+    basis = np.linalg.qr(flat / np.where(size > 0, size, 1.0))[0]
+    rest = residuals.ravel() - basis @ (basis.T @ residuals.ravel())
+    told = np.count_nonzero(np.any(rows != 0, axis=2))
+    freedom = told - len(names) - 1
+    if freedom < 1:
+        return ()
+    found = []
+    for mass, logs in _suspects(masses):
+        column = np.zeros_like(columns)
+        column[list(logs)] = columns[list(logs)]
+        own = column.ravel() - basis @ (basis.T @ column.ravel())
+        length = float(own @ own)
+        if not length > _UNSEEN * float(np.sum(column**2)):
+            continue
+        change = -float(own @ rest) / length
+        explained = change**2 * length
+        left = max(float(rest @ rest) - explained, _EXACT * explained)
+        evidence = explained * freedom / left if left else 0.0
+        found.append(Correction(told=mass, logs=logs, change=change, evidence=evidence))
+    return tuple(sorted(found, key=lambda each: -each.evidence))
+
+
+def disagreeing(found: Sequence[Correction], masses: Sequence[AddedMass]) -> list[Correction]:
+    """Return the corrections that are no fluke and matter: the masses do not agree without one."""
+    largest = max(mass.mass for mass in masses)
+    return [
+        each
+        for each in found
+        if each.evidence > EVIDENCE and abs(each.change) > _MATTERS * largest
+    ]
+
+
+def _suspects(masses: Sequence[AddedMass]) -> list[tuple[AddedMass, tuple[int, ...]]]:
+    """Return the logs of each added mass, and each log that is not the only one of its mass."""
+    own: dict[AddedMass, list[int]] = {}
+    for number, mass in enumerate(masses):
+        own.setdefault(mass, []).append(number)
+    single = [(masses[k], (k,)) for group in own.values() if len(group) > 1 for k in group]
+    return [*((mass, tuple(group)) for mass, group in own.items()), *single]

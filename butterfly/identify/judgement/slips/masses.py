@@ -1,0 +1,111 @@
+"""Which added mass, or that of which log, may have been told wrong, and what would fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import ButterflyError
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.mass_consistency import EVIDENCE, disagreeing
+from butterfly.identify.judgement.slips.hypotheses import carrying
+from butterfly.identify.judgement.slips.names import Slip
+from butterfly.identify.judgement.slips.trial import Explanation, judged
+
+if TYPE_CHECKING:
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
+    from butterfly.identify.judgement.mass_consistency import Correction
+    from butterfly.identify.judgement.slips.trial import Trial
+    from butterfly.model.parameters import AddedMass
+
+_ROUNDS = 6  # in which a mass is corrected about the parameters found with it
+_SETTLED = 0.01  # relative change of a mass that is none
+_LOGS = 3  # that are suspected alone, the most evident ones
+_LEAST = -0.05  # of the largest mass, below which a mass is no rounding's
+_CERTAIN = 100.0  # F statistic of a mass that is wrong for certain
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Corrected:
+    """A data set with one mass corrected: whose and to what, and how it is explained then."""
+
+    suspect: Correction
+    mass: AddedMass
+    trial: Trial
+    left: float
+
+
+def wrong_masses(
+    data: DataSet, quick: Estimator, estimate: ParameterEstimate
+) -> list[Explanation]:
+    """Return the masses that may be wrong, one at a time; with three, any may be.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    quick
+        Estimates from the logs with a mass corrected.
+    estimate
+        From the logs as they are.
+    """
+    evident = [each for each in estimate.corrections if each.evidence > EVIDENCE]
+    groups = [each for each in evident if _is_whole(each, data)]
+    singles = [each for each in evident if not _is_whole(each, data)][:_LOGS]
+    corrected = [_corrected(data, quick, each) for each in (*groups, *singles)]
+    found = [each for each in corrected if each is not None and each.trial.physical]
+    agreeing = [each for each in found if each.left < EVIDENCE]
+    if not agreeing and found:
+        least = min(each.left for each in found)
+        agreeing = [each for each in found if each.left <= 2 * least]
+    return [_explanation(data, each) for each in agreeing]
+
+
+def _is_whole(suspect: Correction, data: DataSet) -> bool:
+    """Whether it is about all logs that are said to have carried the mass."""
+    return len(suspect.logs) == sum(log.added_mass == suspect.told for log in data.logs)
+
+
+def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Corrected | None:
+    """Correct a mass about the parameters, and the parameters about the mass, until it settles."""
+    masses = [log.added_mass for log in data.logs]
+    largest = max(masses)
+    mass = suspect.told if suspect.told.arm else replace(suspect.told, arm=largest.arm)
+    change = suspect.change
+    for _ in range(_ROUNDS):
+        if mass.mass + change < _LEAST * largest.mass:
+            return None
+        mass = replace(mass, mass=max(mass.mass + change, 0.0))
+        for number in suspect.logs:
+            masses[number] = mass
+        changed = carrying(data, masses)
+        try:
+            with np.errstate(all="ignore"):
+                found = quick(changed)
+        except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
+            return None
+        change = next((each.change for each in found.corrections if each.logs == suspect.logs), 0.0)
+        if abs(change) <= _SETTLED * mass.mass:
+            break
+    wrong = disagreeing(found.corrections, masses)
+    left = max((each.evidence for each in wrong), default=0.0)
+    return _Corrected(suspect=suspect, mass=mass, trial=judged(changed, found), left=left)
+
+
+def _explanation(data: DataSet, corrected: _Corrected) -> Explanation:
+    suspect = corrected.suspect
+    whole = _is_whole(suspect, data)
+    certain = suspect.evidence > _CERTAIN
+    finding = Finding(
+        kind=FindingKind.SLIP,
+        parameters=(Slip.MASS, str(suspect.told)),
+        number=corrected.mass.mass,
+        severity=Severity.WARNING if certain else Severity.CARE,
+        logs=() if whole else tuple(data.logs[k].name for k in suspect.logs),
+    )
+    bare = whole and suspect.told.mass == 0
+    return Explanation(finding=finding, misfit=corrected.trial.misfit, last=bare)
