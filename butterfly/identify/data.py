@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identify.judgement.slips.inputs import slips_of_refused
+from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import with_unique_names
@@ -76,7 +76,10 @@ class DataSet:
         if len(kinds) > 1:
             raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
         recorded = with_unique_names(recorded)
-        examined = [examine(log, repairs) for log in recorded]
+        try:
+            examined = [examine(log, repairs) for log in recorded]
+        except InputError as error:
+            raise with_slips(error, slips_of_still(recorded)) from None
         logs = [log for log, _ in examined]
         return cls(
             name=name,

@@ -40,7 +40,9 @@ class FreeRun:
     @cached_property
     def fit(self) -> float:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
-        return _fit(float(np.sum((self.simulated - self.log.angle) ** 2)), _spread(self.log))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+            error = float(np.sum((self.simulated - self.log.angle) ** 2))
+        return _fit(error, _spread(self.log))
 
     @property
     def rms(self) -> float:

@@ -148,6 +148,7 @@ def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> No
         )
 
 
+@np.errstate(divide="ignore", over="ignore", invalid="ignore")
 def _solve(phasors: Phasors) -> Solved:
     count = len(phasors.names)
     logs = np.arange(phasors.omega.size)

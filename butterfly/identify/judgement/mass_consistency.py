@@ -16,9 +16,8 @@ if TYPE_CHECKING:
 
     from butterfly.model.parameters import AddedMass
 
-EVIDENCE = 15.0
-"""F statistic above which a correction is no fluke, though it is the best of many."""
-
+_OF_A_LOG = 15.0  # F statistic above which a log's correction is no fluke, though one of many
+_OF_A_MASS = 40.0  # of a whole mass, which takes up some of what the model lacks
 _MATTERS = 0.05  # of the largest mass, below which a correction does not matter
 _EXACT = 1e-12  # of what a correction explains, that rounding leaves
 _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is one of them
@@ -44,6 +43,11 @@ class Correction:
     logs: tuple[int, ...]
     change: float
     evidence: float
+
+    @property
+    def evident(self) -> bool:
+        """Whether it is no fluke."""
+        return self.evidence > (_OF_A_LOG if len(self.logs) == 1 else _OF_A_MASS)
 
 
 def corrections(
@@ -103,7 +107,7 @@ def disagreeing(found: Sequence[Correction], masses: Sequence[AddedMass]) -> lis
     return [
         each
         for each in found
-        if each.evidence > EVIDENCE and abs(each.change) > _MATTERS * largest
+        if each.evident and abs(each.change) > _MATTERS * largest
     ]
 
 

@@ -14,6 +14,8 @@ from butterfly.signals.dominant import dominant_frequency
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from butterfly.logs.log import Log
     from butterfly.signals.frequency_response import ResponsePoint
 
@@ -29,6 +31,7 @@ _SAME = 0.03  # relative difference that counts as none between units
 _DETUNED = 0.005  # relative difference that an omega must have to be a wrong one
 _TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
 _MOST_WRONG = 0.5  # share of the logs whose omega may be wrong, each by a factor of its own
+_AT_REST = 0.5  # of a signal's spread before, below which it comes to rest
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
 
@@ -58,6 +61,14 @@ def slips_of_refused(logs: Sequence[Log]) -> list[Finding]:
     return [_finding(Slip.OMEGA, float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
 
 
+def slips_of_still(logs: Sequence[Log]) -> list[Finding]:
+    """Tell why angles stand still: of joints that were let go, the inputs do, and come to rest."""
+    still = [log for log in logs if np.ptp(log.angle) == 0]
+    if still and all(_comes_to_rest(log.input) for log in still):
+        return [_finding(Slip.SWAPPED, 1.0)]
+    return []
+
+
 def slips_of_omega(
     logs: Sequence[Log], points: Sequence[ResponsePoint | None]
 ) -> list[Finding]:
@@ -73,6 +84,11 @@ def slips_of_omega(
         return []
     worst = max((detuning for _, detuning in near), key=abs)
     return [_finding(Slip.OMEGA, 1 + worst, *(log for log, _ in near))]
+
+
+def _comes_to_rest(values: NDArray[np.float64]) -> bool:
+    first, second = np.array_split(values, 2)
+    return bool(np.std(second) < _AT_REST * np.std(first))
 
 
 def _ratio(log: Log) -> tuple[float, float]:

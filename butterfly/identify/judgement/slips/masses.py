@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.errors import ButterflyError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identify.judgement.mass_consistency import EVIDENCE, disagreeing
+from butterfly.identify.judgement.mass_consistency import disagreeing
 from butterfly.identify.judgement.slips.hypotheses import carrying
 from butterfly.identify.judgement.slips.names import Slip
 from butterfly.identify.judgement.slips.trial import Explanation, judged
@@ -53,12 +53,12 @@ def wrong_masses(
     estimate
         From the logs as they are.
     """
-    evident = [each for each in estimate.corrections if each.evidence > EVIDENCE]
+    evident = [each for each in estimate.corrections if each.evident]
     groups = [each for each in evident if _is_whole(each, data)]
     singles = [each for each in evident if not _is_whole(each, data)][:_LOGS]
     corrected = [_corrected(data, quick, each) for each in (*groups, *singles)]
     found = [each for each in corrected if each is not None and each.trial.physical]
-    agreeing = [each for each in found if each.left < EVIDENCE]
+    agreeing = [each for each in found if each.left == 0]
     if not agreeing and found:
         least = min(each.left for each in found)
         agreeing = [each for each in found if each.left <= 2 * least]
