@@ -14,7 +14,7 @@ from butterfly.identify.judgement.intervals import honest_limits
 from butterfly.identify.judgement.mass_consistency import Correction, corrections
 from butterfly.identify.judgement.verdict import Verdict
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import PARAMETERS, TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -206,7 +206,7 @@ class ParameterEstimate:
             ),
             held=held or {},
             local=local or {},
-            corrections=corrections(rows, residuals, solved.names, masses) if masses else (),
+            corrections=_corrections(solved, rows, residuals, masses),
         )
 
     @property
@@ -250,10 +250,25 @@ class ParameterEstimate:
         return replace(self, findings=(*slips, *rest))
 
 
+def _corrections(
+    solved: Solved,
+    rows: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    masses: Sequence[AddedMass],
+) -> tuple[Correction, ...]:
+    """Return what added masses would have to be; logs that gave no equations have none."""
+    if not masses:
+        return ()
+    carried = {number: masses[number] for number in np.unique(solved.cluster).tolist()}
+    return corrections(rows, residuals, solved.names, carried)
+
+
 def _of_bounds(on_bound: tuple[str, ...]) -> list[Finding]:
+    """Tell what a bound holds; a term that was offered besides may well not be there."""
     if not on_bound:
         return []
-    return [Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=Severity.CARE)]
+    severity = Severity.CARE if set(on_bound) & set(PARAMETERS) else Severity.NOTE
+    return [Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=severity)]
 
 
 def _of_signs(names: Sequence[str]) -> list[Finding]:

@@ -152,8 +152,10 @@ class Predictor:
 
 
 def _fit(squared_error: float, spread: float) -> float:
-    """FIT in per cent; there is none of an angle that stands still."""
-    return 100 * (1 - math.sqrt(squared_error / spread)) if spread else -math.inf
+    """FIT in per cent; there is none of an angle that stands still, or of one that diverges."""
+    if not spread or not math.isfinite(squared_error):
+        return -math.inf
+    return 100 * (1 - math.sqrt(squared_error / spread))
 
 
 def _spread(log: Log) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
@@ -107,6 +108,16 @@ def _torque_driven(finding: Finding, values: Values) -> str:
     )
 
 
+def _poor_fit(finding: Finding, _: Values) -> str:
+    cure = "Check units, signs and masses, and look at the residuals."
+    if not math.isfinite(_number(finding)):
+        return f"Simulated with these values, the model runs away. {cure}"
+    return (
+        f"The model follows the logs with a median FIT of {_number(finding):.1f} % only: it moves "
+        f"otherwise than this robot. {cure}"
+    )
+
+
 _PRECISION: dict[FindingKind, Callable[[Finding], str]] = {
     FindingKind.PRECISE: lambda f: f"{_joined(f)} known within {100 * _number(f):.0f} %",
     FindingKind.ROUGH: lambda f: f"{_joined(f)} known roughly",
@@ -115,10 +126,7 @@ _PRECISION: dict[FindingKind, Callable[[Finding], str]] = {
 
 _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.SLIP: lambda f, _: slip_in_words(f),
-    FindingKind.POOR_FIT: lambda f, _: (
-        f"The model follows the logs with a median FIT of {_number(f):.1f} % only: it moves "
-        "otherwise than this robot. Check units, signs and masses, and look at the residuals."
-    ),
+    FindingKind.POOR_FIT: _poor_fit,
     FindingKind.UNFOLLOWED: lambda f, _: (
         f"The model does not follow {listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
         "what is different there, or leave out what is not this robot."

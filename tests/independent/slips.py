@@ -20,7 +20,7 @@ from butterfly.identify.identification import identify
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.logs.log import Log, with_unique_names
 from butterfly.model.parameters import AddedMass
-from butterfly.report.words import verdict_in_words
+from butterfly.report.words import sentences
 from tests.independent.robots import draw as draw_robot
 
 if TYPE_CHECKING:
@@ -119,9 +119,8 @@ def ask(logs: Logs, family: str) -> Answer:
         found = identify(DataSet.of(logs), estimator).estimate
     except ButterflyError as error:
         return Answer(recognised=True, text=str(error))
-    values = dict(zip(found.names, found.values.tolist(), strict=True))
     good = found.verdict.standing is Standing.GOOD
-    text = verdict_in_words(found.verdict, values)
+    text = " ".join(sentences(found))
     return Answer(recognised=not good, text=text, standing=found.verdict.standing)
 
 
@@ -134,9 +133,9 @@ def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
         if (a.added_mass, a.excitation) != (b.added_mass, b.excitation)
     ]
     if name == "one mass":
-        return f"{slipped[differ[0]].added_mass} " in text
+        return f"if {slipped[differ[0]].added_mass} was" in text
     if name in {"mass of a log", "omega"}:
-        return with_unique_names(slipped)[differ[0]].name in text
+        return f"{'in' if name != 'omega' else 'for'} {with_unique_names(slipped)[differ[0]].name}" in text
     return all(word in text for word in CASES[name].words)
 
 

@@ -42,6 +42,6 @@ def judge_input(estimate: ParameterEstimate, kind: InputKind) -> list[Finding]:
             kind=FindingKind.TORQUE_DRIVEN,
             parameters=("p2", "p4"),
             number=resistance,
-            severity=Severity.WARNING,
+            severity=Severity.CARE,
         )
     ]

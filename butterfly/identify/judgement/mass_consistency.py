@@ -10,7 +10,7 @@ import numpy as np
 from butterfly.model.parameters import GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -54,7 +54,7 @@ def corrections(
     rows: NDArray[np.float64],
     residuals: NDArray[np.float64],
     names: Sequence[str],
-    masses: Sequence[AddedMass],
+    carried: Mapping[int, AddedMass],
 ) -> tuple[Correction, ...]:
     """Return what each added mass, and each log alone, would have to be; the best explained first.
 
@@ -68,12 +68,13 @@ def corrections(
         (k, m, n) derivatives and (k, m) residuals of k logs.
     names
         Of the n parameters; without p1 and p3 there is nothing to tell.
-    masses
-        (k,) what each log carried.
+    carried
+        What each of the k logs carried, by its number, in order.
     """
     if not {"p1", "p3"} <= set(names):
         return ()
     inertia, gravity = (rows[:, :, names.index(name)] for name in ("p1", "p3"))
+    masses, numbers = list(carried.values()), np.array(list(carried))
     farthest = max(mass.arm for mass in masses)  # where a bare hand would carry what it was not to
     arms = np.array([[mass.arm or farthest] for mass in masses])
     columns = arms**2 * inertia + GRAVITY * arms * gravity
@@ -81,8 +82,7 @@ def corrections(
     size = np.linalg.norm(flat, axis=0)
     basis = np.linalg.qr(flat / np.where(size > 0, size, 1.0))[0]
     rest = residuals.ravel() - basis @ (basis.T @ residuals.ravel())
-    told = np.count_nonzero(np.any(rows != 0, axis=2))
-    freedom = told - len(names) - 1
+    freedom = int(np.count_nonzero(np.any(rows != 0, axis=2))) - len(names) - 1
     if freedom < 1:
         return ()
     found = []
@@ -97,7 +97,8 @@ def corrections(
         explained = change**2 * length
         left = max(float(rest @ rest) - explained, _EXACT * explained)
         evidence = explained * freedom / left if left else 0.0
-        found.append(Correction(told=mass, logs=logs, change=change, evidence=evidence))
+        whose = tuple(numbers[list(logs)].tolist())
+        found.append(Correction(told=mass, logs=whose, change=change, evidence=evidence))
     return tuple(sorted(found, key=lambda each: -each.evidence))
 
 

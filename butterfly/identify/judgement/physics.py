@@ -51,10 +51,9 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
     if min(levels, default=0.0) < 0 and "load" in estimate.names:
         negative.append("load")
     if negative:
+        severity = Severity.CARE if negative == ["delay"] else Severity.WARNING
         judged.append(
-            Finding(
-                kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=Severity.WARNING
-            )
+            Finding(kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=severity)
         )
     if found.p4 < 0:
         judged.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ PER_TURN = tuple(
 """Counts per turn of common encoders, after their fourfold evaluation too."""
 
 _SWINGS = (0.02, 3.0)  # rad, that the widest log may have
+_ROUNDING = 1e-6  # of a count
 _COARSE = 5  # of how many numbers one is tried first
 
 
@@ -31,17 +33,19 @@ def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
     """Suppose that the angle is in counts, with the number per turn that fits best.
 
     Where all swings are small, sin th is th and many numbers fit: the motion tells no unit then.
+    Angles that are no whole numbers are named as counts after all else that explains as much.
 
     Parameters
     ----------
     data
-        The logs; there is nothing to suppose unless all angles are whole numbers.
+        The logs; there is nothing to suppose where all swing as an angle in rad may.
     estimator
         A quick one.
     """
-    if not all(bool(np.all(log.angle == np.rint(log.angle))) for log in data.logs):
-        return []
     swing = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
+    if swing < _SWINGS[1]:
+        return []
+    whole = all(bool(np.allclose(log.angle, np.rint(log.angle), atol=_ROUNDING)) for log in data.logs)
     least, most = (2 * math.pi * swing / each for each in reversed(_SWINGS))
     numbers = [each for each in PER_TURN if least <= each <= most]
     tried = {
@@ -52,7 +56,7 @@ def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
     best = min(tried, key=lambda k: tried[k].misfit)
     near = range(max(best - _COARSE + 1, 0), min(best + _COARSE, len(numbers)))
     tried |= {k: _with(data, estimator, numbers[k]) for k in near if k not in tried}
-    return [min(tried.values(), key=lambda each: each.misfit)]
+    return [replace(min(tried.values(), key=lambda each: each.misfit), last=not whole)]
 
 
 def _with(data: DataSet, estimator: Estimator, per_turn: int) -> Explanation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,11 +55,11 @@ def slips_of_refused(logs: Sequence[Log]) -> list[Finding]:
             return [_finding(slip, factor)]
     common = float(np.median(ratios))
     if np.all(np.abs(ratios / common - 1) < _DETUNED) and abs(common - 1) > _DETUNED:
-        return [_finding(Slip.OMEGA, common, *sines)]
+        return [_of_omega(common, *sines)]
     wrong = np.abs(ratios - 1) > _DETUNED
     if np.mean(wrong) > _MOST_WRONG:
         return []
-    return [_finding(Slip.OMEGA, float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
+    return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
 
 
 def slips_of_still(logs: Sequence[Log]) -> list[Finding]:
@@ -83,7 +84,7 @@ def slips_of_omega(
     if not near:
         return []
     worst = max((detuning for _, detuning in near), key=abs)
-    return [_finding(Slip.OMEGA, 1 + worst, *(log for log, _ in near))]
+    return [_of_omega(1 + worst, *(log for log, _ in near))]
 
 
 def _comes_to_rest(values: NDArray[np.float64]) -> bool:
@@ -106,6 +107,15 @@ def _swapped(sines: Sequence[Log]) -> list[Finding]:
         measured, share = dominant_frequency(log.time, log.angle)
         right.append(share > _SINE and abs(measured / log.excitation.omega - 1) < _SAME)
     return [_finding(Slip.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
+
+
+def _of_omega(ratio: float, *logs: Log) -> Finding:
+    """Name a wrong omega; of one log by what it should be too."""
+    found = _finding(Slip.OMEGA, ratio, *logs)
+    if len(logs) > 1 or logs[0].excitation is None:
+        return found
+    measured = f"{ratio * logs[0].excitation.omega:.4g} rad/s"
+    return replace(found, parameters=(Slip.OMEGA, measured))
 
 
 def _finding(slip: Slip, factor: float, *logs: Log) -> Finding:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import ButterflyError
+from butterfly.identify.estimators import HarmonicBalance
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.mass_consistency import disagreeing
 from butterfly.identify.judgement.slips.hypotheses import carrying
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from butterfly.identify.judgement.slips.trial import Trial
     from butterfly.model.parameters import AddedMass
 
-_ROUNDS = 6  # in which a mass is corrected about the parameters found with it
-_SETTLED = 0.01  # relative change of a mass that is none
+_ROUNDS = 8  # in which a mass is corrected about the parameters found with it
+_SETTLED = 1e-3  # relative change of a mass that is none
 _LOGS = 3  # that are suspected alone, the most evident ones
 _LEAST = -0.05  # of the largest mass, below which a mass is no rounding's
 _CERTAIN = 100.0  # F statistic of a mass that is wrong for certain
@@ -39,9 +40,7 @@ class _Corrected:
     left: float
 
 
-def wrong_masses(
-    data: DataSet, quick: Estimator, estimate: ParameterEstimate
-) -> list[Explanation]:
+def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
     """Return the masses that may be wrong, one at a time; with three, any may be.
 
     Parameters
@@ -50,19 +49,18 @@ def wrong_masses(
         The logs.
     quick
         Estimates from the logs with a mass corrected.
-    estimate
-        From the logs as they are.
     """
-    evident = [each for each in estimate.corrections if each.evident]
+    if isinstance(quick, HarmonicBalance):
+        data = data.take([k for k, point in enumerate(data.points) if point is not None])
+    found = _estimated(data, quick)
+    evident = [each for each in found.corrections if each.evident] if found else []
     groups = [each for each in evident if _is_whole(each, data)]
     singles = [each for each in evident if not _is_whole(each, data)][:_LOGS]
-    corrected = [_corrected(data, quick, each) for each in (*groups, *singles)]
-    found = [each for each in corrected if each is not None and each.trial.physical]
-    agreeing = [each for each in found if each.left == 0]
-    if not agreeing and found:
-        least = min(each.left for each in found)
-        agreeing = [each for each in found if each.left <= 2 * least]
-    return [_explanation(data, each) for each in agreeing]
+    tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
+    possible = [each for each in tried if each is not None and each.trial.physical]
+    least = min((each.left for each in possible), default=0.0)
+    agreeing = [each for each in possible if each.left <= 2 * least]
+    return [_explanation(data, each, len(agreeing)) for each in agreeing]
 
 
 def _is_whole(suspect: Correction, data: DataSet) -> bool:
@@ -83,10 +81,8 @@ def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Correct
         for number in suspect.logs:
             masses[number] = mass
         changed = carrying(data, masses)
-        try:
-            with np.errstate(all="ignore"):
-                found = quick(changed)
-        except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
+        found = _estimated(changed, quick)
+        if found is None:
             return None
         change = next((each.change for each in found.corrections if each.logs == suspect.logs), 0.0)
         if abs(change) <= _SETTLED * mass.mass:
@@ -96,14 +92,23 @@ def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Correct
     return _Corrected(suspect=suspect, mass=mass, trial=judged(changed, found), left=left)
 
 
-def _explanation(data: DataSet, corrected: _Corrected) -> Explanation:
+def _estimated(data: DataSet, quick: Estimator) -> ParameterEstimate | None:
+    try:
+        with np.errstate(all="ignore"):
+            return quick(data)
+    except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
+        return None
+
+
+def _explanation(data: DataSet, corrected: _Corrected, ways: int) -> Explanation:
+    """Name a wrong mass, which is one of some that would explain as much."""
     suspect = corrected.suspect
     whole = _is_whole(suspect, data)
     certain = suspect.evidence > _CERTAIN
     finding = Finding(
         kind=FindingKind.SLIP,
-        parameters=(Slip.MASS, str(suspect.told)),
-        number=corrected.mass.mass,
+        parameters=(Slip.MASS, str(suspect.told), str(ways)),
+        number=float(corrected.mass.mass),
         severity=Severity.WARNING if certain else Severity.CARE,
         logs=() if whole else tuple(data.logs[k].name for k in suspect.logs),
     )

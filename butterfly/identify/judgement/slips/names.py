@@ -72,17 +72,21 @@ def _counts(finding: Finding) -> str:
 
 
 def _omega(finding: Finding) -> str:
+    measured = finding.parameters[1:]  # of one log
+    at = f" ({measured[0]})" if measured else ""
     return (
         f"The manifest's omega looks wrong for {listed(finding.logs)}: times {_factor(finding):.4g}"
-        " it is the frequency of the recorded input."
+        f" it is the frequency of the recorded input{at}."
     )
 
 
 def _mass(finding: Finding) -> str:
-    whose, told = (finding.logs, finding.parameters[1])
-    of = f" of {listed(whose)}" if whose else ""
+    _, told, ways = finding.parameters
+    where = f" in {listed(finding.logs)}" if finding.logs else ""
+    choice = "" if ways == "1" else f"; one of {ways} ways, of which the motion tells no more"
     return (
-        f"An added mass looks wrong: if {told}{of} were {1e3 * _factor(finding):.3g} g, {_AGREE}."
+        f"The added masses contradict each other: if {told} was {1e3 * _factor(finding):.3g} g"
+        f"{where}, {_AGREE}{choice}."
     )
 
 
@@ -105,7 +109,8 @@ _TEXTS: dict[Slip, Callable[[Finding], str]] = {
     Slip.CENTIMETRES: lambda _: f"The arms look like centimetres: times 0.01 {_AGREE}.",
     Slip.MASS: _mass,
     Slip.GRAMS: lambda _: (
-        "The added masses look like grams, since none so heavy has room at so short an arm: times "
-        "0.001 they are plausible, and p1..p4 and friction are 0.001 of these values."
+        "The added masses look like grams: so much has hardly room at such an arm, or is hardly "
+        "moved by such a joint, which the motion cannot tell. If they are, times 0.001 all values "
+        "but the delay hold."
     ),
 }

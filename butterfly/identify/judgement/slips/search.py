@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from butterfly.identify.estimators import HarmonicBalance, WeakForm
@@ -26,7 +27,9 @@ if TYPE_CHECKING:
 
 _CLEARLY = 0.5  # share of the misfit that a slip undone must leave at most
 _FOLLOWED = 0.4  # misfit with which a slip undone must leave the logs at most
+_FAR_MORE = 0.3  # share of the misfit that a far-fetched slip must leave at most to come first
 _AS_GOOD = 1.3  # times the least misfit, below which a slip explains as much
+_LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are right
 _ROOM = 0.005  # misfit that makes no difference
 
 
@@ -45,13 +48,13 @@ def find_slips(data: DataSet, estimator: Estimator, estimate: ParameterEstimate)
     told = slips_of_omega(data.logs, data.points)
     if told:
         return told
-    heavy = [_grams()] if too_heavy(data.masses) else []
-    disagree = bool(disagreeing(estimate.corrections, [log.added_mass for log in data.logs]))
+    heavy = [_grams()] if too_heavy(data.masses, estimate) else []
+    disagree = bool(disagreeing(estimate.corrections, data.masses))
     if not (disagree or suspicious(data, estimate)):
         return heavy
     quick = _quick(data, estimator)
     units = _tried(data, quick, OTHERS) if suspicious(data, estimate) else []
-    masses = wrong_masses(data, quick, estimate)
+    masses = wrong_masses(data, quick)
     best = _best([*units, *masses], judged(data, estimate))
     if disagree and not best:
         best = [each.finding for each in _ordered(masses)]
@@ -68,7 +71,10 @@ def find_slips_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the slip that makes stamps advance slowly, before they are simulated for ages."""
     if not slow_clock(data):
         return []
-    return _best(_tried(data, _quick(data, estimator), CLOCKS), NOTHING)
+    quick, some = _quick(data, estimator), thinned(data)
+    span = sum(float(log.time[-1] - log.time[0]) for log in some.logs)
+    before = attempt(lambda same: same, some, quick) if span < _LONGEST_TRIAL else NOTHING
+    return _best(_tried(data, quick, CLOCKS), before)
 
 
 def _quick(data: DataSet, estimator: Estimator) -> Estimator:
@@ -89,18 +95,22 @@ def _tried(
 
 def _best(tried: list[Explanation], before: Trial) -> list[Finding]:
     """Return what explains the logs clearly better than they are, and what does so as well."""
-    least = min((each.misfit for each in tried), default=before.misfit)
-    if not least < min(_FOLLOWED, _CLEARLY * before.misfit):
+    order = _ordered(tried)
+    if not order:
         return []
-    return [
-        each.finding
-        for each in _ordered(tried)
-        if each.misfit <= _AS_GOOD * least + _ROOM
-    ]
+    first = order[0]
+    if not first.misfit < min(_FOLLOWED, _CLEARLY * before.misfit):
+        return []
+    most = _AS_GOOD * first.misfit + _ROOM
+    return [each.finding for each in order if each.misfit <= most or each.of_a_mass(first)]
 
 
 def _ordered(tried: list[Explanation]) -> list[Explanation]:
-    return sorted(tried, key=lambda each: (each.last, each.misfit))
+    """Sort by what is left, the far-fetched after the others unless it explains far more."""
+    likely = min((each.misfit for each in tried if not each.last), default=math.inf)
+    return sorted(
+        tried, key=lambda each: (each.last and each.misfit > _FAR_MORE * likely, each.misfit)
+    )
 
 
 def _grams() -> Finding:

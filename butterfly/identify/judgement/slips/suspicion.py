@@ -26,15 +26,12 @@ _TELLING = {
     FindingKind.ROUNDS,
 }
 
-LONGEST_STEP = 0.05
-"""Mean sampling period in s above which stamps may be no seconds."""
-
-LONGEST_LOG = 3600.0
-"""Duration in s above which stamps may be no seconds."""
-
+_LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
+_LONGEST_LOG = 3600.0  # s
 _LONGEST_ARM = 5.0  # m
 _COARSEST = 0.02  # rad that an encoder tells apart; 314 counts per turn
-_HEAVIEST = 50.0  # kg
+_HEAVIEST = 10.0  # kg
+_HEAVY = 1.0  # kg, of a motor whose resistance seems to be none
 _STEEL = 7850.0  # kg/m^3
 _LOOKED_AT = 1000  # samples
 
@@ -53,19 +50,27 @@ def slow_clock(data: DataSet) -> bool:
     """Whether the stamps of a data set advance as those of no robot that is controlled."""
     steps = [log.mean_step for log in data.logs]
     spans = [log.time[-1] - log.time[0] for log in data.logs]
-    return bool(np.median(steps) > LONGEST_STEP or np.median(spans) > LONGEST_LOG)
+    return bool(np.median(steps) > _LONGEST_STEP or np.median(spans) > _LONGEST_LOG)
 
 
-def too_heavy(masses: Sequence[AddedMass]) -> bool:
-    """Whether a mass has no room at its arm: a ball of steel of it would reach halfway to the pivot.
+def too_heavy(masses: Sequence[AddedMass], estimate: ParameterEstimate) -> bool:
+    """Whether a mass is too heavy for its place: so heavy, so large, or for such a motor.
 
-    In grams all masses are a thousand times too large, which the motion does not tell.
+    In grams all masses, and with them all parameters but the delay, are a thousand times too large,
+    which the motion does not tell. A ball of steel that reaches halfway to the pivot is too large;
+    a voltage-fed motor of almost no resistance is one whose torque is too large.
     """
+    driven = any(each.kind is FindingKind.TORQUE_DRIVEN for each in estimate.findings)
     return any(
-        mass.mass > min(_HEAVIEST, _STEEL * 4 / 3 * math.pi * (mass.arm / 2) ** 3)
+        mass.mass > min(_HEAVY if driven else _HEAVIEST, _ball(mass.arm / 2))
         for mass in masses
         if mass.arm > 0
     )
+
+
+def _ball(radius: float) -> float:
+    """Mass in kg of a ball of steel with a radius in m."""
+    return _STEEL * 4 / 3 * math.pi * radius**3
 
 
 def angle_step(log: Log) -> float:

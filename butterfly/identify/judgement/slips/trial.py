@@ -10,6 +10,7 @@ import numpy as np
 from butterfly.errors import ButterflyError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.physics import judge_physics
+from butterfly.identify.judgement.slips.names import Slip
 from butterfly.identify.predict import Predictor
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.estimators import Estimator
-    from butterfly.identify.judgement.slips.names import Slip
 
 _MOST_STEPS = 300_000  # samples that are simulated for a trial, about
 _NONE = 1e3  # misfit of logs that no joint explains
@@ -87,7 +87,7 @@ class Explanation:
     misfit
         Median over the logs.
     last
-        Whether it is named after others that explain as much.
+        Whether it is far-fetched, and named after others that explain as much.
     """
 
     finding: Finding
@@ -101,6 +101,10 @@ class Explanation:
             kind=FindingKind.SLIP, parameters=(slip,), number=factor, severity=Severity.WARNING
         )
         return cls(finding=finding, misfit=trial.misfit)
+
+    def of_a_mass(self, other: Explanation) -> bool:
+        """Whether this and another are of masses, between which the motion cannot choose."""
+        return all(each.finding.parameters[0] == Slip.MASS for each in (self, other))
 
 
 def thinned(data: DataSet) -> DataSet:
