@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     Logs = list[Log]
 
+
 def every(change: Callable[[Log], Log]) -> Callable[[Logs, np.random.Generator], Logs]:
     """Make a slip of a whole data set of what it does to a log."""
     return lambda logs, _: [change(log) for log in logs]
@@ -60,9 +61,7 @@ def _one_log(logs: Logs, draw: np.random.Generator) -> Logs:
     chosen = int(draw.integers(len(logs)))
     others = [mass for mass in masses if mass != logs[chosen].added_mass]
     wrong = others[int(draw.integers(len(others)))]
-    return [
-        replace(log, added_mass=wrong) if k == chosen else log for k, log in enumerate(logs)
-    ]
+    return [replace(log, added_mass=wrong) if k == chosen else log for k, log in enumerate(logs)]
 
 
 def _one_omega(logs: Logs, draw: np.random.Generator) -> Logs:
@@ -135,7 +134,10 @@ def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
     if name == "one mass":
         return f"if {slipped[differ[0]].added_mass} was" in text
     if name in {"mass of a log", "omega"}:
-        return f"{'in' if name != 'omega' else 'for'} {with_unique_names(slipped)[differ[0]].name}" in text
+        return (
+            f"{'in' if name != 'omega' else 'for'} {with_unique_names(slipped)[differ[0]].name}"
+            in text
+        )
     return all(word in text for word in CASES[name].words)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.logs.log import InputKind
 
 if TYPE_CHECKING:
@@ -42,6 +42,5 @@ def judge_input(estimate: ParameterEstimate, kind: InputKind) -> list[Finding]:
             kind=FindingKind.TORQUE_DRIVEN,
             parameters=("p2", "p4"),
             number=resistance,
-            severity=Severity.CARE,
         )
     ]

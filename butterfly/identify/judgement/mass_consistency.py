@@ -105,11 +105,7 @@ def corrections(
 def disagreeing(found: Sequence[Correction], masses: Sequence[AddedMass]) -> list[Correction]:
     """Return the corrections that are no fluke and matter: the masses do not agree without one."""
     largest = max(mass.mass for mass in masses)
-    return [
-        each
-        for each in found
-        if each.evident and abs(each.change) > _MATTERS * largest
-    ]
+    return [each for each in found if each.evident and abs(each.change) > _MATTERS * largest]
 
 
 def _suspects(masses: Sequence[AddedMass]) -> list[tuple[AddedMass, tuple[int, ...]]]:

@@ -45,12 +45,12 @@ def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
     swing = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
     if swing < _SWINGS[1]:
         return []
-    whole = all(bool(np.allclose(log.angle, np.rint(log.angle), atol=_ROUNDING)) for log in data.logs)
+    whole = all(
+        bool(np.allclose(log.angle, np.rint(log.angle), atol=_ROUNDING)) for log in data.logs
+    )
     least, most = (2 * math.pi * swing / each for each in reversed(_SWINGS))
     numbers = [each for each in PER_TURN if least <= each <= most]
-    tried = {
-        k: _with(data, estimator, each) for k, each in list(enumerate(numbers))[::_COARSE]
-    }
+    tried = {k: _with(data, estimator, each) for k, each in list(enumerate(numbers))[::_COARSE]}
     if not tried:
         return []
     best = min(tried, key=lambda k: tried[k].misfit)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
 
+
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
     """A slip, the factor that undoes it, and how a data set would be without it.
@@ -71,9 +72,7 @@ def of_logs(slip: Slip, factor: float, undo: Callable[[Log], Log]) -> Hypothesis
 
 def carrying(data: DataSet, masses: Sequence[AddedMass]) -> DataSet:
     """Return a data set whose logs carried other masses."""
-    logs = tuple(
-        replace(log, added_mass=mass) for log, mass in zip(data.logs, masses, strict=True)
-    )
+    logs = tuple(replace(log, added_mass=mass) for log, mass in zip(data.logs, masses, strict=True))
     points = tuple(
         None if point is None else replace(point, added_mass=mass)
         for point, mass in zip(data.points, masses, strict=True)

@@ -70,9 +70,7 @@ def slips_of_still(logs: Sequence[Log]) -> list[Finding]:
     return []
 
 
-def slips_of_omega(
-    logs: Sequence[Log], points: Sequence[ResponsePoint | None]
-) -> list[Finding]:
+def slips_of_omega(logs: Sequence[Log], points: Sequence[ResponsePoint | None]) -> list[Finding]:
     """Tell of which logs the input is next to, not at, the frequency that the manifest gives."""
     near = [
         (log, point.detuning)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -10,16 +11,15 @@ import numpy as np
 from butterfly.errors import ButterflyError
 from butterfly.identify.estimators import HarmonicBalance
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identify.judgement.mass_consistency import disagreeing
+from butterfly.identify.judgement.mass_consistency import Correction, disagreeing
 from butterfly.identify.judgement.slips.hypotheses import carrying
 from butterfly.identify.judgement.slips.names import Slip
-from butterfly.identify.judgement.slips.trial import Explanation, judged
+from butterfly.identify.judgement.slips.trial import FOLLOWED, Explanation, attempt, judged, thinned
 
 if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.estimators import Estimator
-    from butterfly.identify.judgement.mass_consistency import Correction
     from butterfly.identify.judgement.slips.trial import Trial
     from butterfly.model.parameters import AddedMass
 
@@ -50,10 +50,9 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
     quick
         Estimates from the logs with a mass corrected.
     """
-    if isinstance(quick, HarmonicBalance):
-        data = data.take([k for k, point in enumerate(data.points) if point is not None])
-    found = _estimated(data, quick)
-    evident = [each for each in found.corrections if each.evident] if found else []
+    data = _used(data, quick)
+    whole = _estimated(data, quick)
+    evident = [each for each in whole.corrections if each.evident] if whole else []
     groups = [each for each in evident if _is_whole(each, data)]
     singles = [each for each in evident if not _is_whole(each, data)][:_LOGS]
     tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
@@ -61,6 +60,48 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
     least = min((each.left for each in possible), default=0.0)
     agreeing = [each for each in possible if each.left <= 2 * least]
     return [_explanation(data, each, len(agreeing)) for each in agreeing]
+
+
+def mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
+    """Return the log that spoils all others, if it may have carried another mass than was told.
+
+    The estimate from all logs cannot tell it then, so each is left out in turn.
+
+    Parameters
+    ----------
+    data, quick
+        As `wrong_masses` takes them.
+    """
+    data = _used(data, quick)
+    tried = [_corrected(data, quick, each) for each in _suspects_alone(data, quick)]
+    possible = [each for each in tried if each is not None and each.trial.misfit < FOLLOWED]
+    best = sorted(possible, key=lambda each: (each.left, each.trial.misfit))[:1]
+    return [_explanation(data, each, 1) for each in best]
+
+
+def _used(data: DataSet, quick: Estimator) -> DataSet:
+    """Return the logs that an estimator uses."""
+    if isinstance(quick, HarmonicBalance):
+        return data.take([k for k, point in enumerate(data.points) if point is not None])
+    return data
+
+
+def _suspects_alone(data: DataSet, quick: Estimator) -> list[Correction]:
+    """Suspect the log without which the rest agrees best to have carried another's mass."""
+    numbers = range(len(data.logs))
+    misfits = []
+    for number in numbers:
+        rest = thinned(data.take([k for k in numbers if k != number]))
+        misfits.append(attempt(lambda same: same, rest, quick).misfit)
+    worst = int(np.argmin(misfits))
+    if misfits[worst] > FOLLOWED:
+        return []
+    told = data.logs[worst].added_mass
+    return [
+        Correction(told=told, logs=(worst,), change=other.mass - told.mass, evidence=math.inf)
+        for other in data.masses
+        if other != told
+    ]
 
 
 def _is_whole(suspect: Correction, data: DataSet) -> bool:
@@ -73,23 +114,24 @@ def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Correct
     masses = [log.added_mass for log in data.logs]
     largest = max(masses)
     mass = suspect.told if suspect.told.arm else replace(suspect.told, arm=largest.arm)
-    change = suspect.change
+    change, found = suspect.change, None
     for _ in range(_ROUNDS):
         if mass.mass + change < _LEAST * largest.mass:
             return None
         mass = replace(mass, mass=max(mass.mass + change, 0.0))
         for number in suspect.logs:
             masses[number] = mass
-        changed = carrying(data, masses)
-        found = _estimated(changed, quick)
+        found = _estimated(carrying(data, masses), quick)
         if found is None:
             return None
         change = next((each.change for each in found.corrections if each.logs == suspect.logs), 0.0)
         if abs(change) <= _SETTLED * mass.mass:
             break
+    assert found is not None  # noqa: S101 - there is a round
     wrong = disagreeing(found.corrections, masses)
     left = max((each.evidence for each in wrong), default=0.0)
-    return _Corrected(suspect=suspect, mass=mass, trial=judged(changed, found), left=left)
+    trial = judged(carrying(data, masses), found)
+    return _Corrected(suspect=suspect, mass=mass, trial=trial, left=left)
 
 
 def _estimated(data: DataSet, quick: Estimator) -> ParameterEstimate | None:

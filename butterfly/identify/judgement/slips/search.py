@@ -11,10 +11,17 @@ from butterfly.identify.judgement.mass_consistency import disagreeing
 from butterfly.identify.judgement.slips.counts import fitting_counts
 from butterfly.identify.judgement.slips.hypotheses import CLOCKS, OTHERS
 from butterfly.identify.judgement.slips.inputs import slips_of_omega
-from butterfly.identify.judgement.slips.masses import wrong_masses
+from butterfly.identify.judgement.slips.masses import mass_of_one_log, wrong_masses
 from butterfly.identify.judgement.slips.names import Slip
 from butterfly.identify.judgement.slips.suspicion import slow_clock, suspicious, too_heavy
-from butterfly.identify.judgement.slips.trial import NOTHING, Explanation, attempt, judged, thinned
+from butterfly.identify.judgement.slips.trial import (
+    FOLLOWED,
+    NOTHING,
+    Explanation,
+    attempt,
+    judged,
+    thinned,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,7 +33,6 @@ if TYPE_CHECKING:
     from butterfly.identify.judgement.slips.trial import Trial
 
 _CLEARLY = 0.5  # share of the misfit that a slip undone must leave at most
-_FOLLOWED = 0.4  # misfit with which a slip undone must leave the logs at most
 _FAR_MORE = 0.3  # share of the misfit that a far-fetched slip must leave at most to come first
 _AS_GOOD = 1.3  # times the least misfit, below which a slip explains as much
 _LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are right
@@ -55,10 +61,11 @@ def find_slips(data: DataSet, estimator: Estimator, estimate: ParameterEstimate)
     quick = _quick(data, estimator)
     units = _tried(data, quick, OTHERS) if suspicious(data, estimate) else []
     masses = wrong_masses(data, quick)
-    best = _best([*units, *masses], judged(data, estimate))
+    before = judged(data, estimate)
+    best = _best([*units, *masses], before)
     if disagree and not best:
         best = [each.finding for each in _ordered(masses)]
-    return best or heavy
+    return best or _best(_of_one_log(data, quick, before), before) or heavy
 
 
 def find_slips_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
@@ -85,11 +92,12 @@ def _quick(data: DataSet, estimator: Estimator) -> Estimator:
     return HarmonicBalance(check=False) if sines else WeakForm(check=False)
 
 
-def _tried(
-    data: DataSet, quick: Estimator, hypotheses: Iterable[Hypothesis]
-) -> list[Explanation]:
+def _tried(data: DataSet, quick: Estimator, hypotheses: Iterable[Hypothesis]) -> list[Explanation]:
     some = thinned(data)
-    tried = [Explanation.of(each.slip, each.factor, attempt(each.undo, some, quick)) for each in hypotheses]
+    tried = [
+        Explanation.of(each.slip, each.factor, attempt(each.undo, some, quick))
+        for each in hypotheses
+    ]
     return tried + fitting_counts(some, quick)
 
 
@@ -99,7 +107,7 @@ def _best(tried: list[Explanation], before: Trial) -> list[Finding]:
     if not order:
         return []
     first = order[0]
-    if not first.misfit < min(_FOLLOWED, _CLEARLY * before.misfit):
+    if not first.misfit < min(FOLLOWED, _CLEARLY * before.misfit):
         return []
     most = _AS_GOOD * first.misfit + _ROOM
     return [each.finding for each in order if each.misfit <= most or each.of_a_mass(first)]
@@ -111,6 +119,11 @@ def _ordered(tried: list[Explanation]) -> list[Explanation]:
     return sorted(
         tried, key=lambda each: (each.last and each.misfit > _FAR_MORE * likely, each.misfit)
     )
+
+
+def _of_one_log(data: DataSet, quick: Estimator, before: Trial) -> list[Explanation]:
+    """Look for a log that spoils all others, where all are spoiled."""
+    return mass_of_one_log(data, quick) if before.misfit > FOLLOWED else []
 
 
 def _grams() -> Finding:

@@ -78,4 +78,3 @@ def angle_step(log: Log) -> float:
     middle = log.angle.size // 2
     changes = np.abs(np.diff(log.angle[middle : middle + _LOOKED_AT]))
     return float(np.min(changes[changes > 0], initial=math.inf)) if changes.any() else 0.0
-

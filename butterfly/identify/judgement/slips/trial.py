@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.estimators import Estimator
 
-_MOST_STEPS = 300_000  # samples that are simulated for a trial, about
+FOLLOWED = 0.6
+"""Misfit with which a slip undone must leave the logs at most."""
+
+_MOST_STEPS = 200_000  # samples that are simulated for a trial, about
 _NONE = 1e3  # misfit of logs that no joint explains
 
 
@@ -54,9 +57,7 @@ NOTHING = Trial(misfits=np.array([_NONE]), physical=False)
 """Of logs from which nothing can be estimated."""
 
 
-def attempt(
-    undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estimator
-) -> Trial:
+def attempt(undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estimator) -> Trial:
     """Undo a slip, estimate quickly, and simulate."""
     try:
         with np.errstate(all="ignore"):
@@ -72,7 +73,9 @@ def judged(data: DataSet, estimate: ParameterEstimate) -> Trial:
         return NOTHING
     fits = Predictor(data).fits(estimate)
     misfits = np.nan_to_num(1 - fits / 100, nan=_NONE, posinf=_NONE)
-    physical = not any(each.severity is Severity.WARNING for each in judge_physics(estimate, data.masses))
+    physical = not any(
+        each.severity is Severity.WARNING for each in judge_physics(estimate, data.masses)
+    )
     return Trial(misfits=np.minimum(misfits, _NONE), physical=physical, estimate=estimate)
 
 
