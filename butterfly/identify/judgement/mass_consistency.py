@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 
     from butterfly.model.parameters import AddedMass
 
-_OF_A_LOG = 15.0  # F statistic above which a log's correction is no fluke, though one of many
+_OF_A_LOG = 25.0  # F statistic above which a log's correction is no fluke, though one of many
+_MISTAKEN = 12.0  # of a log that may have carried another of the masses
+_NEAR = 2.0  # standard errors from that mass
 _OF_A_MASS = 40.0  # of a whole mass, which takes up some of what the model lacks
 _MATTERS = 0.05  # of the largest mass, below which a correction does not matter
 _EXACT = 1e-12  # of what a correction explains, that rounding leaves
@@ -37,17 +40,22 @@ class Correction:
         To be added to the told mass, in kg.
     evidence
         F statistic of the change: that of one more parameter.
+    mistaken
+        Whether the corrected mass may be another of those that were told.
     """
 
     told: AddedMass
     logs: tuple[int, ...]
     change: float
     evidence: float
+    mistaken: bool = False
 
     @property
     def evident(self) -> bool:
         """Whether it is no fluke."""
-        return self.evidence > (_OF_A_LOG if len(self.logs) == 1 else _OF_A_MASS)
+        if len(self.logs) > 1:
+            return self.evidence > _OF_A_MASS
+        return self.evidence > (_MISTAKEN if self.mistaken else _OF_A_LOG)
 
 
 def corrections(
@@ -98,7 +106,13 @@ def corrections(
         left = max(float(rest @ rest) - explained, _EXACT * explained)
         evidence = explained * freedom / left if left else 0.0
         whose = tuple(numbers[list(logs)].tolist())
-        found.append(Correction(told=mass, logs=whose, change=change, evidence=evidence))
+        reach = _NEAR * abs(change) / math.sqrt(max(evidence, _EXACT))
+        mistaken = any(
+            abs(mass.mass + change - other.mass) < reach for other in masses if other != mass
+        )
+        found.append(
+            Correction(told=mass, logs=whose, change=change, evidence=evidence, mistaken=mistaken)
+        )
     return tuple(sorted(found, key=lambda each: -each.evidence))
 
 

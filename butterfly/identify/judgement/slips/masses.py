@@ -52,8 +52,10 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
     """
     data = _used(data, quick)
     whole = _estimated(data, quick)
-    evident = [each for each in whole.corrections if each.evident] if whole else []
-    groups = [each for each in evident if _is_whole(each, data)]
+    found = whole.corrections if whole else ()
+    evident = [each for each in found if each.evident]
+    disagree = any(_is_whole(each, data) for each in evident)
+    groups = [each for each in found if disagree and _is_whole(each, data)]
     singles = [each for each in evident if not _is_whole(each, data)][:_LOGS]
     tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
     possible = [each for each in tried if each is not None and each.trial.physical]
