@@ -32,7 +32,7 @@ _SAME = 0.03  # relative difference that counts as none between units
 _DETUNED = 0.005  # relative difference that an omega must have to be a wrong one
 _TURNED = 0.1  # rad by which the input's phase must then move from half to half of the window
 _MOST_WRONG = 0.5  # share of the logs whose omega may be wrong, each by a factor of its own
-_AT_REST = 0.5  # of a signal's spread before, below which it comes to rest
+_STARTS = 50  # parts of a log, of which the first is its start
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
 
@@ -86,8 +86,11 @@ def slips_of_omega(logs: Sequence[Log], points: Sequence[ResponsePoint | None]) 
 
 
 def _comes_to_rest(values: NDArray[np.float64]) -> bool:
+    """Whether a signal is largest where it starts, and grows no more."""
     first, second = np.array_split(values, 2)
-    return bool(np.std(second) < _AT_REST * np.std(first))
+    distance = np.abs(values - second.mean())
+    start = distance[: max(1, values.size // _STARTS)]
+    return bool(start.max() >= distance.max() and np.std(second) < np.std(first))
 
 
 def _ratio(log: Log) -> tuple[float, float]:
