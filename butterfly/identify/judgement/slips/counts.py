@@ -20,9 +20,10 @@ PER_TURN = tuple(
     sorted(
         {2**k for k in range(6, 25)}
         | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
+        - {360}
     )
 )
-"""Counts per turn of common encoders, after their fourfold evaluation too."""
+"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
 
 _SWINGS = (0.02, 3.0)  # rad, that the widest log may have
 _ROUNDING = 1e-6  # of a count

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.judgement.findings import FindingKind
+from butterfly.identify.judgement.findings import FindingKind, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,14 +17,7 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
 
-_TELLING = {
-    FindingKind.POOR_FIT,
-    FindingKind.UNFOLLOWED,
-    FindingKind.NO_INERTIA,
-    FindingKind.NEGATIVE,
-    FindingKind.TORQUE_DRIVEN,
-    FindingKind.ROUNDS,
-}
+_TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
 
 _LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
 _LONGEST_LOG = 3600.0  # s
@@ -39,7 +32,9 @@ _LOOKED_AT = 1000  # samples
 def suspicious(data: DataSet, estimate: ParameterEstimate) -> bool:
     """Whether an estimate, or the sizes in its data, are those of a slip."""
     return (
-        any(each.kind in _TELLING for each in estimate.findings)
+        any(
+            each.severity is Severity.WARNING or each.kind in _TELLING for each in estimate.findings
+        )
         or any(mass.arm > _LONGEST_ARM for mass in data.masses)
         or any(point.amplitude > math.pi for point in data.sines)
         or all(angle_step(log) >= _COARSEST for log in data.logs)
