@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
+from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
@@ -74,7 +76,10 @@ class DataSet:
         if len(kinds) > 1:
             raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
         recorded = with_unique_names(recorded)
-        examined = [examine(log, repairs) for log in recorded]
+        try:
+            examined = [examine(log, repairs) for log in recorded]
+        except InputError as error:
+            raise with_slips(error, slips_of_still(recorded)) from None
         logs = [log for log, _ in examined]
         return cls(
             name=name,
@@ -84,10 +89,7 @@ class DataSet:
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
-            points=tuple(
-                response_point(log) if log.excitation else None
-                for log in track(logs, "Fitting sines")
-            ),
+            points=_responses(logs, track),
         )
 
     @property
@@ -133,6 +135,16 @@ class DataSet:
             return None
         entries = [self.manifest.logs[k] for k in rows]
         return self.manifest.model_copy(update={"logs": entries})
+
+
+def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None, ...]:
+    """Fit the steady response of each sine; a refusal names the slip that explains it."""
+    try:
+        return tuple(
+            response_point(log) if log.excitation else None for log in track(logs, "Fitting sines")
+        )
+    except InputError as error:
+        raise with_slips(error, slips_of_refused(logs)) from None
 
 
 def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:

@@ -11,6 +11,7 @@ from butterfly.identify.judgement.covariance import cluster_covariance, compress
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import Conditioning, sort_by_precision
 from butterfly.identify.judgement.intervals import honest_limits
+from butterfly.identify.judgement.mass_consistency import Correction, corrections
 from butterfly.identify.judgement.verdict import Verdict
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
@@ -139,6 +140,9 @@ class ParameterEstimate:
         Where the method estimates them: ``zero`` (the encoder's reading in rad at the model's
         angle 0), ``velocity`` (at the first sample, in rad/s) and ``bias``, for one log (by its
         name), for one added mass, or for all (None).
+    corrections
+        What added masses would have to be for the logs to agree better, the best explained first;
+        none where that was not asked.
     """
 
     method: str
@@ -155,6 +159,7 @@ class ParameterEstimate:
     held: dict[str, float] = field(default_factory=dict)
     resonances: dict[AddedMass, float] = field(default_factory=dict)
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
+    corrections: tuple[Correction, ...] = ()
 
     @classmethod
     def from_rows(
@@ -168,6 +173,7 @@ class ParameterEstimate:
         findings: Sequence[Finding] = (),
         held: dict[str, float] | None = None,
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
+        masses: Sequence[AddedMass] = (),
     ) -> ParameterEstimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
@@ -185,6 +191,8 @@ class ParameterEstimate:
             How many values, from the first on, are parameters of the robot; all if not given.
         findings, held, local
             As the estimate has them; the findings come after those on the values.
+        masses
+            What the log of each cluster carried, where the clusters are logs.
 
         Raises
         ------
@@ -223,6 +231,7 @@ class ParameterEstimate:
             ),
             held=held or {},
             local=local or {},
+            corrections=_corrections(solved, rows, residuals, masses),
         )
 
     @property
@@ -272,6 +281,26 @@ class ParameterEstimate:
     def with_findings(self, *more: Finding) -> ParameterEstimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
+
+    def with_slips(self, *slips: Finding) -> ParameterEstimate:
+        """Return the estimate with the slips that explain it said first, and no guess at others."""
+        if not slips:
+            return self
+        rest = (each for each in self.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
+        return replace(self, findings=(*slips, *rest))
+
+
+def _corrections(
+    solved: Solved,
+    rows: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    masses: Sequence[AddedMass],
+) -> tuple[Correction, ...]:
+    """Return what added masses would have to be; logs that gave no equations have none."""
+    if not masses:
+        return ()
+    carried = {number: masses[number] for number in np.unique(solved.cluster).tolist()}
+    return corrections(rows, residuals, solved.names, carried)
 
 
 def _pulled(

@@ -9,11 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identify.estimators import Estimator, HarmonicBalance
 from butterfly.identify.judgement.following import judge_fit
 from butterfly.identify.judgement.input_kind import judge_input
 from butterfly.identify.judgement.misfit import Misfit, judge_misfit
 from butterfly.identify.judgement.physics import judge_physics
+from butterfly.identify.judgement.slips.names import with_slips
+from butterfly.identify.judgement.slips.search import (
+    find_slips,
+    find_slips_of_clock,
+    find_slips_of_refused,
+)
 from butterfly.identify.other_parameters import OtherParameters, try_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor
 from butterfly.progress import Track, untracked
@@ -92,14 +99,30 @@ def identify(
     IdentifiabilityError
         If the logs cannot determine the parameters.
     """
-    found = (estimator or HarmonicBalance())(data)
+    estimator = estimator or HarmonicBalance()
+    found = _estimated(data, estimator)
     run = simulated(data, found, against=against, track=track)
-    judged = (
+    judged = found.with_findings(
         *judge_physics(found, data.masses),
         *judge_fit(run.fits, [log.name for log in data.logs]),
         *judge_input(found, data.input_kind),
     )
-    return replace(run, estimate=found.with_findings(*judged))
+    return replace(run, estimate=judged.with_slips(*find_slips(data, estimator, judged)))
+
+
+def _estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
+    """Estimate; a refusal names the slip that explains it."""
+    clock = find_slips_of_clock(data, estimator)
+    if clock:
+        step = f"a mean step of {data.logs[0].mean_step:.3g} s"
+        raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
+    try:
+        return estimator(data)
+    except ButterflyError as error:
+        raise with_slips(error, find_slips_of_refused(data, estimator)) from None
+    except np.linalg.LinAlgError as error:
+        refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
+        raise with_slips(refusal, find_slips_of_refused(data, estimator)) from None
 
 
 def simulated(

@@ -40,7 +40,9 @@ class FreeRun:
     @cached_property
     def fit(self) -> float:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
-        return _fit(float(np.sum((self.simulated - self.log.angle) ** 2)), _spread(self.log))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+            error = float(np.sum((self.simulated - self.log.angle) ** 2))
+        return _fit(error, _spread(self.log))
 
     @property
     def rms(self) -> float:
@@ -150,8 +152,10 @@ class Predictor:
 
 
 def _fit(squared_error: float, spread: float) -> float:
-    """FIT in per cent; there is none of an angle that stands still."""
-    return 100 * (1 - math.sqrt(squared_error / spread)) if spread else -math.inf
+    """FIT in per cent; there is none of an angle that stands still, or of one that diverges."""
+    if not spread or not math.isfinite(squared_error):
+        return -math.inf
+    return 100 * (1 - math.sqrt(squared_error / spread))
 
 
 def _spread(log: Log) -> float:

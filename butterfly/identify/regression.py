@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.model.terms import TERMS, lower_bounds
 
 if TYPE_CHECKING:
@@ -53,7 +54,15 @@ class Regression:
     least: dict[str, float] = field(default_factory=dict)
 
     def solve(self, use: NDArray[np.bool_] | slice = slice(None)) -> Solution:
-        """Return the values that fit the rows to use best, within their bounds."""
+        """Return the values that fit the rows to use best, within their bounds.
+
+        Raises
+        ------
+        IdentifiabilityError
+            If no input ever acted.
+        """
+        if "p4" in self.names and not self.rows[use, self.names.index("p4")].any():
+            raise IdentifiabilityError("the input is zero throughout: add logs of a driven joint")
         rows, target = self.rows[use], self.target[use]
         scale = np.linalg.norm(rows, axis=0)
         scale[scale == 0] = 1.0  # a column of zeros stays without effect

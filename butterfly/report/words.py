@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
+from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing, Verdict
 from butterfly.model.terms import TERMS
 
@@ -17,7 +19,6 @@ if TYPE_CHECKING:
 
     Values = Mapping[str, float]
 
-_NAMED = 4  # logs that a sentence names
 _LEAST_MASSES = 3  # of which one can be left out
 
 
@@ -80,12 +81,6 @@ def _joined_after(finding: Finding) -> str:
     return ", ".join(finding.parameters[1:])
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Name a few logs, and count the others."""
-    rest = len(names) - _NAMED
-    return ", ".join(names[:_NAMED]) + (f" and {rest} more" if rest > 0 else "")
-
-
 def _number(finding: Finding) -> float:
     assert finding.number is not None  # noqa: S101 - kinds whose sentence asks for one have one
     return finding.number
@@ -134,6 +129,16 @@ def _left_over(finding: Finding, _: Values) -> str:
     )
 
 
+def _poor_fit(finding: Finding, _: Values) -> str:
+    cure = "Check units, signs and masses, and look at the residuals."
+    if not math.isfinite(_number(finding)):
+        return f"Simulated with these values, the model runs away. {cure}"
+    return (
+        f"The model follows the logs with a median FIT of {_number(finding):.1f} % only: it moves "
+        f"otherwise than this robot. {cure}"
+    )
+
+
 _PRECISION: dict[FindingKind, Callable[[Finding], str]] = {
     FindingKind.PRECISE: lambda f: f"{_joined(f)} known within {100 * _number(f):.0f} %",
     FindingKind.ROUGH: lambda f: f"{_joined(f)} known roughly",
@@ -141,12 +146,10 @@ _PRECISION: dict[FindingKind, Callable[[Finding], str]] = {
 }
 
 _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
-    FindingKind.POOR_FIT: lambda f, _: (
-        f"The model follows the logs with a median FIT of {_number(f):.1f} % only: it moves "
-        "otherwise than this robot. Check units, signs and masses, and look at the residuals."
-    ),
+    FindingKind.SLIP: lambda f, _: slip_in_words(f),
+    FindingKind.POOR_FIT: _poor_fit,
     FindingKind.UNFOLLOWED: lambda f, _: (
-        f"The model does not follow {_listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
+        f"The model does not follow {listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
         "what is different there, or leave out what is not this robot."
     ),
     FindingKind.NO_INERTIA: lambda f, _: (
@@ -162,7 +165,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         "the angle or the input counts the other way, change the sign of one of them (sign: -1)."
     ),
     FindingKind.LEFT_OUT: lambda f, _: (
-        f"{_listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
+        f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
         "rests elsewhere or never settles, and the steady response to a sine says nothing there. "
         "The methods weak-form and output-error use them."
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,8 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.signals import hold
 from butterfly.signals.sine_fit import (
+    HARMONICS,
     SineFit,
-    fit_basis,
     fit_halves,
     fit_sine,
     sine_basis,
@@ -27,6 +28,9 @@ LOUD = 0.1
 """Of the swing: what else moves, from which on a transient is looked for."""
 
 _CALMER = 0.5  # of what a sine leaves over, that one with a transient may leave
+
+_PER_PERIOD = 2 * HARMONICS  # samples that show the harmonics which are fitted
+_FEWEST = 2 * (1 + 2 * HARMONICS)  # samples in both halves of a window, for what is fitted there
 
 MIN_COHERENCE = 0.5
 """Smallest share of the input's variance that the commanded sine must explain."""
@@ -50,6 +54,8 @@ class ResponsePoint:
         Short name of the log.
     pole
         In 1/s, of a transient that still rings and was fitted too; None where there is none.
+    detuning
+        Relative distance of the input's frequency from the one that was told.
     """
 
     added_mass: AddedMass
@@ -58,6 +64,7 @@ class ResponsePoint:
     drift: float
     label: str
     pole: complex | None = None
+    detuning: float = 0.0
 
     @property
     def omega(self) -> float:
@@ -92,15 +99,17 @@ def response_point(
     Raises
     ------
     InputError
-        If the log has no sine excitation, is too short, or its input is not that sine.
+        If the log has no sine excitation, is too short or too coarse, or its input is not that
+        sine.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
     omega = log.excitation.omega
     rows = steady_window(log, omega, seconds)
     time, inputs, angle = log.time[rows], log.input[rows], log.angle[rows]
+    _refuse_coarse(log, omega, time.size)
     basis = sine_basis(time, omega)
-    command = fit_basis(basis[:3], inputs, omega, harmonics=1)
+    command, first, second = fit_halves(basis[:3], inputs, omega)
     spread = float(np.std(inputs))
     explained = 1.0 - (command.residual_rms / spread) ** 2 if spread > 0 else 0.0
     if explained < MIN_COHERENCE:
@@ -124,7 +133,18 @@ def response_point(
         added_mass=log.added_mass,
         input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),
         angle=response,
-        drift=(after - before) / response.amplitude,
+        drift=(abs(after) - abs(before)) / response.amplitude,
         label=log.label,
         pole=pole,
+        detuning=float(np.angle(second / first)) / (omega * (time[-1] - time[0]) / 2),
     )
+
+
+def _refuse_coarse(log: Log, omega: float, samples: int) -> None:
+    """Refuse a log that does not show a sine between its samples."""
+    step = 2 * math.pi / (_PER_PERIOD * omega)
+    if log.mean_step > step or samples < _FEWEST:
+        value = f"a mean step of {log.mean_step:.3g} s"
+        raise InputError(
+            log.source, "time", value, f"steps below {step:.2g} s for a sine of {omega:g} rad/s"
+        )

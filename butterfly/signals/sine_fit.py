@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ HARMONICS = 3
 """Harmonics fitted by default: gravity and Coulomb friction are odd, an offset adds even ones."""
 
 _BLOCKS = 10  # correlation within a tenth of the record is taken into account
+_TO_PHASOR = np.array([1.0, -1.0])  # which is (cos part) - j (sin part)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +77,16 @@ class SineFit:
         orders = np.arange(1, self.phasors.size + 1)
         waves = self.phasors[:, None] * np.exp(1j * self.omega * np.outer(orders, time))
         return np.asarray(self.offset + waves.real.sum(axis=0))
+
+    def scaled(self, factor: float) -> SineFit:
+        """Return the fit of the signal times a factor."""
+        return replace(
+            self,
+            offset=factor * self.offset,
+            phasors=factor * self.phasors,
+            covariance=factor**2 * self.covariance,
+            residual_rms=abs(factor) * self.residual_rms,
+        )
 
     def _error_along(self, direction: complex) -> float:
         unit = np.array([direction.real, direction.imag])
@@ -168,8 +179,8 @@ def fit_basis(
 
 def fit_halves(
     basis: NDArray[np.float64], values: NDArray[np.float64], omega: float
-) -> tuple[SineFit, float, float]:
-    """Fit a signal as a whole, and the amplitudes of its fundamental in its first and second half.
+) -> tuple[SineFit, complex, complex]:
+    """Fit a signal as a whole, and the phasors of its fundamental in its first and second half.
 
     The equations of the whole are the sum of those of its halves.
 
@@ -185,7 +196,7 @@ def fit_halves(
         _equations(basis[:, half], values[half]) for half in (slice(middle), slice(middle, None))
     )
     before, after = (
-        float(np.hypot(*np.linalg.solve(matrix, moments)[1:3]))
+        complex(*(np.linalg.solve(matrix, moments)[1:3] * _TO_PHASOR))
         for matrix, moments in ((first, of_first), (second, of_second))
     )
     harmonics = basis.shape[0] // 2
@@ -208,13 +219,12 @@ def _fit(
     scores = np.array([basis[:, a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())])
     correction = _BLOCKS / (_BLOCKS - 1) * (values.size - 1) / (values.size - basis.shape[0])
     covariance = correction * normal @ (scores.T @ scores) @ normal
-    flip = np.array([1.0, -1.0])  # the phasor is (cos part) - j (sin part)
     waves = coefficients[1 : 1 + 2 * harmonics]
     return SineFit(
         omega=omega,
         offset=float(coefficients[0]),
         phasors=waves[::2] - 1j * waves[1::2],
-        covariance=covariance[1:3, 1:3] * np.outer(flip, flip),
+        covariance=covariance[1:3, 1:3] * np.outer(_TO_PHASOR, _TO_PHASOR),
         residual_rms=float(np.sqrt(np.mean(residual**2))),
     )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import brentq
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import Solved
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
@@ -45,8 +46,15 @@ class DescribingFit:
     solved: Solved
 
     @classmethod
+    @np.errstate(divide="ignore", over="ignore", invalid="ignore")
     def of(cls, phasors: Phasors) -> DescribingFit:
-        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
+        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests.
+
+        Raises
+        ------
+        IdentifiabilityError
+            If no solution is a number.
+        """
         count = len(phasors.names)
         values, weights, delay = np.zeros(count), np.ones(phasors.omega.size), 0.0
         for _ in range(_MAX_ITERATIONS):
@@ -58,6 +66,10 @@ class DescribingFit:
             slope = phasors.slope(values)
             swing = np.abs(phasors.angle)
             errors = np.abs(matrix @ unknowns - target) / (slope * swing)
+            if not np.isfinite(errors).all():
+                raise IdentifiabilityError(
+                    "no joint's response balances these logs: check their units"
+                )
             variance = phasors.variance + phasors.doubt
             spread = _model_variance(errors, variance / swing**2, count)
             weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))

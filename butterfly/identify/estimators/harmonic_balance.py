@@ -173,6 +173,7 @@ def _judged(
         rivals=tuple(np.append(each, more) for each in (chosen.rivals if chosen else ())),
         findings=[*few, *said],
         held=chosen.held if chosen else None,
+        masses=masses,
         local=None if rest is None else {None: {"zero": float(rest.zeros[0])}},
     )
     return chosen.judge(found) if chosen else found

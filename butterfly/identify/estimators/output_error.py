@@ -154,7 +154,7 @@ class OutputError(Estimator):
             end_of_part = self.descend(part, end.point[kept], end.at.part(rest, kept))
             return np.asarray((end_of_part.point * part.scale)[: problem.shared])
 
-        masses = (log.added_mass for log in logs)
+        masses = [log.added_mass for log in logs]
         left_out, few = without_each_mass(masses, without, asked=self.check)
         known = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         return ParameterEstimate.from_rows(
@@ -166,6 +166,7 @@ class OutputError(Estimator):
             findings=[*few, *said],
             held={name: getattr(problem.start, name) for name in (*self.fixed, "cogging_periods")},
             local=_local(list(known)[problem.shared :]),
+            masses=masses,
         )
 
     def minimum(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
 
 _ROUNDS = 8  # about the delay
-_SETTLED = 1e-7  # s
+_SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
 class Windows(NamedTuple):

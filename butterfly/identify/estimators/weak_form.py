@@ -102,9 +102,8 @@ class WeakForm(Estimator):
             rest = [each for each in pairs if each.windows.added != mass]
             return refined(chosen.fit, rest).solved.values
 
-        left_out, few = without_each_mass(
-            (log.added_mass for log in logs), without, asked=self.check
-        )
+        masses = [log.added_mass for log in logs]
+        left_out, few = without_each_mass(masses, without, asked=self.check)
         found = ParameterEstimate.from_rows(
             fit.solved,
             method="weak form",
@@ -112,6 +111,7 @@ class WeakForm(Estimator):
             rivals=[each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals],
             findings=[*few, *chosen.said],
             held=chosen.held | {"cogging_periods": self.cogging_periods},
+            masses=masses,
         )
         return found.with_findings(*missing_terms(found, chosen.best))
 

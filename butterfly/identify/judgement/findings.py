@@ -28,6 +28,7 @@ class FindingKind(StrEnum):
     PRECISE = "precise"  # half-width over value that counts as known
     ROUGH = "rough"
     NOT_FROM_ZERO = "not-from-zero"
+    SLIP = "slip"  # its name; the factor that undoes it
     POOR_FIT = "poor-fit"  # median FIT in per cent
     UNFOLLOWED = "unfollowed"  # least FIT in per cent of the logs that are named
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia

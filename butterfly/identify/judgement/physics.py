@@ -53,10 +53,9 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
     if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
     if negative:
+        severity = Severity.CARE if negative == ["delay"] else Severity.WARNING
         judged.append(
-            Finding(
-                kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=Severity.WARNING
-            )
+            Finding(kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=severity)
         )
     if found.p4 < 0:
         judged.append(

@@ -140,12 +140,7 @@ def choose_terms(
         (trial for trial in trials if _as_good(trial, best)),
         key=lambda trial: (len(trial.terms), trial.score),
     )
-    rivals = [
-        trial
-        for trial in trials
-        if trial is not chosen
-        and _as_good(trial, best)
-    ]
+    rivals = [trial for trial in trials if trial is not chosen and _as_good(trial, best)]
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
         names=(*always, *chosen.terms),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from butterfly.identify.judgement.findings import Ending, Severity
+from butterfly.identify.judgement.findings import Ending, FindingKind, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +45,8 @@ class Verdict:
             for severity in (Severity.WARNING, Severity.CARE)
         )
         if warnings or ending is not Ending.CONVERGED:
-            return cls(standing=Standing.NOT, reasons=warnings)
+            slips = (each for each in cares if each.kind is FindingKind.SLIP)
+            return cls(standing=Standing.NOT, reasons=(*slips, *warnings))
         if cares:
             return cls(standing=Standing.CARE, reasons=cares)
         return cls(standing=Standing.GOOD)

@@ -1,0 +1,66 @@
+"""Which number of counts per turn an angle in counts may have."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.judgement.slips.hypotheses import of_angle
+from butterfly.identify.judgement.slips.names import Slip
+from butterfly.identify.judgement.slips.trial import Explanation, attempt
+
+if TYPE_CHECKING:
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimators import Estimator
+
+PER_TURN = tuple(
+    sorted(
+        {2**k for k in range(6, 25)}
+        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
+        - {360}
+    )
+)
+"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
+
+_SWINGS = (0.02, 3.0)  # rad, that the widest log may have
+_ROUNDING = 1e-6  # of a count
+_COARSE = 5  # of how many numbers one is tried first
+
+
+def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
+    """Suppose that the angle is in counts, with the number per turn that fits best.
+
+    Where all swings are small, sin th is th and many numbers fit: the motion tells no unit then.
+    Angles that are no whole numbers are named as counts after all else that explains as much.
+
+    Parameters
+    ----------
+    data
+        The logs; there is nothing to suppose where all swing as an angle in rad may.
+    estimator
+        A quick one.
+    """
+    swing = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
+    if swing < _SWINGS[1]:
+        return []
+    whole = all(
+        bool(np.allclose(log.angle, np.rint(log.angle), atol=_ROUNDING)) for log in data.logs
+    )
+    least, most = (2 * math.pi * swing / each for each in reversed(_SWINGS))
+    numbers = [each for each in PER_TURN if least <= each <= most]
+    tried = {k: _with(data, estimator, each) for k, each in list(enumerate(numbers))[::_COARSE]}
+    if not tried:
+        return []
+    best = min(tried, key=lambda k: tried[k].misfit)
+    near = range(max(best - _COARSE + 1, 0), min(best + _COARSE, len(numbers)))
+    tried |= {k: _with(data, estimator, numbers[k]) for k in near if k not in tried}
+    return [replace(min(tried.values(), key=lambda each: each.misfit), last=not whole)]
+
+
+def _with(data: DataSet, estimator: Estimator, per_turn: int) -> Explanation:
+    hypothesis = of_angle(Slip.COUNTS, 2 * math.pi / per_turn)
+    trial = attempt(hypothesis.undo, data, estimator)
+    return Explanation.of(hypothesis.slip, hypothesis.factor, trial)

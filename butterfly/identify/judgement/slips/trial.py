@@ -1,0 +1,125 @@
+"""How well a joint explains logs as they are, or as they would be without a slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import ButterflyError
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.physics import judge_physics
+from butterfly.identify.judgement.slips.names import Slip
+from butterfly.identify.predict import Predictor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
+
+FOLLOWED = 0.6
+"""Misfit with which a slip undone must leave the logs at most."""
+
+_MOST_STEPS = 200_000  # samples that are simulated for a trial, about
+_NONE = 1e3  # misfit of logs that no joint explains
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """How well a joint explains logs.
+
+    Parameters
+    ----------
+    misfits
+        (n,) 1 - FIT/100 of each log: 0 is perfect, 1 no better than a constant.
+    physical
+        Whether a joint can have the parameters.
+    estimate
+        The parameters; None if there are none.
+    """
+
+    misfits: NDArray[np.float64]
+    physical: bool
+    estimate: ParameterEstimate | None = None
+
+    @property
+    def misfit(self) -> float:
+        """Median over the logs; of what no joint can be, worse than any."""
+        return float(np.median(self.misfits)) if self.physical else _NONE
+
+
+NOTHING = Trial(misfits=np.array([_NONE]), physical=False)
+"""Of logs from which nothing can be estimated."""
+
+
+def attempt(undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estimator) -> Trial:
+    """Undo a slip, estimate quickly, and simulate."""
+    try:
+        with np.errstate(all="ignore"):
+            undone = undo(data)
+            return judged(undone, estimator(undone))
+    except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
+        return NOTHING
+
+
+def judged(data: DataSet, estimate: ParameterEstimate) -> Trial:
+    """Simulate logs with an estimate, and tell whether a joint can be so."""
+    if not np.isfinite(estimate.values).all():
+        return NOTHING
+    fits = Predictor(data).fits(estimate)
+    misfits = np.nan_to_num(1 - fits / 100, nan=_NONE, posinf=_NONE)
+    physical = not any(
+        each.severity is Severity.WARNING for each in judge_physics(estimate, data.masses)
+    )
+    return Trial(misfits=np.minimum(misfits, _NONE), physical=physical, estimate=estimate)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """A slip, and the misfit that is left without it.
+
+    Parameters
+    ----------
+    finding
+        That names it.
+    misfit
+        Median over the logs.
+    last
+        Whether it is far-fetched, and named after others that explain as much.
+    """
+
+    finding: Finding
+    misfit: float
+    last: bool = False
+
+    @classmethod
+    def of(cls, slip: Slip, factor: float, trial: Trial) -> Explanation:
+        """Return what a trial of a whole data set without a slip says."""
+        finding = Finding(
+            kind=FindingKind.SLIP, parameters=(slip,), number=factor, severity=Severity.WARNING
+        )
+        return cls(finding=finding, misfit=trial.misfit)
+
+    def of_a_mass(self, other: Explanation) -> bool:
+        """Whether this and another are of masses, between which the motion cannot choose."""
+        return all(each.finding.parameters[0] == Slip.MASS for each in (self, other))
+
+
+def thinned(data: DataSet) -> DataSet:
+    """Return some of the logs, those of every added mass, as many as a trial may take."""
+    sizes = [log.time.size for log in data.logs]
+    count = max(4 * len(data.masses), int(_MOST_STEPS / np.mean(sizes)))
+    if count >= len(sizes):
+        return data
+    kept: list[int] = []
+    for mass in data.masses:
+        own = [k for k, log in enumerate(data.logs) if log.added_mass == mass]
+        share = max(4, round(count * len(own) / len(sizes)))
+        picked = np.linspace(0, len(own) - 1, min(share, len(own))).round().astype(int)
+        kept += [own[k] for k in picked]
+    return data.take(sorted(kept))

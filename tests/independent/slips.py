@@ -1,0 +1,185 @@
+"""Data sets of random robots with the slips that people make, and what is said of them.
+
+`python -m tests.independent.slips` prints how many of each kind are recognised and named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import ButterflyError
+from butterfly.identify.data import DataSet
+from butterfly.identify.estimators import HarmonicBalance, WeakForm
+from butterfly.identify.identification import identify
+from butterfly.identify.judgement.verdict import Standing
+from butterfly.logs.log import Log, with_unique_names
+from butterfly.model.parameters import AddedMass
+from butterfly.report.words import sentences
+from tests.independent.robots import draw as draw_robot
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Logs = list[Log]
+
+
+def every(change: Callable[[Log], Log]) -> Callable[[Logs, np.random.Generator], Logs]:
+    """Make a slip of a whole data set of what it does to a log."""
+    return lambda logs, _: [change(log) for log in logs]
+
+
+def _in_rpm(log: Log) -> Log:
+    assert log.excitation is not None
+    sine = replace(log.excitation, omega=log.excitation.omega * 60 / (2 * np.pi))
+    return replace(log, excitation=sine)
+
+
+def _counts(logs: Logs, draw: np.random.Generator) -> Logs:
+    turn = int(draw.choice([1000, 2000, 4096, 8192]))
+    return [replace(log, angle=np.round(log.angle * turn / (2 * np.pi))) for log in logs]
+
+
+def _heavier(log: Log, factor: float, arm: float = 1.0) -> Log:
+    mass = log.added_mass
+    return replace(log, added_mass=AddedMass(mass=mass.mass * factor, arm=mass.arm * arm))
+
+
+def _one_mass(logs: Logs, draw: np.random.Generator) -> Logs:
+    wrong = draw.choice(sorted({log.added_mass for log in logs if log.added_mass.mass}))
+    factor = float(draw.choice([0.1, 0.5, 0.8, 1.25, 2.0, 10.0]))
+    return [_heavier(log, factor) if log.added_mass == wrong else log for log in logs]
+
+
+def _one_log(logs: Logs, draw: np.random.Generator) -> Logs:
+    masses = sorted({log.added_mass for log in logs})
+    chosen = int(draw.integers(len(logs)))
+    others = [mass for mass in masses if mass != logs[chosen].added_mass]
+    wrong = others[int(draw.integers(len(others)))]
+    return [replace(log, added_mass=wrong) if k == chosen else log for k, log in enumerate(logs)]
+
+
+def _one_omega(logs: Logs, draw: np.random.Generator) -> Logs:
+    chosen = int(draw.integers(len(logs)))
+    factor = float(draw.choice([0.5, 0.9, 0.98, 1.02, 1.1, 2.0]))
+    changed = list(logs)
+    sine = logs[chosen].excitation
+    assert sine is not None
+    changed[chosen] = replace(logs[chosen], excitation=replace(sine, omega=sine.omega * factor))
+    return changed
+
+
+@dataclass(frozen=True)
+class Case:
+    """A slip: what it does to logs, and the words that name it."""
+
+    make: Callable[[Logs, np.random.Generator], Logs]
+    words: tuple[str, ...]
+
+
+CASES = {
+    "degrees": Case(every(lambda log: replace(log, angle=np.degrees(log.angle))), ("degrees",)),
+    "ms": Case(every(lambda log: replace(log, time=log.time * 1e3)), ("millisec",)),
+    "us": Case(every(lambda log: replace(log, time=log.time * 1e6)), ("microsec",)),
+    "swapped": Case(
+        every(lambda log: replace(log, input=log.angle, angle=log.input)), ("swapped",)
+    ),
+    "rpm": Case(every(_in_rpm), ("revolutions per minute",)),
+    "counts": Case(_counts, ("counts",)),
+    "arm in mm": Case(every(lambda log: _heavier(log, 1.0, 1e3)), ("millimetres",)),
+    "one mass": Case(_one_mass, ()),
+    "mass of a log": Case(_one_log, ()),
+    "omega": Case(_one_omega, ()),
+    "sign of angle": Case(every(lambda log: replace(log, angle=-log.angle)), ("angle", "input")),
+    "sign of input": Case(every(lambda log: replace(log, input=-log.input)), ("angle", "input")),
+    "grams": Case(every(lambda log: _heavier(log, 1e3)), ("grams",)),
+}
+OF_SINES = {"rpm", "omega"}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was said of a data set."""
+
+    recognised: bool
+    text: str
+    standing: str = "refused"
+
+
+def ask(logs: Logs, family: str) -> Answer:
+    """Identify as a user would, and tell what is said first."""
+    estimator = WeakForm() if family == "C" else HarmonicBalance()
+    try:
+        found = identify(DataSet.of(logs), estimator).estimate
+    except ButterflyError as error:
+        return Answer(recognised=True, text=str(error))
+    good = found.verdict.standing is Standing.GOOD
+    text = " ".join(sentences(found))
+    return Answer(recognised=not good, text=text, standing=found.verdict.standing)
+
+
+def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
+    """Tell whether a text names the slip that was made."""
+    pairs = zip(logs, slipped, strict=True)
+    differ = [
+        k
+        for k, (a, b) in enumerate(pairs)
+        if (a.added_mass, a.excitation) != (b.added_mass, b.excitation)
+    ]
+    if name == "one mass":
+        return f"if {slipped[differ[0]].added_mass} was" in text
+    if name in {"mass of a log", "omega"}:
+        return (
+            f"{'in' if name != 'omega' else 'for'} {with_unique_names(slipped)[differ[0]].name}"
+            in text
+        )
+    return all(word in text for word in CASES[name].words)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--sets", type=int, default=5)
+    parser.add_argument("--good", type=int, default=20)
+    parser.add_argument("--only", nargs="*")
+    parser.add_argument("--family", choices=tuple("ABC"), default="A")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--verbose", action="store_true")
+    told = parser.parse_args()
+    counts = Counter[str]()
+    for k in range(told.good):
+        answer = ask(list(draw_robot(told.family, k, told.seed + 1000).logs), told.family)
+        counts[answer.standing] += 1
+        if told.verbose and answer.standing != Standing.GOOD:
+            print("    good set", k, answer.standing, answer.text)
+    print("without a slip:", dict(counts), flush=True)
+    for name, case in CASES.items():
+        if (told.only and name not in told.only) or (told.family == "C" and name in OF_SINES):
+            continue
+        recognised = right = 0
+        seconds = 0.0
+        for k in range(told.sets):
+            logs = list(draw_robot(told.family, k, told.seed).logs)
+            slipped = case.make(logs, np.random.default_rng([told.seed, k]))
+            began = time.perf_counter()
+            answer = ask(slipped, told.family)
+            seconds += time.perf_counter() - began
+            seen = names_it(name, logs, slipped, answer.text)
+            recognised += answer.recognised
+            right += seen and answer.recognised
+            if told.verbose and not (seen and answer.recognised):
+                print("   ", name, k, answer.standing, answer.text)
+        print(
+            f"{name:15s} recognised {recognised}/{told.sets}, named {right}/{told.sets}, "
+            f"{seconds / told.sets:.1f} s each",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
