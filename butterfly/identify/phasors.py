@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
 _SWING_STEP = 1e-4  # relative step of the differences in the swing
+_LEAST_SLOPE = 1e-3  # of the inertia's torque: no joint is damped less than half of this
 _EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
 
 
@@ -134,9 +135,11 @@ class Phasors:
         known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
         hand = LumpedParameters(stribeck_velocity=self.stribeck_velocity, **known)
         slopes = np.empty(self.omega.size)
+        largest = max(mass.inertia for mass in self.masses)
         for mass, rows in self._of_mass.items():
             loaded = hand.with_added_mass(mass)
-            slopes[rows] = _slope(loaded, self.omega[rows], self.swing[rows])
+            least = _LEAST_SLOPE * max(abs(loaded.p1), largest) * self.omega[rows] ** 2
+            slopes[rows] = np.maximum(_slope(loaded, self.omega[rows], self.swing[rows]), least)
         return slopes
 
     @cached_property

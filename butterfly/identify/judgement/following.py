@@ -19,6 +19,9 @@ GOOD_FIT = 80.0
 LEAST_FIT = 50.0
 """Median FIT in per cent below which parameters say nothing of the robot."""
 
+_FAR_WORSE = 6.0  # times the median misfit, of a log that is not followed as the others are
+_NOTABLE = 0.15  # misfit below which a log is followed, however well the others are
+
 
 def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
     """Judge by how well free runs follow the logs.
@@ -34,7 +37,8 @@ def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
     if not median >= GOOD_FIT:
         severity = Severity.CARE if median >= LEAST_FIT else Severity.WARNING
         return [Finding(kind=FindingKind.POOR_FIT, number=median, severity=severity)]
-    lost = np.flatnonzero(~(fits >= LEAST_FIT))
+    misfits = 1 - fits / 100
+    lost = np.flatnonzero(~(misfits <= max(_FAR_WORSE * (1 - median / 100), _NOTABLE)))
     if not lost.size:
         return []
     return [

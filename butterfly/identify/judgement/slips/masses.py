@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from butterfly.errors import ButterflyError
 from butterfly.identify.estimators import HarmonicBalance
@@ -15,18 +16,20 @@ from butterfly.identify.judgement.mass_consistency import Correction, disagreein
 from butterfly.identify.judgement.slips.hypotheses import carrying
 from butterfly.identify.judgement.slips.names import Slip
 from butterfly.identify.judgement.slips.trial import FOLLOWED, Explanation, attempt, judged, thinned
+from butterfly.model.parameters import AddedMass
 
 if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.estimators import Estimator
     from butterfly.identify.judgement.slips.trial import Trial
-    from butterfly.model.parameters import AddedMass
 
 _ROUNDS = 8  # in which a mass is corrected about the parameters found with it
 _SETTLED = 1e-3  # relative change of a mass that is none
 _LOGS = 3  # that are suspected alone, the most evident ones
 _LEAST = -0.05  # of the largest mass, below which a mass is no rounding's
+_MASSES = 41  # that are tried in the place of a log's own
+_FOLLOWED_AGAIN = 0.3  # share of a log's misfit that another mass must leave at most
 _CERTAIN = 100.0  # F statistic of a mass that is wrong for certain
 
 
@@ -79,6 +82,61 @@ def mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
     possible = [each for each in tried if each is not None and each.trial.misfit < FOLLOWED]
     best = sorted(possible, key=lambda each: (each.left, each.trial.misfit))[:1]
     return [_explanation(data, each, 1) for each in best]
+
+
+def mass_of_unfollowed(data: DataSet, estimate: ParameterEstimate) -> list[Explanation]:
+    """Return the logs that the model does not follow, but would with another mass.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimate
+        That follows most of them.
+    """
+    unfollowed = {
+        name
+        for each in estimate.findings
+        if each.kind is FindingKind.UNFOLLOWED
+        for name in each.logs
+    }
+    trial = judged(data, estimate)
+    numbers = [k for k, log in enumerate(data.logs) if log.name in unfollowed]
+    if len(numbers) > _LOGS or not trial.physical:
+        return []
+    found = []
+    for number in numbers:
+        mass, misfit = _fitting_mass(data, estimate, number)
+        if misfit < _FOLLOWED_AGAIN * trial.misfits[number]:
+            told = data.logs[number].added_mass
+            suspect = Correction(
+                told=told, logs=(number,), change=mass.mass - told.mass, evidence=math.inf
+            )
+            alone = replace(trial, misfits=np.array([misfit]))
+            corrected = _Corrected(suspect=suspect, mass=mass, trial=alone, left=0.0)
+            found.append(_explanation(data, corrected, 1))
+    return found
+
+
+def _fitting_mass(
+    data: DataSet, estimate: ParameterEstimate, number: int
+) -> tuple[AddedMass, float]:
+    """Return the mass with which a model follows one log best, and its misfit then."""
+    log, largest = data.logs[number], max(data.masses)
+    arm = log.added_mass.arm or largest.arm
+    alone = data.take([number])
+
+    def misfit(mass: float) -> float:
+        carried = carrying(alone, [AddedMass(mass=mass, arm=arm)])
+        return float(judged(carried, estimate).misfits[0])
+
+    tried = [each.mass for each in data.masses] + list(largest.mass * np.linspace(0, 2, _MASSES))
+    best = min(tried, key=misfit)
+    reach = 2 * largest.mass / (_MASSES - 1)
+    bounds = max(best - reach, 0.0), best + reach
+    fine = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-3 * reach})
+    mass = fine.x if fine.fun < misfit(best) else best
+    return AddedMass(mass=float(mass), arm=arm), misfit(float(mass))
 
 
 def _used(data: DataSet, quick: Estimator) -> DataSet:

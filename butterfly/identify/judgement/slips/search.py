@@ -11,7 +11,11 @@ from butterfly.identify.judgement.mass_consistency import disagreeing
 from butterfly.identify.judgement.slips.counts import fitting_counts
 from butterfly.identify.judgement.slips.hypotheses import CLOCKS, OTHERS
 from butterfly.identify.judgement.slips.inputs import slips_of_omega
-from butterfly.identify.judgement.slips.masses import mass_of_one_log, wrong_masses
+from butterfly.identify.judgement.slips.masses import (
+    mass_of_one_log,
+    mass_of_unfollowed,
+    wrong_masses,
+)
 from butterfly.identify.judgement.slips.names import Slip
 from butterfly.identify.judgement.slips.suspicion import slow_clock, suspicious, too_heavy
 from butterfly.identify.judgement.slips.trial import (
@@ -65,7 +69,8 @@ def find_slips(data: DataSet, estimator: Estimator, estimate: ParameterEstimate)
     best = _best([*units, *masses], before)
     if disagree and not best:
         best = [each.finding for each in _ordered(masses)]
-    return best or _best(_of_one_log(data, quick, before), before) or heavy
+    alone = [each.finding for each in mass_of_unfollowed(data, estimate)]
+    return best or alone or _best(_of_one_log(data, quick, before), before) or heavy
 
 
 def find_slips_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
