@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.judgement.covariance import cluster_covariance, compress_all
+from butterfly.identify.judgement.covariance import cluster_covariance, compress_all, robust
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import Conditioning, sort_by_precision
 from butterfly.identify.judgement.intervals import honest_limits
@@ -51,6 +51,8 @@ class Solved:
         How the solver ended.
     findings
         What it has to say besides.
+    bread
+        (n, n) derivatives of the gradient, where the weights depend on the residuals.
     """
 
     names: tuple[str, ...]
@@ -62,6 +64,7 @@ class Solved:
     lower: NDArray[np.float64]
     ending: Ending = Ending.CONVERGED
     findings: tuple[Finding, ...] = ()
+    bread: NDArray[np.float64] | None = None
 
     @classmethod
     def of(
@@ -203,6 +206,9 @@ class ParameterEstimate:
         conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names)
         conditioning.refuse_singular()
         covariance, freedom = cluster_covariance(rows, residuals)
+        if solved.bread is not None:
+            weighted = solved.jacobian.T @ solved.jacobian
+            covariance = robust(covariance, weighted, solved.bread)
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
         others = [*left_out.values(), *rivals]

@@ -193,6 +193,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.SIMULATIONS: _simulations,
     FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
+    FindingKind.FEW_LOGS: lambda f, _: (
+        f"With {_number(f):.0f} logs the intervals come from stretches of these, and hold nothing "
+        "of how the robot differs from run to run: record more."
+    ),
     FindingKind.UNCHECKED: lambda _f, _v: (
         "The intervals were not checked by leaving an added mass out, as asked."
     ),

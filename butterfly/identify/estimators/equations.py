@@ -44,6 +44,13 @@ class LogEquations:
         root = np.sqrt(weights)
         return replace(self, residuals=self.residuals * root, rows=self.rows * root[:, None])
 
+    def blocks(self, count: int) -> list[LogEquations]:
+        """Return the equations of some stretches of the log, one after the other."""
+        pairs = zip(
+            np.array_split(self.residuals, count), np.array_split(self.rows, count), strict=True
+        )
+        return [replace(self, residuals=residuals, rows=rows) for residuals, rows in pairs]
+
     def compressed(self) -> tuple[Samples, Samples]:
         """Return (p, n) rows and (p,) residuals that say of the log what its own ones do."""
         both = np.column_stack([self.rows, self.residuals])
@@ -124,9 +131,20 @@ class Equations:
         gradients, curvatures = zip(*parts, strict=True)
         return np.array(gradients), np.array(curvatures)
 
-    def compressed(self) -> list[tuple[Samples, Samples]]:
-        """Return for each log the equations that it comes down to, weighted as its loss says."""
-        return [log.compressed() for log in self._weighted()]
+    def compressed(self, blocks: int = 1) -> list[tuple[Samples, Samples]]:
+        """Return for each log, or block, what it comes down to, weighted as its loss says."""
+        return [part.compressed() for log in self._weighted() for part in log.blocks(blocks)]
+
+    @property
+    def bread(self) -> Samples:
+        """(n, n) derivatives of the gradient as a robust loss has them, its weights moving too."""
+        parts = (
+            (log.rows * self.loss.slopes(log.residuals, self.scale)[:, None], log)
+            for log in self.logs
+        )
+        return np.asarray(
+            sum(log.mixture.T @ (sloped.T @ log.rows) @ log.mixture for sloped, log in parts)
+        )
 
     def _weighted(self) -> Iterator[LogEquations]:
         for log in self.logs:

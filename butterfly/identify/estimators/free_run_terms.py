@@ -92,6 +92,13 @@ class FreeRunTerms:
         part = self.part
         return tuple((self.scaled(each) * part.scale)[: part.shared] for each in self.choice.rivals)
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the parameters of the robot that are fitted, as they are foretold."""
+        names = [self.labels[k] for k in self.kept.tolist() if k < self.problem.shared]
+        scale = dict(zip(self.labels, self.problem.scale.tolist(), strict=True))
+        return {name: self.choice.values[name] * scale[name] for name in names}
+
     def scaled(self, found: dict[str, float]) -> Samples:
         """Return scaled values of the parameters that are fitted."""
         return np.array([found[self.labels[k]] for k in self.kept])

@@ -59,6 +59,19 @@ class Loss(StrEnum):
             case Loss.LINEAR:
                 return np.ones_like(residuals)
 
+    def slopes(self, residuals: Samples, scale: float) -> Samples:
+        """(n,) slopes of the weighted residuals, `weights` times residuals, in the residuals."""
+        squares = (residuals / scale) ** 2
+        match self:
+            case Loss.SOFT_L1:
+                return np.asarray((1 + squares) ** -1.5)
+            case Loss.HUBER:
+                return np.asarray(squares <= 1, dtype=np.float64)
+            case Loss.CAUCHY:
+                return np.asarray((1 - squares) / (1 + squares) ** 2)
+            case Loss.LINEAR:
+                return np.ones_like(residuals)
+
 
 def outlying(residuals: Samples) -> float:
     """Return the size from which on one of (n,) residuals is taken for an outlier."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from butterfly.errors import InputError, require_number
+from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identify.estimate import ParameterEstimate, Solved
 from butterfly.identify.estimators.base import Estimator, require_names
 from butterfly.identify.estimators.ends import Ends
@@ -24,11 +24,12 @@ from butterfly.identify.estimators.free_run_terms import CANDIDATES, FreeRunTerm
 from butterfly.identify.estimators.gauss_newton import MOST, minimise
 from butterfly.identify.estimators.loss import Loss, outlying
 from butterfly.identify.estimators.starts import Start, starts
+from butterfly.identify.judgement.covariance import FEW, blocks_of
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import refuse_one_mass
-from butterfly.identify.judgement.intervals import without_each_mass
+from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.nested import COMPANIONS
-from butterfly.identify.judgement.term_choice import candidates
+from butterfly.identify.judgement.term_choice import candidates, missing_terms
 from butterfly.model.friction import require_periods
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
@@ -157,17 +158,39 @@ class OutputError(Estimator):
         masses = [log.added_mass for log in logs]
         left_out, few = without_each_mass(masses, without, asked=self.check)
         known = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        return ParameterEstimate.from_rows(
+        found = ParameterEstimate.from_rows(
             self._solved(problem, end),
             method="output error",
             left_out=left_out,
             rivals=rivals,
             shared=problem.shared,
-            findings=[*few, *said],
+            findings=[*few, *of_few_logs(len(logs)), *said],
             held={name: getattr(problem.start, name) for name in (*self.fixed, "cogging_periods")},
             local=_local(list(known)[problem.shared :]),
-            masses=masses,
+            masses=masses if len(logs) > FEW else (),
         )
+        return found.with_findings(*self._missing(logs, found))
+
+    def _missing(self, logs: Sequence[Log], found: ParameterEstimate) -> list[Finding]:
+        """Tell which terms that were not asked for would help, by one expansion with them all."""
+        if self.terms is None or not self.check or self.per_mass or self.per_log:
+            return []
+        zero = found.local[None]["zero"]
+        zeros = {log.added_mass: zero for log in logs}
+        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *CANDIDATES))))
+        problem = every.problem(logs, found.parameters, zeros)
+        at = problem.equations(problem.initial)
+        if self.loss is not Loss.LINEAR:
+            at = replace(
+                at,
+                loss=self.loss,
+                scale=outlying(np.concatenate([log.residuals for log in at.logs])),
+            )
+        try:
+            best = FreeRunTerms.of(problem, problem.initial, at, found.names)
+        except IdentifiabilityError:
+            return []
+        return missing_terms(found, best.values)
 
     def minimum(
         self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
@@ -233,8 +256,10 @@ class OutputError(Estimator):
         return replace(found, evaluations=plain.evaluations + found.evaluations)
 
     def _solved(self, problem: FreeRunResiduals, end: Minimum[Equations]) -> Solved:
-        parts = end.at.compressed()
+        blocks = blocks_of(len(problem.trajectories), len(problem.keys))
+        parts = end.at.compressed(blocks)
         rows, residuals = zip(*parts, strict=True)
+        scale = problem.scale
         took = Finding(
             kind=FindingKind.SIMULATIONS,
             number=end.evaluations,
@@ -250,6 +275,7 @@ class OutputError(Estimator):
             lower=problem.lower * problem.scale,
             ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
             findings=(took,),
+            bread=None if self.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
         )
 
 

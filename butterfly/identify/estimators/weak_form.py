@@ -14,7 +14,7 @@ function of the motion. The delay enters as p4 d int phi' u, about the current o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -25,8 +25,9 @@ from butterfly.identify.estimators.base import Estimator, names_of
 from butterfly.identify.estimators.instruments import refined, seen
 from butterfly.identify.estimators.weak_fit import Windows
 from butterfly.identify.estimators.weak_terms import WeakTerms
+from butterfly.identify.judgement.covariance import blocks_of, split
 from butterfly.identify.judgement.identifiability import refuse_one_mass
-from butterfly.identify.judgement.intervals import without_each_mass
+from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
 from butterfly.model.friction import require_periods
@@ -104,14 +105,15 @@ class WeakForm(Estimator):
 
         masses = [log.added_mass for log in logs]
         left_out, few = without_each_mass(masses, without, asked=self.check)
+        blocks = blocks_of(len(logs), len(fit.solved.names))
         found = ParameterEstimate.from_rows(
-            fit.solved,
+            replace(fit.solved, cluster=split(fit.solved.cluster, blocks)),
             method="weak form",
             left_out=left_out,
             rivals=[each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals],
-            findings=[*few, *chosen.said],
+            findings=[*few, *of_few_logs(len(logs)), *chosen.said],
             held=chosen.held | {"cogging_periods": self.cogging_periods},
-            masses=masses,
+            masses=masses if blocks == 1 else (),
         )
         return found.with_findings(*missing_terms(found, chosen.best))
 

@@ -14,6 +14,48 @@ if TYPE_CHECKING:
 _LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
 
 
+FEW = 3
+"""Clusters, up to which their scatter tells nothing of that between others."""
+
+_PER_PARAMETER = 2  # clusters, of blocks of time
+
+
+def blocks_of(clusters: int, parameters: int) -> int:
+    """Return into how many blocks of time each cluster is split where there are few."""
+    return -(-_PER_PARAMETER * parameters // clusters) if clusters <= FEW else 1
+
+
+def split(cluster: NDArray[np.intp], blocks: int) -> NDArray[np.intp]:
+    """(m,) clusters of m equations in the order of time, each cluster split into blocks."""
+    result = np.empty_like(cluster)
+    for number in np.unique(cluster):
+        rows = np.flatnonzero(cluster == number)
+        result[rows] = number * blocks + np.arange(rows.size) * blocks // rows.size
+    return result
+
+
+def robust(
+    covariance: NDArray[np.float64], weighted: NDArray[np.float64], bread: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the covariance of an M-estimate from that of its weighted least squares.
+
+    The weights move with the residuals, so that the gradient changes by less than the weighted
+    normal equations say (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009, section 7.6).
+
+    Parameters
+    ----------
+    covariance
+        (n, n), as if the weights were given.
+    weighted, bread
+        (n, n) weighted normal equations, and derivatives of the gradient. Where the latter are not
+        positive definite, the covariance stays.
+    """
+    if np.linalg.eigvalsh(bread / np.sqrt(np.outer(np.diag(weighted), np.diag(weighted))))[0] <= 0:
+        return covariance
+    change = np.linalg.solve(bread, weighted)
+    return np.asarray(change @ covariance @ change.T)
+
+
 def compress(
     jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

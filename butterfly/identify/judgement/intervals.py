@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identify.judgement.covariance import FEW
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 
@@ -52,6 +53,13 @@ def without_each_mass(
             continue
     few = Finding(kind=FindingKind.FEW_MASSES, number=len(different), severity=Severity.CARE)
     return left_out, [] if left_out else [few]
+
+
+def of_few_logs(count: int) -> list[Finding]:
+    """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
+    if count > FEW:
+        return []
+    return [Finding(kind=FindingKind.FEW_LOGS, number=count, severity=Severity.CARE)]
 
 
 def honest_limits(
