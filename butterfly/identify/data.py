@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,8 @@ from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
+
+_UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -104,12 +107,29 @@ class DataSet:
 
     @property
     def equilibria(self) -> dict[AddedMass, float]:
-        """Encoder reading in rad of the hand at rest: the median of its logs' mean angles."""
-        means: dict[AddedMass, list[float]] = {}
-        for log, point in zip(self.logs, self.points, strict=True):
-            mean = float(np.mean(log.angle)) if point is None else point.angle.offset
-            means.setdefault(log.added_mass, []).append(mean)
-        return {mass: float(np.median(means[mass])) for mass in sorted(means)}
+        """Encoder reading in rad of the hand at rest, for each added mass.
+
+        It is the median of its logs' mean angles; readings that are whole turns apart are the same.
+        A log in which the hand turns round tells where it began, if there is no other.
+        """
+        turning = [float(np.ptp(log.angle)) > 2 * np.pi for log in self.logs]
+        middles = [
+            float(log.angle[0]) if turns else _middle(log, point)
+            for log, point, turns in zip(self.logs, self.points, turning, strict=True)
+        ]
+        home = middles[turning.index(False)] if False in turning else middles[0]
+        rests: dict[AddedMass, list[float]] = {}
+        for mass in self.masses:
+            own = [k for k, log in enumerate(self.logs) if log.added_mass == mass]
+            told = [k for k in own if not turning[k]] or own
+            rests[mass] = [home + math.remainder(middles[k] - home, 2 * np.pi) for k in told]
+        return {mass: float(np.median(angles)) for mass, angles in rests.items()}
+
+    @property
+    def calm(self) -> list[int]:
+        """Numbers of the logs in which the hand stays away from the upright."""
+        zeros = self.equilibria
+        return [k for k, log in enumerate(self.logs) if not turns_over(log, zeros[log.added_mass])]
 
     def __repr__(self) -> str:
         return (
@@ -135,6 +155,24 @@ class DataSet:
             return None
         entries = [self.manifest.logs[k] for k in rows]
         return self.manifest.model_copy(update={"logs": entries})
+
+
+def _middle(log: Log, point: ResponsePoint | None) -> float:
+    return float(np.mean(log.angle)) if point is None else point.angle.offset
+
+
+def turns_over(log: Log, zero: float) -> bool:
+    """Whether the hand passes near the upright, or through it, so that small causes tell.
+
+    Parameters
+    ----------
+    log
+        Of any input.
+    zero
+        Encoder reading in rad of the hand at rest.
+    """
+    turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
+    return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
 
 
 def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None, ...]:

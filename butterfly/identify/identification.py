@@ -104,7 +104,7 @@ def identify(
     run = simulated(data, found, against=against, track=track)
     judged = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(run.fits, [log.name for log in data.logs]),
+        *judge_fit(run.fits, data),
         *judge_input(found, data.input_kind),
     )
     return replace(run, estimate=judged.with_slips(*find_slips(data, estimator, judged)))

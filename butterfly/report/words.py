@@ -169,6 +169,11 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         "rests elsewhere or never settles, and the steady response to a sine says nothing there. "
         "The methods weak-form and output-error use them."
     ),
+    FindingKind.UNPREDICTABLE: lambda f, _: (
+        f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand passes the "
+        "upright, where small causes tell, and no simulation from the start stays near. The method "
+        "weak-form uses them."
+    ),
     FindingKind.MISSING_TERM: lambda f, _: (
         f"A term {f.parameters[0]} would help to predict logs that were left out, and move "
         f"{_joined_after(f)} by {100 * _number(f):.0f} % or more: add it to the terms."

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
+_LEAST_MASSES = 2
+
 
 @dataclass(frozen=True, kw_only=True)
 class OutputError(Estimator):
@@ -105,7 +107,14 @@ class OutputError(Estimator):
 
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
-        return self.of_starts(data.logs, starts(data, self.terms))
+        first = starts(data, self.terms)
+        calm = data.take(data.calm)
+        few = len(calm.masses) < _LEAST_MASSES or len(calm.logs) <= FEW
+        if few or len(calm.logs) == len(data.logs):
+            return self.of_starts(data.logs, first)
+        lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
+        left_out = Finding(kind=FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
+        return self.of_starts(calm.logs, first).with_findings(left_out)
 
     def of_logs(
         self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]

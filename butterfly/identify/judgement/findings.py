@@ -35,6 +35,7 @@ class FindingKind(StrEnum):
     NEGATIVE = "negative"  # what cannot be
     NEGATIVE_GAIN = "negative-gain"
     LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
+    UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
     MISSING_TERM = "missing-term"  # the first parameter; share by which it would move the second
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest

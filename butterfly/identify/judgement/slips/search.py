@@ -59,7 +59,9 @@ def find_slips(data: DataSet, estimator: Estimator, estimate: ParameterEstimate)
     if told:
         return told
     heavy = [_grams()] if too_heavy(data.masses, estimate) else []
-    disagree = bool(disagreeing(estimate.corrections, data.masses))
+    calm = set(data.calm)
+    told_apart = [each for each in estimate.corrections if calm.issuperset(each.logs)]
+    disagree = bool(disagreeing(told_apart, data.masses))
     if not (disagree or suspicious(data, estimate)):
         return heavy
     quick = _quick(data, estimator)
