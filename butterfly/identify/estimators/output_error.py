@@ -186,7 +186,8 @@ class OutputError(Estimator):
             return []
         zero = found.local[None]["zero"]
         zeros = {log.added_mass: zero for log in logs}
-        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *CANDIDATES))))
+        more = candidates(CANDIDATES, zeros)
+        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
         problem = every.problem(logs, found.parameters, zeros)
         at = problem.equations(problem.initial)
         if self.loss is not Loss.LINEAR:
