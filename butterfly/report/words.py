@@ -178,6 +178,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"A term {f.parameters[0]} would help to predict logs that were left out, and move "
         f"{_joined_after(f)} by {100 * _number(f):.0f} % or more: add it to the terms."
     ),
+    FindingKind.SCANNED: lambda f, _: (
+        f"{_joined(f)} is {_number(f):.2g} {TERMS[f.parameters[0]].unit}, found by trying several; "
+        "the intervals hold what others that predict as well would give."
+    ),
     FindingKind.NOT_HELPING: lambda f, _: (
         f"Not fitted, since {_joined(f)} did not help to predict logs that were left out."
     ),
