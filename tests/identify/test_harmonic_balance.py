@@ -151,7 +151,7 @@ def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
 def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
     points = _points(ROBOT, noise=5e-4)
     assert HarmonicBalance().of_points(points).ending is Ending.CONVERGED
-    monkeypatch.setattr("butterfly.identify.estimators.harmonic_balance._MAX_ITERATIONS", 2)
+    monkeypatch.setattr("butterfly.identify.estimators.describing_fit._MAX_ITERATIONS", 2)
     stopped = HarmonicBalance().of_points(points)
     assert stopped.ending is Ending.STOPPED
     assert any("did not settle" in sentence for sentence in sentences(stopped))

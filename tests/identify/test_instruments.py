@@ -42,7 +42,6 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
             free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
     plain, free = np.mean(errors, axis=0) / [ROBOT.p3, ROBOT.p4] - 1
-    print(plain, free)
     assert np.all(plain < -1e-3)
     assert np.all(np.abs(free) < 5e-4)
 

@@ -10,7 +10,7 @@ from butterfly.identify.draws import draw_parameters
 from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.free_run import Trajectory
 from butterfly.identify.importance import weighed
-from butterfly.identify.left_over import block, donors, left_over
+from butterfly.identify.expected_errors import block, donors, left_over
 from butterfly.identify.predict import Predictor, Setting, free_run
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS, Band, predict_logs
 from butterfly.model.parameters import AddedMass
