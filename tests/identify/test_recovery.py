@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.errors import IdentifiabilityError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identify.judgement.findings import FindingKind
-from butterfly.model.terms import TERMS, offered
+from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from tests.conftest import MASSES
@@ -111,6 +110,17 @@ def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
     _assert_recovered(found.estimate, term, truth, 0.03)
 
 
+def test_a_term_that_kept_the_start_s_value_is_part_of_the_estimate():
+    robot = replace(ROBOT, bias=-2e-3, drag=8e-4)
+    logs, zeros = wild(robot, duration=8.0), dict.fromkeys(MASSES, 0.0)
+    start = replace(robot, p1=0.0031, coulomb=1e-3)
+    found = OutputError(terms=(), check=False, workers=1).of_logs(logs, start, zeros)
+    assert found.names == PARAMETERS
+    assert {"bias", "drag"} <= {*found.held}
+    assert (found.parameters.bias, found.parameters.drag) == (-2e-3, 8e-4)
+    assert found.parameters.p1 == pytest.approx(robot.p1, rel=1e-3)
+
+
 def test_a_parameter_that_was_held_is_part_of_the_estimate():
     logs, zeros = wild(ROBOT, duration=8.0), dict.fromkeys(MASSES, 0.0)
     start = replace(ROBOT, p1=0.0031, coulomb=1e-3)
@@ -121,7 +131,7 @@ def test_a_parameter_that_was_held_is_part_of_the_estimate():
     assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=1e-3)
 
 
-def test_cogging_of_one_period_a_turn_is_refused_since_it_is_what_p3_is():
+def test_cogging_of_one_period_a_turn_is_dropped_and_said_since_it_is_what_p3_is():
     robot = replace(ROBOT, cogging=-2e-3)
     zeros = dict.fromkeys(MASSES, 0.0)
     logs = wild(robot, duration=8.0)
@@ -129,5 +139,8 @@ def test_cogging_of_one_period_a_turn_is_refused_since_it_is_what_p3_is():
         (WeakForm(terms=("cogging",), check=False), (logs, zeros)),
         (OutputError(terms=("cogging",), check=False, workers=1), (logs, ROBOT, zeros)),
     ):
-        with pytest.raises(IdentifiabilityError, match="p3 and cogging"):
-            estimator.of_logs(*arguments)
+        found = estimator.of_logs(*arguments)
+        assert found.names == PARAMETERS
+        (said,) = [each for each in found.findings if each.kind is FindingKind.INSEPARABLE]
+        assert said.parameters == ("cogging",)
+        assert found.parameters.p3 == pytest.approx(robot.p3 - robot.cogging, rel=2e-3)
