@@ -140,11 +140,11 @@ def test_what_was_not_asked_for_is_not_blamed_on_the_masses(sines):
 
 
 def test_intervals_hold_what_each_left_out_mass_leaves(sines):
-    checked = HarmonicBalance()(sines)
-    unchecked = HarmonicBalance(check=False)(sines)
+    checked = HarmonicBalance(terms=()).of_points(sines.sines)
+    unchecked = HarmonicBalance(terms=(), check=False).of_points(sines.sines)
     for mass, values in checked.left_out.items():
         kept = [point for point in sines.sines if point.added_mass != mass]
-        alone = HarmonicBalance(check=False).of_points(kept)
+        alone = HarmonicBalance(terms=(), check=False).of_points(kept)
         np.testing.assert_array_equal(values, alone.values)
         assert np.all((checked.lower <= values) & (values <= checked.upper))
     assert np.all(checked.upper - checked.lower >= unchecked.upper - unchecked.lower)
