@@ -17,8 +17,8 @@ from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.planned import planned_logs
 from butterfly.experiment.schema import Experiment
 from butterfly.identify.draws import COUNT, draw_parameters
-from butterfly.identify.importance import weighed
 from butterfly.identify.expected_errors import left_over
+from butterfly.identify.importance import weighed
 from butterfly.identify.predict import Predictor, Setting
 from butterfly.identify.prediction import predict_logs
 from butterfly.progress import Track, untracked

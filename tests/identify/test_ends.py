@@ -34,7 +34,9 @@ class Descents:
 
 
 def _ends(**ends):
-    descents = Descents(**{name: each if isinstance(each, tuple) else (each,) for name, each in ends.items()})
+    descents = Descents(
+        **{name: each if isinstance(each, tuple) else (each,) for name, each in ends.items()}
+    )
     return Ends.of([_problem(name) for name in ends], descents), descents.made
 
 

@@ -66,7 +66,9 @@ def test_a_noise_free_balance_gives_back_the_robot(robot):
 
 def test_standard_errors_match_repeated_experiments_and_intervals_cover():
     truth = _vector(ROBOT)
-    fits = [HarmonicBalance(terms=()).of_points(_points(ROBOT, noise=5e-4, seed=k)) for k in range(200)]
+    fits = [
+        HarmonicBalance(terms=()).of_points(_points(ROBOT, noise=5e-4, seed=k)) for k in range(200)
+    ]
     spread = np.std([fit.values for fit in fits], axis=0)
     claimed = np.sqrt(np.mean([fit.standard_errors**2 for fit in fits], axis=0))
     np.testing.assert_allclose(claimed, spread, rtol=0.2)
@@ -102,7 +104,8 @@ def test_the_spread_reaches_the_cramer_rao_bound():
     )
     bound = noise * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
     fits = [
-        HarmonicBalance(terms=()).of_points(_points(ROBOT, noise=noise, seed=k)).values for k in range(200)
+        HarmonicBalance(terms=()).of_points(_points(ROBOT, noise=noise, seed=k)).values
+        for k in range(200)
     ]
     rmse = np.sqrt(np.mean((np.array(fits) - truth) ** 2, axis=0))
     assert np.all(rmse < 1.15 * bound)
@@ -139,7 +142,9 @@ def test_one_frequency_cannot_tell_the_parameters_apart():
 
 def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
     robot = replace(ROBOT, coulomb=0.0)
-    fits = [HarmonicBalance(terms=()).of_points(_points(robot, noise=5e-4, seed=k)) for k in range(10)]
+    fits = [
+        HarmonicBalance(terms=()).of_points(_points(robot, noise=5e-4, seed=k)) for k in range(10)
+    ]
     bounded = [fit for fit in fits if fit.values[4] == 0]
     assert bounded
     for fit in bounded:

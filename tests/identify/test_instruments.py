@@ -68,7 +68,7 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
     assert all(each.instruments is not each.windows for each in pairs)
 
 
-def test_a_parameter_on_its_bound_stays_there(clean):
+def test_a_parameter_on_its_bound_stays_there():
     frictionless = wild(replace(ROBOT, coulomb=0.0, p2=0.0), duration=8.0)
     rng = np.random.default_rng(1)
     logs = [

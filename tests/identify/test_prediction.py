@@ -8,9 +8,9 @@ import pytest
 from butterfly.identify.data import DataSet
 from butterfly.identify.draws import draw_parameters
 from butterfly.identify.estimators import HarmonicBalance, OutputError
+from butterfly.identify.expected_errors import block, donors, left_over
 from butterfly.identify.free_run import Trajectory
 from butterfly.identify.importance import weighed
-from butterfly.identify.expected_errors import block, donors, left_over
 from butterfly.identify.predict import Predictor, Setting, free_run
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS, Band, predict_logs
 from butterfly.model.parameters import AddedMass
@@ -191,7 +191,8 @@ EVERY_TERM = ("drag", "load", "bias", "p3_offset", "stribeck")
 
 
 @pytest.mark.parametrize(
-    "estimator", [HarmonicBalance(terms=(), check=False), OutputError(terms=EVERY_TERM, check=False)]
+    "estimator",
+    [HarmonicBalance(terms=(), check=False), OutputError(terms=EVERY_TERM, check=False)],
 )
 def test_left_out_masses_of_the_real_robot_lie_in_the_band_of_a_new_log(real, estimator):
     """With an estimate from the other two masses only, where none could be checked."""

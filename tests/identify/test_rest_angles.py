@@ -44,9 +44,7 @@ def _points(bias, noise=0.0, turns=0):
                 covariance=1e-12 * np.eye(2),
                 residual_rms=0.0,
             )
-            points.append(
-                ResponsePoint(added_mass=mass, input=1.0, angle=fit, drift=0.0, label="")
-            )
+            points.append(ResponsePoint(added_mass=mass, input=1.0, angle=fit, drift=0.0, label=""))
             turns = 0
     return points
 

@@ -9,9 +9,11 @@ import pytest
 
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError, WeakForm
+from butterfly.identify.estimators.weak_fit import WeakFit, Windows
 from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.predict import Predictor
-from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
+from butterfly.identify.weak_signals import HALF_WIDTH, Averaging, Known, weak_signals
+from butterfly.model.terms import PARAMETERS, FrictionTerms
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, SWINGS, steady, wild
 
@@ -48,8 +50,9 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
         for log in wild(ROBOT, MASSES, 16.0)
     ]
     logs = [logs[0].take(np.arange(1200)), *logs[1:]]
-    found = WeakForm(terms=(), check=False).of_logs(logs, ZEROS)
-    values = dict(zip(found.names, found.values, strict=True))
+    averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
+    windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
+    values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity).known
     known = Known(zero=0.0, delay=values.pop("delay"))
     parts = {True: 0.0, False: 0.0}
     for log in logs:

@@ -17,7 +17,7 @@ FREE = np.full(4, -np.inf)
 
 
 def _problem(*, lower=FREE, folds=None, seed=0):
-    """A linear problem rows x = target, and its equations about values that are not its solution."""
+    """A linear problem, and its equations about values that are not its solution."""
     rng = np.random.default_rng(seed)
     rows = rng.standard_normal((LOGS, ROWS, 4)) / UNITS
     truth = UNITS * np.array([1.0, 2.0, 0.2, -0.5])

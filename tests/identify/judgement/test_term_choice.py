@@ -47,7 +47,9 @@ def _nested(*, truth, noise=0.1, seed=0, names=NAMES, twins=()):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_term_in_the_data_is_chosen_and_one_that_is_not_is_said(seed):
-    chosen = choose_terms([_nested(truth={"p1": 1, "p3": 2, "drag": 0.5}, seed=seed)], always=ALWAYS)
+    chosen = choose_terms(
+        [_nested(truth={"p1": 1, "p3": 2, "drag": 0.5}, seed=seed)], always=ALWAYS
+    )
     assert chosen.names == (*ALWAYS, "drag")
     assert chosen.best == pytest.approx({"p1": 1, "p3": 2, "drag": 0.5}, abs=0.05)
     (said,) = chosen.findings
@@ -126,9 +128,7 @@ def test_stribeck_velocities_are_shares_of_the_largest_speed():
 
 
 def _found(values, reach):
-    return SimpleNamespace(
-        names=ALWAYS, values=values, lower=values - reach, upper=values + reach
-    )
+    return SimpleNamespace(names=ALWAYS, values=values, lower=values - reach, upper=values + reach)
 
 
 def test_a_missing_term_is_said_where_it_would_move_a_parameter_out_of_its_interval():
