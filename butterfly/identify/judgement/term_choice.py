@@ -253,7 +253,7 @@ def missing_terms(found: ParameterEstimate, best: Mapping[str, float]) -> list[F
         Finding(
             kind=FindingKind.MISSING_TERM,
             parameters=(" and ".join(missing), *moved),
-            number=max(moved.values()),
+            number=min(moved.values()),
             severity=Severity.CARE,
         )
     ]
