@@ -24,7 +24,7 @@ from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import write_report
 from butterfly.report.parameter_rows import rows_of, unit_of
-from butterfly.report.words import sentences, summary
+from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.report.verdict import SaidVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -107,7 +108,7 @@ class Identified(Result):
         return {
             "butterfly": __version__,
             "estimator": self.estimator,
-            "verdict": str(self.estimate.verdict.standing),
+            **self.judged.numbers(),
             "summary": list(self.summary),
             "parameters": {row.pop("parameter"): row for row in self.rows()},
             "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
@@ -166,7 +167,12 @@ class Identified(Result):
     def __repr__(self) -> str:
         pairs = zip(self.estimate.names, self.estimate.values, strict=True)
         values = ", ".join(f"{name} {value:.4g}" for name, value in pairs)
-        return f"<Identified: {self.title}: {values}>"
+        return f"<Identified: {self.title}{self._unless_good()}: {values}>"
+
+    @property
+    def judged(self) -> SaidVerdict:  # type: ignore[override]
+        """The verdict on its values."""
+        return verdict_on(self.estimate)
 
     @property
     def parameters(self) -> LumpedParameters:

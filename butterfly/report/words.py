@@ -14,6 +14,7 @@ from butterfly.report.verdict import SaidVerdict
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from butterfly.experiment.estimate_record import EstimateRecord
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
@@ -51,6 +52,12 @@ def sentences(estimate: ParameterEstimate) -> list[str]:
 def verdict_on(estimate: ParameterEstimate) -> SaidVerdict:
     """Say what may be done with an estimate, and why not more."""
     return verdict_in_words(estimate.verdict, _values(estimate))
+
+
+def verdict_of(record: EstimateRecord) -> SaidVerdict:
+    """Say what may be done with an estimate of which there is a record."""
+    values = {row.parameter: row.value for row in record.parameters}
+    return verdict_in_words(record.verdict, values)
 
 
 def sentences_of(verdict: Verdict, findings: Sequence[Finding], values: Values) -> list[str]:
