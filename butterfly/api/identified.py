@@ -13,6 +13,7 @@ from butterfly import __version__
 from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.result import Result, aligned, text, texts
+from butterfly.api.usable import require_possible
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identify.data import read_data_set
@@ -181,7 +182,14 @@ class Identified(Result):
 
     @property
     def model(self) -> IdentifiedModel:
-        """The robot that they make."""
+        """The robot that they make.
+
+        Raises
+        ------
+        UnusableError
+            If no joint has them.
+        """
+        require_possible(self.estimate)
         return IdentifiedModel(self.parameters)
 
     @property
