@@ -130,3 +130,10 @@ def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monke
     assert "Verdicts on 2 estimates: " in said
     numbers = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))
     assert sum(numbers["verdicts"]["harmonic-balance"].values()) == 2
+
+
+def test_the_fault_of_a_poor_method_is_no_slip_of_the_logs(butterfly, quick_data):
+    code, out, _ = butterfly("identify", quick_data, "--method", "thesis")
+    assert code == ExitCode.NOT_TO_BE_USED
+    assert "it moves otherwise than this robot" in out.splitlines()[0]
+    assert "degrees" not in out
