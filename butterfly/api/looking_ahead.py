@@ -17,8 +17,8 @@ from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.planned import planned_logs
 from butterfly.experiment.schema import Experiment
 from butterfly.identify.draws import COUNT, draw_parameters
+from butterfly.identify.expected_errors import left_over
 from butterfly.identify.importance import weighed
-from butterfly.identify.left_over import left_over
 from butterfly.identify.predict import Predictor, Setting
 from butterfly.identify.prediction import predict_logs
 from butterfly.progress import Track, untracked
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.draws import ParameterDraws
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.left_over import LeftOver
+    from butterfly.identify.expected_errors import LeftOver
     from butterfly.logs.log import InputKind, Log
     from butterfly.model.parameters import AddedMass
 

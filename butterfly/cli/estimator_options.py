@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 _NAMES = {name.replace("-", "_").upper(): name for name in ESTIMATORS}
 
+_NAMES_BY_COMMAS = (tuple[str, ...], tuple[str, ...] | None)
+
 Method = StrEnum("Method", _NAMES)  # type: ignore[misc]
 """Names of the estimators."""
 
@@ -89,7 +91,7 @@ def _option(name: str, kind: type[Estimator], owners: list[str]) -> inspect.Para
         valid = "; ".join(f"{method}: {', '.join(offered(method))}" for method in owners)
         text += f" Separated by commas, an empty text means none; {valid}."
     declared = typer.Option(help=text, show_default=_default_text(name, owners))
-    wanted = str if annotation == tuple[str, ...] else annotation
+    wanted = str if annotation in _NAMES_BY_COMMAS else annotation
     return option(name, Annotated[wanted | None, declared], None)
 
 
@@ -99,11 +101,16 @@ def _default_text(name: str, owners: list[str]) -> str:
     for method in owners:
         (own,) = [each for each in fields(ESTIMATORS[method]) if each.name == name]
         assert own.default is not MISSING  # noqa: S101 - an estimator needs to be told nothing
-        value = own.default
-        defaults[method] = ",".join(value) or "none" if isinstance(value, tuple) else str(value)
+        defaults[method] = _default_words(own.default)
     if len(set(defaults.values())) == 1:
         return next(iter(defaults.values()))
     return "; ".join(f"{method}: {value}" for method, value in defaults.items())
+
+
+def _default_words(value: Any) -> str:  # noqa: ANN401 - of any option
+    if value is None:
+        return "chosen from the data"
+    return ",".join(value) or "none" if isinstance(value, tuple) else str(value)
 
 
 def described(kind: type[Estimator]) -> dict[str, str]:

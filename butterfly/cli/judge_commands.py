@@ -61,7 +61,7 @@ def validate_command(
         )
         typer.echo(f"Without {name}: {values}")
     if repetitions:
-        drawn = bootstrap(logs, quick, repetitions=repetitions, track=show_progress)
+        drawn = bootstrap(logs, quick, whole, repetitions=repetitions, track=show_progress)
         table = new_table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
         rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
         for name, *numbers in rows:

@@ -211,8 +211,8 @@ class ParameterEstimate:
             covariance = robust(covariance, weighted, solved.bread)
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
-        others = [*left_out.values(), *rivals]
-        limits = honest_limits(values, covariance[own, own], freedom[own], others)
+        scatter = covariance[own, own]
+        limits = honest_limits(values, scatter, freedom[own], left_out.values(), rivals)
         lower = np.maximum(limits[0], solved.lower[own])
         on_bound = tuple(np.array(names)[solved.on_bound[own]].tolist())
         pulled = set(np.array(names)[_pulled(rows, residuals, covariance)[own]].tolist())
@@ -220,7 +220,7 @@ class ParameterEstimate:
             method=method,
             names=names,
             values=values,
-            covariance=covariance[own, own],
+            covariance=scatter,
             lower=lower,
             upper=limits[1],
             left_out=left_out,

@@ -2,8 +2,8 @@
 
 The band of the parameters holds the motion of the model, with whatever parameters the estimate
 leaves open. The band of a new log holds a recording: to each draw of the parameters come the errors
-of a log that the model has not seen (see `butterfly.identify.left_over`). Both are pointwise, at
-`butterfly.identify.judgement.intervals.CONFIDENCE`.
+of a log that the model has not seen (see `butterfly.identify.expected_errors`). Both are pointwise,
+at `butterfly.identify.judgement.intervals.CONFIDENCE`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.expected_errors import donors
 from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.intervals import CONFIDENCE
-from butterfly.identify.left_over import donors
 from butterfly.identify.predict import free_run
 from butterfly.progress import Track, untracked
 from butterfly.signals import hermite
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from butterfly.identify.draws import ParameterDraws
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.left_over import LeftOver
+    from butterfly.identify.expected_errors import LeftOver
     from butterfly.identify.predict import FreeRun, Setting
     from butterfly.logs.log import Log
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -85,6 +86,8 @@ class Manifest(StrictModel):
         What the input column commands.
     intersample
         How the command is held between its samples.
+    sign
+        -1 where a positive command turns the hand towards negative angles: the input is negated.
     arm
         Pivot to added mass in m.
     columns
@@ -100,6 +103,7 @@ class Manifest(StrictModel):
     root: str = "."
     input: InputKind
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
+    sign: Literal[1, -1] = 1
     arm: Annotated[float, Field(ge=0)]
     columns: dict[str, str] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
@@ -206,7 +210,8 @@ def _entry_by_name(path: Path, folder: Path) -> LogEntry | None:
 
 def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as YAML, one line per log."""
-    head = manifest.model_dump(mode="json", exclude={"logs"}, exclude_none=True)
+    usual = {"sign"} if manifest.sign == 1 else set()
+    head = manifest.model_dump(mode="json", exclude={"logs"} | usual, exclude_none=True)
     rows = [
         f"  - {yaml_text(entry.model_dump(exclude_none=True), flow=True)}"
         for entry in manifest.logs
@@ -237,7 +242,8 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
         "excitation": entry.excitation,
         "name": entry.file,
     }
-    return read_log(path, columns=manifest.columns, **properties)
+    log = read_log(path, columns=manifest.columns, **properties)
+    return log if manifest.sign == 1 else replace(log, input=-log.input)
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:

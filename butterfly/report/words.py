@@ -162,7 +162,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.NEGATIVE_GAIN: lambda f, _: (
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
-        "the angle or the input counts the other way, change the sign of one of them (sign: -1)."
+        "the angle or the input counts the other way, say so in the manifest (sign: -1)."
     ),
     FindingKind.LEFT_OUT: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
@@ -177,6 +177,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.MISSING_TERM: lambda f, _: (
         f"A term {f.parameters[0]} would help to predict logs that were left out, and move "
         f"{_joined_after(f)} by {100 * _number(f):.0f} % or more: add it to the terms."
+    ),
+    FindingKind.SCANNED: lambda f, _: (
+        f"{_joined(f)} is {_number(f):.2g} {TERMS[f.parameters[0]].unit}, found by trying several; "
+        "the intervals hold what others that predict as well would give."
     ),
     FindingKind.NOT_HELPING: lambda f, _: (
         f"Not fitted, since {_joined(f)} did not help to predict logs that were left out."

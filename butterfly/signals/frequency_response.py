@@ -13,9 +13,10 @@ from butterfly.signals import hold
 from butterfly.signals.sine_fit import (
     HARMONICS,
     SineFit,
+    fit_basis,
     fit_halves,
-    fit_sine,
     sine_basis,
+    with_transient,
 )
 from butterfly.signals.transient import pole_of
 from butterfly.signals.window import STEADY_SECONDS, steady_window
@@ -120,15 +121,12 @@ def response_point(
             f"a sine of {omega:g} rad/s",
         )
     response, before, after = fit_halves(basis, angle, omega)
+    if pole is None and math.sqrt(2) * response.residual_rms > LOUD * response.amplitude:
+        pole = pole_of(time, angle - response.on(basis))
+        calmer = fit_basis(with_transient(basis, time, pole), angle, omega)
+        pole = pole if calmer.residual_rms < _CALMER * response.residual_rms else None
     if pole is not None:
-        response = fit_sine(time, angle, omega, pole=pole)
-    elif np.sqrt(2) * response.residual_rms > LOUD * response.amplitude:
-        pole = pole_of(time, angle - response.at(time))
-        calmer = fit_sine(time, angle, omega, pole=pole)
-        if calmer.residual_rms < _CALMER * response.residual_rms:
-            response = calmer
-        else:
-            pole = None
+        response = fit_basis(with_transient(basis, time, pole), angle, omega)
     return ResponsePoint(
         added_mass=log.added_mass,
         input=command.fundamental * hold.gain(omega, log.mean_step, log.intersample),

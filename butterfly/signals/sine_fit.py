@@ -72,11 +72,10 @@ class SineFit:
         """Root sum of squares of the harmonics over the fundamental."""
         return float(np.linalg.norm(self.phasors[1:]) / self.amplitude)
 
-    def at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (n,) values of mean, sine and harmonics at (n,) instants in s."""
-        orders = np.arange(1, self.phasors.size + 1)
-        waves = self.phasors[:, None] * np.exp(1j * self.omega * np.outer(orders, time))
-        return np.asarray(self.offset + waves.real.sum(axis=0))
+    def on(self, basis: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) values of mean, sine and harmonics on the rows of `sine_basis`."""
+        waves = np.column_stack([self.phasors.real, -self.phasors.imag]).ravel()
+        return np.asarray(np.append(self.offset, waves) @ basis)
 
     def scaled(self, factor: float) -> SineFit:
         """Return the fit of the signal times a factor."""

@@ -12,7 +12,7 @@ from butterfly.signals.resample import resample, uniform_grid
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_SAMPLES = 4000  # that are enough to fit two numbers
+_SAMPLES = 1000  # that are enough to fit two numbers
 _PADDED = 8
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from types import SimpleNamespace
 
 import pytest
@@ -84,11 +84,33 @@ def test_help_is_what_the_docstrings_say_and_names_the_owners():
     assert owners == f"{described(OutputError)['loss']} Of output-error."
 
 
-def test_defaults_that_differ_are_told_apart():
-    shown = _options()["terms"].annotation.__metadata__[0].show_default
-    assert "harmonic-balance: none" in shown
-    assert "weak-form: drag" in shown
-    assert _options()["loss"].annotation.__metadata__[0].show_default == "linear"
+def _shown(name):
+    return _options()[name].annotation.__metadata__[0].show_default
+
+
+def test_defaults_that_differ_are_told_apart(monkeypatch):
+    @dataclass(frozen=True, kw_only=True)
+    class Told(WeakForm):
+        __doc__ = WeakForm.__doc__
+        terms: tuple[str, ...] | None = ("drag", "load")
+        half_width: float = 0.125
+
+    monkeypatch.setitem(ESTIMATORS, "weak-form", Told)
+    shown = _shown_anew("terms")
+    assert "harmonic-balance: chosen from the data" in shown
+    assert "weak-form: drag,load" in shown
+    assert _shown_anew("half_width") == "0.125"
+
+
+def _shown_anew(name):
+    command = takes_estimator()(lambda *, estimator: estimator)
+    return inspect.signature(command).parameters[name].annotation.__metadata__[0].show_default
+
+
+def test_defaults_are_shown():
+    assert _shown("terms") == "chosen from the data"
+    assert _shown("fixed") == "none"
+    assert _shown("loss") == "linear"
 
 
 def test_an_empty_text_means_no_terms():

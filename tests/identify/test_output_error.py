@@ -135,25 +135,25 @@ def fitted(real):
 
 def test_the_real_logs_are_followed_closely(real, fitted):
     summary = FitSummary.of(Predictor(real.data).fits(fitted))
-    assert summary.median >= 96.5
-    assert summary.mean >= 96
-    assert summary.worst >= 90
+    assert summary.median >= 96.9
+    assert summary.mean >= 95.6
+    assert summary.worst >= 87
 
 
 def test_viscous_and_coulomb_friction_alone_follow_them_less(real):
     data, options = real.data, OutputError(terms=(), per_mass=("zero",), check=False)
-    estimate = options.of_logs(data.logs, real.estimate.parameters, data.equilibria)
-    fits = Predictor(data).fits(estimate)
+    start = HarmonicBalance(terms=(), check=False)(data).parameters
+    fits = Predictor(data).fits(options.of_logs(data.logs, start, data.equilibria))
     assert 95 <= np.median(fits) < 96.5
 
 
 def test_the_real_robot_s_values_are_in_the_known_ranges(fitted):
     p = fitted.parameters
-    assert 0.00205 <= p.p1 <= 0.00216
-    assert p.p2 < 3e-4
+    assert 0.00205 <= p.p1 <= 0.00217
+    assert p.p2 < 6e-4
     assert abs(p.p3) < 0.003
     assert 2.40 <= p.p4 <= 2.50
-    assert 0.0044 <= p.coulomb <= 0.0053
+    assert 0.0044 <= p.level(0.0) <= 0.0053
     assert 0.002 <= p.delay <= 0.004
     found = [resonance_frequency(p.with_added_mass(mass)) for mass in fitted.left_out]
     np.testing.assert_allclose(found, [4.50, 6.02, 6.46], rtol=0.01)

@@ -9,9 +9,11 @@ import pytest
 
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError, WeakForm
+from butterfly.identify.estimators.weak_fit import WeakFit, Windows
 from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.predict import Predictor
-from butterfly.identify.weak_signals import HALF_WIDTH, Known, weak_signals
+from butterfly.identify.weak_signals import HALF_WIDTH, Averaging, Known, weak_signals
+from butterfly.model.terms import PARAMETERS, FrictionTerms
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, SWINGS, steady, wild
 
@@ -48,8 +50,9 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
         for log in wild(ROBOT, MASSES, 16.0)
     ]
     logs = [logs[0].take(np.arange(1200)), *logs[1:]]
-    found = WeakForm(terms=(), check=False).of_logs(logs, ZEROS)
-    values = dict(zip(found.names, found.values, strict=True))
+    averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
+    windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
+    values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity).known
     known = Known(zero=0.0, delay=values.pop("delay"))
     parts = {True: 0.0, False: 0.0}
     for log in logs:
@@ -140,11 +143,11 @@ def test_what_was_not_asked_for_is_not_blamed_on_the_masses(sines):
 
 
 def test_intervals_hold_what_each_left_out_mass_leaves(sines):
-    checked = HarmonicBalance()(sines)
-    unchecked = HarmonicBalance(check=False)(sines)
+    checked = HarmonicBalance(terms=()).of_points(sines.sines)
+    unchecked = HarmonicBalance(terms=(), check=False).of_points(sines.sines)
     for mass, values in checked.left_out.items():
         kept = [point for point in sines.sines if point.added_mass != mass]
-        alone = HarmonicBalance(check=False).of_points(kept)
+        alone = HarmonicBalance(terms=(), check=False).of_points(kept)
         np.testing.assert_array_equal(values, alone.values)
         assert np.all((checked.lower <= values) & (values <= checked.upper))
     assert np.all(checked.upper - checked.lower >= unchecked.upper - unchecked.lower)

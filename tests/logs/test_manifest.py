@@ -1,5 +1,6 @@
 import re
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -55,6 +56,17 @@ def test_an_entry_becomes_a_log_with_its_properties(tmp_path, sine_log):
     assert log.input_kind is InputKind.TORQUE
     assert log.intersample is Intersample.FIRST_ORDER_HOLD
     assert log.excitation.omega == 10.0
+
+
+def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path, sine_log):
+    write_mat(sine_log, tmp_path / "Data_52__10__004.mat")
+    usual = manifest_from_names(tmp_path, **HOW)
+    backwards = usual.model_copy(update={"sign": -1})
+    write_manifest(backwards, tmp_path / "manifest.yaml")
+    assert read_manifest(tmp_path / "manifest.yaml").sign == -1
+    logs = [read_entry(each, each.logs[0]) for each in (usual, backwards)]
+    assert np.array_equal(logs[0].input, -logs[1].input)
+    assert np.array_equal(logs[0].angle, logs[1].angle)
 
 
 VALID = """\

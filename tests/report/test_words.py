@@ -8,12 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.verdict import Verdict
 from butterfly.report.words import sentences
 
 NUMBERS = {
     FindingKind.PRECISE: (0.1, "10 %"),
-    FindingKind.CONDITION: (37.0, "37"),
+    FindingKind.POOR_FIT: (61.3, "61.3 %"),
+    FindingKind.UNFOLLOWED: (-7.2, "-7.2 %"),
+    FindingKind.NO_INERTIA: (-2e-4, "-0.0002 kg"),
+    FindingKind.LEFT_OUT: (12.0, "was left out"),
+    FindingKind.MISSING_TERM: (0.31, "31 %"),
+    FindingKind.OTHER_END: (1.52, "1.52 times"),
     FindingKind.COMBINATION: (4321.0, "4321"),
     FindingKind.ROUNDS: (8.0, "8"),
     FindingKind.SIMULATIONS: (23.0, "23"),
@@ -24,34 +30,87 @@ NUMBERS = {
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.LEFT_OVER: (0.87, "87 %"),
 }
+OF_LOGS = {FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT}
 NAMELESS = {
-    *(FindingKind.CONDITION, FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES),
+    *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
+    *(FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT),
     *(FindingKind.UNCHECKED, FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
 
 
-def _said(*findings):
+PLAIN = [kind for kind in FindingKind if kind is not FindingKind.SLIP]
+"""Slips have sentences of their own, each its test."""
+
+
+def _verdict_and_more(*findings, ending=Ending.CONVERGED):
     estimate = SimpleNamespace(
-        names=("p2", "p4", "tilt"), values=np.array([1e-3, -0.5, 0.2]), findings=findings
+        names=("p2", "p4", "tilt"),
+        values=np.array([1e-3, -0.5, 0.2]),
+        findings=findings,
+        verdict=Verdict.of(ending, findings),
     )
     return sentences(estimate)
 
 
-@pytest.mark.parametrize("kind", FindingKind)
+def _said(*findings):
+    """Say findings that are no reason of a verdict."""
+    verdict, *others = _verdict_and_more(*findings)
+    assert verdict.startswith("Good: ")
+    return others
+
+
+@pytest.mark.parametrize("kind", PLAIN)
 def test_every_kind_of_finding_has_a_sentence_with_its_number_and_parameters(kind):
     number, shown = NUMBERS.get(kind, (None, ""))
-    (said,) = _said(Finding(kind=kind, parameters=("p2", "tilt"), number=number))
+    (said,) = _said(Finding(kind=kind, parameters=("p2", "tilt"), number=number, logs=("first",)))
     assert re.fullmatch(r"\S.*\.", said)
     assert shown in said
+    assert ("first" in said) is (kind in OF_LOGS)
     if kind not in NAMELESS:
         assert "p2" in said
         assert "tilt" in said
 
 
 def test_no_two_kinds_say_the_same():
-    said = [_said(Finding(kind=k, parameters=("p2",), number=5.0))[0] for k in FindingKind]
+    said = [_said(Finding(kind=k, parameters=("p2",), number=5.0))[0] for k in PLAIN]
     assert len(set(said)) == len(said)
+
+
+@pytest.mark.parametrize(
+    ("severity", "opening"),
+    [(Severity.CARE, "Use with care: "), (Severity.WARNING, "Do not use: ")],
+)
+def test_the_verdict_comes_first_with_its_reasons_which_are_not_said_again(severity, opening):
+    known = Finding(kind=FindingKind.PRECISE, parameters=("p4",), number=0.1)
+    reason = Finding(kind=FindingKind.POOR_FIT, number=61.3, severity=severity)
+    verdict, *others = _verdict_and_more(known, reason, Finding(kind=FindingKind.UNCHECKED))
+    assert verdict.startswith(opening)
+    assert "61.3 %" in verdict
+    assert not any("61.3 %" in each for each in others)
+    assert ("p4 known within 10 %." in others) is (severity is Severity.CARE)
+
+
+def test_what_did_not_settle_is_not_to_be_used_and_says_why():
+    verdict, *others = _verdict_and_more(ending=Ending.STOPPED)
+    assert verdict == "Do not use: The estimation did not settle."
+    assert others == []
+
+
+def test_a_model_that_runs_away_is_said_to():
+    (said,) = _said(Finding(kind=FindingKind.POOR_FIT, number=-np.inf))
+    assert "runs away" in said
+
+
+def test_a_bound_that_the_data_would_cross_is_said_otherwise_than_one_that_they_respect():
+    held = [
+        Finding(kind=FindingKind.ON_BOUND, parameters=("p2",), severity=severity)
+        for severity in (Severity.NOTE, Severity.CARE)
+    ]
+    (respected,) = _said(held[0])
+    verdict, *_ = _verdict_and_more(held[1])
+    assert "do not show any" in respected
+    assert "would cross" in verdict
 
 
 def test_how_well_parameters_are_known_comes_first_and_in_one_sentence():
@@ -67,7 +126,7 @@ def test_a_fit_that_did_not_converge_is_not_to_be_trusted():
         Finding(kind=FindingKind.SIMULATIONS, number=60.0, severity=severity)
         for severity in (Severity.NOTE, Severity.WARNING)
     ]
-    converged, stopped = _said(*findings)
+    stopped, converged = _verdict_and_more(*findings)
     assert "do not trust" not in converged
     assert "do not trust" in stopped
 

@@ -69,6 +69,12 @@ class Estimator:
             raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
         return self._with(terms=terms)
 
+    def holding_terms_of(self, estimate: ParameterEstimate) -> Self:
+        """Return the estimator with the terms that an estimate of its own has, and no choice."""
+        if not hasattr(self, "terms"):
+            return self
+        return self.with_terms(tuple(name for name in estimate.names if name not in PARAMETERS))
+
     def _with(self, **options: Any) -> Self:  # noqa: ANN401 - any option that the estimator has
         return replace(self, **options)
 

@@ -39,6 +39,7 @@ from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.phasors import Phasors
 from butterfly.identify.rest_angles import RestAngles
 from butterfly.identify.steady import steady_sines
+from butterfly.model.terms import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -87,6 +88,7 @@ class HarmonicBalance(Estimator):
         """Estimate from the sines of a data set (see `Estimator`)."""
         numbers, said = steady_sines(data)
         points = [point for k in numbers if (point := data.points[k]) is not None]
+        _refuse_unsteady(len(data.sines), len(points))
         fit = _without_terms(points)
         wanted = None if self.terms is None else "bias" in self.terms
         rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
@@ -177,6 +179,15 @@ def _judged(
         local=None if rest is None else {None: {"zero": float(rest.zeros[0])}},
     )
     return chosen.judge(found) if chosen else found
+
+
+def _refuse_unsteady(sines: int, steady: int) -> None:
+    if sines and 2 * steady <= len(PARAMETERS):
+        raise IdentifiabilityError(
+            f"of {sines} logs of sines {steady} show a steady swing about a rest angle, too few: "
+            "in the others the hand turns over, rests elsewhere, swings too wide or never settles; "
+            "the methods weak-form and output-error take any motion"
+        )
 
 
 def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> None:

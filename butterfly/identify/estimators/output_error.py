@@ -10,7 +10,7 @@ Numerical Data Fitting in Dynamical Systems, 2002).
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -174,7 +174,7 @@ class OutputError(Estimator):
             rivals=rivals,
             shared=problem.shared,
             findings=[*few, *of_few_logs(len(logs)), *said],
-            held={name: getattr(problem.start, name) for name in (*self.fixed, "cogging_periods")},
+            held=self._held(problem),
             local=_local(list(known)[problem.shared :]),
             masses=masses if len(logs) > FEW else (),
         )
@@ -186,7 +186,8 @@ class OutputError(Estimator):
             return []
         zero = found.local[None]["zero"]
         zeros = {log.added_mass: zero for log in logs}
-        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *CANDIDATES))))
+        more = candidates(CANDIDATES, zeros)
+        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
         problem = every.problem(logs, found.parameters, zeros)
         at = problem.equations(problem.initial)
         if self.loss is not Loss.LINEAR:
@@ -263,6 +264,17 @@ class OutputError(Estimator):
             robust(plain.at),
         )
         return replace(found, evaluations=plain.evaluations + found.evaluations)
+
+    def _held(self, problem: FreeRunResiduals) -> dict[str, float]:
+        """Return what kept the start's value: what was to, and what is no default of the model."""
+        start, told = problem.start, {*self.fixed, "cogging_periods"}
+        fitted = {name for name, _ in problem.keys}
+        return {
+            each.name: getattr(start, each.name)
+            for each in fields(start)
+            if each.name in told
+            or (each.name not in fitted and getattr(start, each.name) != each.default)
+        }
 
     def _solved(self, problem: FreeRunResiduals, end: Minimum[Equations]) -> Solved:
         blocks = blocks_of(len(problem.trajectories), len(problem.keys))

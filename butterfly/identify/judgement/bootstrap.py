@@ -12,12 +12,11 @@ from butterfly.identify.judgement.intervals import CONFIDENCE
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
 
 _LEAST_REPETITIONS = 20
 
@@ -41,7 +40,8 @@ class Bootstrap:
 
 def bootstrap(
     data: DataSet,
-    estimator: Callable[[DataSet], ParameterEstimate],
+    estimator: Estimator,
+    estimate: ParameterEstimate,
     *,
     repetitions: int = 200,
     seed: int = 0,
@@ -50,7 +50,17 @@ def bootstrap(
     """Draw whole logs with replacement, within each added mass, and estimate anew.
 
     Logs are the blocks: within one, errors are correlated. (Efron & Tibshirani, An Introduction to
-    the Bootstrap, 1993, ch. 8.) Draws that cannot determine the parameters are drawn again.
+    the Bootstrap, 1993, ch. 8.) The terms are those of the estimate from all logs. Draws that
+    cannot determine them are drawn again.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimator, estimate
+        What is asked about: an estimator, and its estimate from all logs.
+    repetitions, seed
+        How often logs are drawn, and of the draws.
 
     Raises
     ------
@@ -61,6 +71,7 @@ def bootstrap(
     """
     if repetitions < _LEAST_REPETITIONS:
         raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
+    held = estimator.holding_terms_of(estimate).unchecked()
     rng = np.random.default_rng(seed)
     groups = [
         [k for k, log in enumerate(data.logs) if log.added_mass == mass] for mass in data.masses
@@ -71,7 +82,7 @@ def bootstrap(
         while True:
             rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
             try:
-                values.append(estimator(data.take(rows)).values)
+                values.append(_of_draw(data.take(rows), held, estimate.names))
                 break
             except IdentifiabilityError:
                 failures += 1
@@ -80,3 +91,17 @@ def bootstrap(
     tails = 100 * np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     lower, upper = np.percentile(values, tails, axis=0)
     return Bootstrap(values=np.array(values), lower=lower, upper=upper)
+
+
+def _of_draw(drawn: DataSet, held: Estimator, names: tuple[str, ...]) -> NDArray[np.float64]:
+    """Estimate parameters from drawn logs.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the logs cannot determine all of them.
+    """
+    found = held(drawn)
+    if lost := [name for name in names if name not in found.names]:
+        raise IdentifiabilityError(f"draws of these logs cannot tell {', '.join(lost)}")
+    return found.values

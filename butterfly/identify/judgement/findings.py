@@ -36,7 +36,8 @@ class FindingKind(StrEnum):
     NEGATIVE_GAIN = "negative-gain"
     LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
-    MISSING_TERM = "missing-term"  # the first parameter; share by which it would move the second
+    MISSING_TERM = "missing-term"  # the first parameter; least share by which it moves the others
+    SCANNED = "scanned"  # value of a parameter that was found by trying several
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
     OTHER_END = "other-end"  # cost of the next best end over that of the best

@@ -67,10 +67,13 @@ def honest_limits(
     covariance: NDArray[np.float64],
     freedom: NDArray[np.float64],
     left_out: Iterable[NDArray[np.float64]],
+    rivals: Iterable[NDArray[np.float64]] = (),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return Student's limits at `CONFIDENCE`, widened to hold the estimates of partial data.
 
-    More logs do not help where the model is wrong in a way that depends on what was left out.
+    More logs do not help where the model is wrong in a way that depends on what was left out. Of
+    fits that predict as well any may be the right one, so that the limits hold what is as far from
+    each.
 
     Parameters
     ----------
@@ -78,9 +81,11 @@ def honest_limits(
         (n,) estimates, their (n, n) covariance and (n,) degrees of freedom.
     left_out
         (n,) estimates with a part of the data left out.
+    rivals
+        (n,) estimates of other fits that predict as well.
     """
     reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance))
-    candidates = np.array([values, *left_out])
-    lower = np.minimum(values - reach, candidates.min(axis=0))
-    upper = np.maximum(values + reach, candidates.max(axis=0))
+    likely, partial = np.array([values, *rivals]), np.array([values, *left_out])
+    lower = np.minimum(likely.min(axis=0) - reach, partial.min(axis=0))
+    upper = np.maximum(likely.max(axis=0) + reach, partial.max(axis=0))
     return lower, upper

@@ -83,7 +83,7 @@ def profile(
     values
         (n,) increasing values at which it is held.
     estimator
-        With which the estimate was made.
+        With which the estimate was made, whose terms are kept.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def profile(
     """
     if name not in estimate.names:
         raise InputError("profile", "name", name, nearest(name, estimate.names))
-    estimator = estimator or OutputError()
+    estimator = (estimator or OutputError()).holding_terms_of(estimate)
     start = estimate.parameters
     zero = estimate.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)

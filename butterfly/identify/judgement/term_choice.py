@@ -83,12 +83,17 @@ class TermChoice:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What there is to say of terms that are not fitted."""
+        """What there is to say of settings that were scanned, and of terms that are not fitted."""
         said = {
             FindingKind.NOT_HELPING: self.not_helping,
             FindingKind.INSEPARABLE: self.inseparable,
         }
-        return tuple(Finding(kind=kind, parameters=names) for kind, names in said.items() if names)
+        scanned = (
+            Finding(kind=FindingKind.SCANNED, parameters=(name,), number=value)
+            for name, value in self.settings.items()
+        )
+        lost = (Finding(kind=kind, parameters=names) for kind, names in said.items() if names)
+        return (*scanned, *lost)
 
 
 def candidates(names: Sequence[str], masses: Iterable[AddedMass]) -> tuple[str, ...]:
@@ -248,7 +253,7 @@ def missing_terms(found: ParameterEstimate, best: Mapping[str, float]) -> list[F
         Finding(
             kind=FindingKind.MISSING_TERM,
             parameters=(" and ".join(missing), *moved),
-            number=max(moved.values()),
+            number=min(moved.values()),
             severity=Severity.CARE,
         )
     ]

@@ -11,14 +11,15 @@ from scipy.stats import t as student
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.design import rank_experiments
-from butterfly.identify.estimators import HarmonicBalance, OutputError
+from butterfly.identify.estimators import Estimator, HarmonicBalance, Linear, OutputError, WeakForm
 from butterfly.identify.judgement.bootstrap import bootstrap
-from butterfly.identify.judgement.findings import FindingKind
+from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.input_kind import judge_input
 from butterfly.identify.judgement.profile_likelihood import profile
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.terms import PARAMETERS
 from butterfly.report.words import sentences
 from butterfly.thesis.scripts import fit_thesis
 from tests.conftest import MASSES
@@ -72,6 +73,9 @@ def test_the_profile_s_interval_is_student_s_where_the_cost_is_a_parabola():
             assert name == "p1"
             return self
 
+        def holding_terms_of(self, _estimate):
+            return self
+
         def minimum(self, _logs, start, _zeros):
             return cost(start.p1)
 
@@ -121,30 +125,89 @@ def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):
     said = judge_input(real.estimate, InputKind.VOLTAGE)
     assert len(said) == 1
     assert said[0].kind is FindingKind.TORQUE_DRIVEN
+    assert said[0].severity is Severity.NOTE
     assert "resistance below" in sentences(real.estimate.with_findings(*said))[-1]
     assert judge_input(real.estimate, InputKind.TORQUE) == []
     motor = replace(
         real.estimate,
+        names=PARAMETERS,
         values=np.array([0.00325, 0.00145, 0.049, 0.025, 3e-4, 0.0]),
         upper=np.array([0.0033, 0.0015, 0.05, 0.026, 4e-4, 1e-3]),
     )
     assert judge_input(motor, InputKind.VOLTAGE) == []
 
 
+class DescribingFunctions(HarmonicBalance):
+    """Without the remainder."""
+
+    def __call__(self, data):
+        return self.of_points(data.sines)
+
+
 def test_the_bootstrap_agrees_with_the_sandwich(real):
-    drawn = bootstrap(
-        real.data, lambda d: HarmonicBalance().of_points(d.sines), repetitions=100, seed=1
-    )
+    estimator = DescribingFunctions(terms=())
+    whole = estimator(real.data)
+    drawn = bootstrap(real.data, estimator, whole, repetitions=100, seed=1)
     spread = np.std(drawn.values, axis=0)
-    np.testing.assert_allclose(spread / real.estimate.standard_errors, 1.0, atol=0.35)
-    assert np.all(drawn.lower < real.estimate.values)
-    assert np.all(real.estimate.values < drawn.upper)
-    again = bootstrap(
-        real.data, lambda d: HarmonicBalance().of_points(d.sines), repetitions=20, seed=1
-    )
+    np.testing.assert_allclose(spread / whole.standard_errors, 1.0, atol=0.35)
+    assert np.all(drawn.lower < whole.values)
+    assert np.all(whole.values < drawn.upper)
+    again = bootstrap(real.data, estimator, whole, repetitions=20, seed=1)
     np.testing.assert_array_equal(again.values, drawn.values[:20])
     with pytest.raises(InputError, match="at least 20"):
-        bootstrap(real.data, lambda d: HarmonicBalance().of_points(d.sines), repetitions=3)
+        bootstrap(real.data, estimator, whole, repetitions=3)
+
+
+def test_the_bootstrap_keeps_the_terms_that_were_chosen_from_all_logs(real):
+    drawn = bootstrap(real.data, HarmonicBalance(), real.estimate, repetitions=20)
+    assert len(real.estimate.names) > len(PARAMETERS)
+    assert drawn.values.shape == (20, len(real.estimate.names))
+
+
+class Forgetful(Estimator):
+    """Drops its term where a draw is one log only."""
+
+    def __call__(self, data):
+        names = ("p1", "drag") if len({log.name for log in data.logs}) > 1 else ("p1",)
+        return SimpleNamespace(names=names, values=np.array([1.0, 2.0])[: len(names)])
+
+
+def test_draws_that_cannot_tell_a_term_are_drawn_again_or_refused():
+    logs = [_log(ROBOT, MASSES[0], omega) for omega in (2.5, 4.5, 7.0)]
+    data = DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
+    whole = SimpleNamespace(names=("p1", "drag"))
+    drawn = bootstrap(data, Forgetful(), whole, repetitions=20, seed=3)
+    assert drawn.values.shape == (20, 2)
+    with pytest.raises(IdentifiabilityError, match="cannot tell load"):
+        bootstrap(data, Forgetful(), SimpleNamespace(names=("p1", "load")), repetitions=20)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "terms"),
+    [
+        (HarmonicBalance(), ("stribeck", "bias")),
+        (WeakForm(terms=("drag", "load"), half_width=0.2), ("drag",)),
+        (OutputError(window=20.0), ("drag", "stribeck", "stribeck_velocity")),
+        (OutputError(terms=("drag",)), ()),
+    ],
+)
+def test_an_estimator_holds_the_terms_of_an_estimate_and_all_else_as_it_was(estimator, terms):
+    held = estimator.holding_terms_of(SimpleNamespace(names=(*PARAMETERS, *terms)))
+    assert held == estimator.with_terms(terms)
+
+
+def test_one_that_offers_no_terms_is_held_as_it_is():
+    estimate = SimpleNamespace(names=("p1", "p2", "p3", "p4"))
+    assert Linear().holding_terms_of(estimate) == Linear()
+
+
+def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
+    chosen = HarmonicBalance(check=False)(real.data)
+    held = HarmonicBalance(check=False).holding_terms_of(chosen)(real.data)
+    assert held.names == chosen.names
+    np.testing.assert_allclose(
+        (held.values - chosen.values) / chosen.standard_errors, 0.0, atol=0.3
+    )
 
 
 def test_a_profile_is_lowest_at_the_estimate_and_its_interval_is_finite():
@@ -158,7 +221,7 @@ def test_a_profile_is_lowest_at_the_estimate_and_its_interval_is_finite():
     found = options.of_logs(data.logs, start, data.equilibria)
     best = found.parameters.p1
     values = best * np.linspace(0.98, 1.02, 9)
-    curve = profile(data, found, "p1", values, options)
+    curve = profile(data, found, "p1", values)
     assert int(np.argmin(curve.costs)) == 4
     assert curve.costs[4] == pytest.approx(1.0, abs=1e-3)
     lower, upper = curve.interval

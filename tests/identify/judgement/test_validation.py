@@ -31,7 +31,14 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real):
 
 
 def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
-    assert hold_out(real.data, BALANCE, Split.MASS).summary.median >= 94
+    for estimator, median, mean, worst in (
+        (HarmonicBalance(check=False), 93.0, 91.2, 67),
+        (HarmonicBalance(terms=(), check=False), 92.5, 91.4, 68),
+    ):
+        summary = hold_out(real.data, estimator, Split.MASS).summary
+        assert summary.median >= median
+        assert summary.mean >= mean
+        assert summary.worst >= worst
 
 
 def test_output_error_predicts_masses_and_frequencies_it_has_not_seen(real):
