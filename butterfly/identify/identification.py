@@ -126,9 +126,11 @@ def judge(
     fits
         (n,) FIT in per cent of its free run of each log.
     """
+    # Where the hand passes the upright no free run stays near: such logs count if there are no others.
+    counted = data.calm or list(range(fits.size))
     told = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(fits, data),
+        *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
         *judge_input(found, data.input_kind),
     )
     return told.with_slips(*find_slips(data, estimator, told))
