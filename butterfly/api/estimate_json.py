@@ -28,6 +28,7 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
         "lower": estimate.lower.tolist(),
         "upper": estimate.upper.tolist(),
         "left_out": [[_key(key), each.tolist()] for key, each in estimate.left_out.items()],
+        "rivals": [each.tolist() for each in estimate.rivals],
         "condition": estimate.condition,
         "on_bound": list(estimate.on_bound),
         "ending": str(estimate.ending),
@@ -52,7 +53,8 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
     names = tuple(str(name) for name in content["names"])
     columns = {key: _array(content[key]) for key in ("values", "lower", "upper")}
     covariance = _array(content["covariance"])
-    lengths = [each.shape for each in (*columns.values(), *left_out.values())]
+    rivals = tuple(_array(values) for values in content.get("rivals", ()))
+    lengths = [each.shape for each in (*columns.values(), *left_out.values(), *rivals)]
     if covariance.shape != 2 * (len(names),) or any(each != (len(names),) for each in lengths):
         raise ValueError("not as many values as names")
     on_bound = tuple(content["on_bound"])
@@ -69,6 +71,7 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         lower=columns["lower"],
         upper=columns["upper"],
         left_out=left_out,
+        rivals=rivals,
         condition=float(_array(content["condition"])),
         on_bound=on_bound,
         ending=Ending(content["ending"]),

@@ -146,6 +146,9 @@ def _honest_covariance(estimate: ParameterEstimate) -> NDArray[np.float64]:
     if estimate.left_out:
         apart = np.array(list(estimate.left_out.values())) - estimate.values
         covariance = covariance + apart.T @ apart / _REACH**2
+    if estimate.rivals:
+        apart = np.array(estimate.rivals) - estimate.values
+        covariance = covariance + apart.T @ apart / len(estimate.rivals)
     widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the narrower one
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0

@@ -65,6 +65,8 @@ class ParameterEstimate:
     corrections
         What added masses would have to be for the logs to agree better, the best explained first;
         none where that was not asked.
+    rivals
+        (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
     """
 
     method: str
@@ -82,6 +84,7 @@ class ParameterEstimate:
     resonances: dict[AddedMass, float] = field(default_factory=dict)
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     corrections: tuple[Correction, ...] = ()
+    rivals: tuple[NDArray[np.float64], ...] = ()
 
     @classmethod
     def from_rows(
@@ -157,6 +160,7 @@ class ParameterEstimate:
             held=held or {},
             local=local or {},
             corrections=_corrections(solved, rows, residuals, masses),
+            rivals=tuple(rivals),
         )
 
     @property

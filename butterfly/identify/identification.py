@@ -126,7 +126,7 @@ def judge(
     fits
         (n,) FIT in per cent of its free run of each log.
     """
-    # Where the hand passes the upright no free run stays near: such logs count if there are no others.
+    # Where the hand passes the upright no free run stays near: such logs count only if all do.
     counted = data.calm or list(range(fits.size))
     told = found.with_findings(
         *judge_physics(found, data.masses),

@@ -29,11 +29,14 @@ NUMBERS = {
     FindingKind.MISFIT: (41.3, "41.3 times"),
     FindingKind.NO_MISFIT: (1.02, "1.02 times"),
     FindingKind.LEFT_OVER: (0.87, "87 %"),
+    FindingKind.SCANNED: (0.14, "0.14"),
+    FindingKind.FEW_LOGS: (2.0, "2 logs"),
 }
-OF_LOGS = {FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT}
+OF_LOGS = {FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE}
 NAMELESS = {
     *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
     *(FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT),
+    *(FindingKind.UNPREDICTABLE, FindingKind.FEW_LOGS),
     *(FindingKind.UNCHECKED, FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }

@@ -27,6 +27,7 @@ ROUGHLY = 2.0
 
 _ROUNDS = 3
 _ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not foretold
+_FEW = 0.5  # share of a mass's logs
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
 
 
@@ -86,5 +87,8 @@ def _with_remainder(fit: DescribingFit, moved: NDArray[np.complex128]) -> Phasor
     moved = np.where(told, moved, measured)
     apart = np.where(told, np.abs(moved / measured - 1), 1.0)
     odd = apart > max(_ODD * float(np.median(apart)), _ODD_AT_LEAST)
+    for mass in set(fit.phasors.masses):  # where most are odd, it is not the logs
+        own = np.array([each == mass for each in fit.phasors.masses])
+        odd[own] &= np.mean(odd[own]) < _FEW
     doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
     return fit.phasors.corrected(fit.parameters, moved, told, doubt)

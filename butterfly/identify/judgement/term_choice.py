@@ -207,9 +207,19 @@ def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> I
             wanted = {*more, *must}
             wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS}
             terms = tuple(name for name in nested.names if name in wanted and name not in always)
-            errors = nested.held_out(_kept(nested, always, terms))
-            if errors is not None:
+            kept = _kept(nested, always, terms)
+            errors = nested.held_out(kept)
+            if errors is not None and (demanded or not _excess_over_none(nested, kept)):
                 yield _Trial(terms, nested, np.sqrt(errors))
+
+
+def _excess_over_none(nested: Nested, kept: NDArray[np.bool_]) -> bool:
+    """Whether all friction at rest would be Stribeck's: it then stands for something else."""
+    values = nested.fitted(kept)
+    if values is None or "coulomb" not in nested.names:
+        return False
+    found = dict(zip(nested.names, values.tolist(), strict=True))
+    return found.get("stribeck", 0.0) > 0 and found["coulomb"] <= 0
 
 
 def _as_good(trial: _Trial, best: _Trial) -> bool:

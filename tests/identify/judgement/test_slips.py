@@ -67,12 +67,18 @@ def test_every_slip_in_other_logs_is_recognised_and_named(tones, name):
     assert names_it(name, tones, slipped, answer.text), answer.text
 
 
-def test_a_slip_is_said_first_and_its_factor_with_it(sines):
-    degrees = [replace(log, angle=np.degrees(log.angle)) for log in sines]
-    (slip, *_), standing, said = _named(degrees, HarmonicBalance())
+def test_a_slip_is_said_first_and_its_factor_with_it(tones):
+    degrees = [replace(log, angle=np.degrees(log.angle)) for log in tones]
+    (slip, *_), standing, said = _named(degrees, WeakForm())
     assert slip.number == pytest.approx(np.pi / 180)
     assert standing is Standing.NOT
     assert said.startswith("Do not use: The angle looks like degrees: times pi/180 (0.01745)")
+
+
+def test_a_refusal_names_the_slip_that_explains_it(sines):
+    degrees = [replace(log, angle=np.degrees(log.angle)) for log in sines]
+    with pytest.raises(IdentifiabilityError, match=r"turns over.*looks like degrees"):
+        identify(DataSet.of(degrees), HarmonicBalance())
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.8, 1.3, 5.0])

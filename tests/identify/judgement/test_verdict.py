@@ -34,7 +34,7 @@ def test_the_gravest_finding_decides_and_is_the_reason(ending, findings, standin
     verdict = Verdict.of(ending, findings)
     assert verdict.standing is standing
     assert verdict.reasons == reasons
-    assert verdict.usable is (standing is not Standing.NOT)
+    assert verdict.standing.usable is (standing is not Standing.NOT)
 
 
 @given(st.lists(st.sampled_from(Standing)))
