@@ -44,6 +44,10 @@ class IdentifiabilityError(ButterflyError):
     """The data cannot determine what was asked for, however good they are."""
 
 
+class UnusableError(ButterflyError):
+    """Values were found, but no joint has them, and nothing can be made of them."""
+
+
 def require_number(source: str, *, positive: bool = False, unit: str = "", **values: float) -> None:
     """Raise InputError unless each value is finite and not negative (or strictly positive).
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from os import PathLike
 
+    from butterfly.api.identified import Identified
     from butterfly.identify.draws import ParameterDraws
     from butterfly.model.parameters import AddedMass
 
@@ -31,14 +32,15 @@ class Drawn(Tabulated):
     kind: ClassVar[str] = "draws"
 
     @classmethod
-    def of(cls, draws: ParameterDraws, name: str, said: Sequence[str]) -> Drawn:
-        """Tabulate draws from an identification of this name, with what is to be said of them."""
+    def of(cls, draws: ParameterDraws, found: Identified, said: Sequence[str]) -> Drawn:
+        """Tabulate draws from an identification, with what is to be said of them."""
         estimate, count = draws.estimate, len(draws.values)
         columns = [*estimate.names, *(key for key in estimate.held if key not in estimate.names)]
         rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
         return cls(
-            title=f"{count} draws of the parameters of {name}",
-            summary=tuple(said),
+            title=f"{count} draws of the parameters of {found.title}",
+            summary=(found.judged.sentence, *said, *found.verdict[1:]),
+            judged=found.judged,
             table=tuple(
                 {**{key: getattr(each, key) for key in columns}, WEIGHT: count * weight}
                 for each, weight in rows

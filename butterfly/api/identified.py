@@ -13,6 +13,7 @@ from butterfly import __version__
 from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.result import Result, aligned, text, texts
+from butterfly.api.usable import require_possible
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identify.data import read_data_set
@@ -24,7 +25,7 @@ from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import write_report
 from butterfly.report.parameter_rows import rows_of, unit_of
-from butterfly.report.words import sentences, summary
+from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.report.verdict import SaidVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -107,7 +109,7 @@ class Identified(Result):
         return {
             "butterfly": __version__,
             "estimator": self.estimator,
-            "verdict": str(self.estimate.verdict.standing),
+            **self.judged.numbers(),
             "summary": list(self.summary),
             "parameters": {row.pop("parameter"): row for row in self.rows()},
             "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
@@ -166,7 +168,12 @@ class Identified(Result):
     def __repr__(self) -> str:
         pairs = zip(self.estimate.names, self.estimate.values, strict=True)
         values = ", ".join(f"{name} {value:.4g}" for name, value in pairs)
-        return f"<Identified: {self.title}: {values}>"
+        return f"<Identified: {self.title}{self._unless_good()}: {values}>"
+
+    @property
+    def judged(self) -> SaidVerdict:  # type: ignore[override]
+        """The verdict on its values."""
+        return verdict_on(self.estimate)
 
     @property
     def parameters(self) -> LumpedParameters:
@@ -175,7 +182,14 @@ class Identified(Result):
 
     @property
     def model(self) -> IdentifiedModel:
-        """The robot that they make."""
+        """The robot that they make.
+
+        Raises
+        ------
+        UnusableError
+            If no joint has them.
+        """
+        require_possible(self.estimate)
         return IdentifiedModel(self.parameters)
 
     @property

@@ -12,6 +12,7 @@ from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import read, read_experiment
+from butterfly.api.usable import require_possible
 from butterfly.errors import InputError
 from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.planned import planned_logs
@@ -69,6 +70,8 @@ def predict(
         If data, experiment or result are none, or of other inputs than each other.
     IdentifiabilityError
         If the estimate has no covariance, which bands need.
+    UnusableError
+        If no joint has the parameters of the estimate.
     """
     found, source = _identified(result), _source(data)
     _require_input(found, source.input_kind)
@@ -89,9 +92,8 @@ def predict(
         seed=seed,
         track=track,
     )
-    said = [*known.said, *_verdict(found)]
-    drawn = None if known.draws is None else Drawn.of(known.draws, found.title, said)
-    return Predicted.of(source.name, predictions, said, drawn=drawn, measured=measured)
+    drawn = None if known.draws is None else Drawn.of(known.draws, found, known.said)
+    return Predicted.of(source.name, predictions, known.said, found, drawn=drawn, measured=measured)
 
 
 def draws(
@@ -116,16 +118,13 @@ def draws(
         If it is none, or ``n`` is too small.
     IdentifiabilityError
         If the estimate has no covariance.
+    UnusableError
+        If no joint has its parameters.
     """
     found = _identified(result)
     known = _Known.of(found, (), n, seed, track)
     assert known.draws is not None  # noqa: S101 - or there was an error
-    return Drawn.of(known.draws, found.title, [known.said[0], *_verdict(found)])
-
-
-def _verdict(found: Identified) -> list[str]:
-    """Return what is said of how far to trust the identification, wherever it is used."""
-    return found.verdict
+    return Drawn.of(known.draws, found, known.said[:1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,6 +213,7 @@ def _identified(result: Identified | Named) -> Identified:
     if not isinstance(found, Identified):
         expected = "an identification, or the file where it was saved"
         raise InputError("predict", "result", type(found).__name__, expected)
+    require_possible(found.estimate)
     return found
 
 

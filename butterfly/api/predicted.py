@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from butterfly.api.tabulated import Tabulated
 from butterfly.identify.predict import FitSummary
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
-from butterfly.report.page import Page, Section
+from butterfly.report.page import Section
 from butterfly.report.prediction import band_figures, share_figure
 
 if TYPE_CHECKING:
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.api.drawn import Drawn
+    from butterfly.api.identified import Identified
     from butterfly.identify.prediction import Prediction
+    from butterfly.report.page import Page
 
 _INSIDE = "{}: inside in %"
 _WIDTH = "{}: width in rad"
@@ -52,6 +54,7 @@ class Predicted(Tabulated):
         name: str,
         predictions: Sequence[Prediction],
         said: Sequence[str],
+        found: Identified,
         *,
         drawn: Drawn | None,
         measured: bool,
@@ -66,6 +69,8 @@ class Predicted(Tabulated):
             At least one.
         said
             What else is to be said of them.
+        found
+            The identification that they rest on.
         drawn
             The parameters of which the bands were made.
         measured
@@ -73,7 +78,13 @@ class Predicted(Tabulated):
         """
         return cls(
             title=f"{name!r} predicted",
-            summary=(*_followed(predictions, measured=measured), *said),
+            summary=(
+                found.judged.sentence,
+                *_followed(predictions, measured=measured),
+                *said,
+                *found.verdict[1:],
+            ),
+            judged=found.judged,
             table=tuple(_row(each, measured=measured) for each in predictions),
             predictions=tuple(predictions),
             drawn=drawn,
@@ -103,14 +114,7 @@ class Predicted(Tabulated):
             "estimate leaves open. Below, all less the free run.",
             figures=band_figures(self.predictions, measured=self.measured),
         )
-        return Page(
-            name=plain.name,
-            description=plain.description,
-            kind=plain.kind,
-            summary=plain.summary,
-            sections=[*plain.sections, courses],
-            numbers=plain.numbers,
-        )
+        return replace(plain, sections=[*plain.sections, courses])
 
 
 def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.errors import ButterflyError
 from butterfly.files import replacing
+from butterfly.identify.judgement.verdict import Standing
 from butterfly.report.page import Page, Section, Table, finite, write_page
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
     from plotly.graph_objects import Figure
+
+    from butterfly.report.verdict import SaidVerdict
 
 _SIGNIFICANT = 4
 
@@ -36,7 +39,20 @@ class Result(ABC):
     """What it is, in a line."""
 
     summary: tuple[str, ...]
-    """What it says, in plain English, the most important first."""
+    """What it says, in plain English, the verdict first, then the most important."""
+
+    judged: SaidVerdict | None
+    """The verdict on the estimate that it rests on; None of a result of an older program."""
+
+    @property
+    def standing(self) -> Standing | None:
+        """What may be done with the estimate that it rests on: good, use with care, do not use."""
+        return None if self.judged is None else self.judged.standing
+
+    @property
+    def verdict(self) -> list[str]:
+        """How far to trust it, in words: first what may be done with it."""
+        return [] if self.judged is None else [self.judged.sentence]
 
     @abstractmethod
     def rows(self) -> list[dict[str, Any]]:
@@ -123,7 +139,8 @@ class Result(ABC):
             name=self.title,
             description="",
             kind=self.kind,
-            summary=list(self.summary),
+            summary=list(self.summary[1:] if self.judged else self.summary),
+            verdict=self.judged,
             sections=[
                 Section(title="At a glance", figures=self.figures()),
                 Section(title="In numbers", tables=(table,)),
@@ -135,7 +152,11 @@ class Result(ABC):
         return "\n".join([self.title, *self.summary, *self.shown_lines()])
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.title}>"
+        return f"<{type(self).__name__}: {self.title}{self._unless_good()}>"
+
+    def _unless_good(self) -> str:
+        """Return what a line says of the verdict: nothing if it is good."""
+        return f", {self.standing}" if self.standing not in {None, Standing.GOOD} else ""
 
     def _repr_html_(self) -> str:
         return html_of(self.title, self.shown_rows(), self.summary)

@@ -13,6 +13,8 @@ from butterfly.api.result import Result, text, texts
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.report.figures import PALETTE
 from butterfly.report.three_way import three_way_page
+from butterfly.report.verdict import SaidVerdict
+from butterfly.report.words import verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,11 +40,14 @@ class Tabulated(Result):
         What it is, and what it says.
     table
         Its rows, units in the names of the columns.
+    judged
+        The verdict on the estimate that it rests on; None of a result of an older program.
     """
 
     title: str
     summary: tuple[str, ...]
     table: tuple[dict[str, Any], ...]
+    judged: SaidVerdict | None = None
 
     @classmethod
     def of_content(cls, content: dict[str, Any]) -> Self:
@@ -57,12 +62,14 @@ class Tabulated(Result):
             title=text(content["title"]),
             summary=texts(content["summary"]),
             table=tuple(dict(row) for row in content["rows"]),
+            judged=SaidVerdict.of_numbers(content),
         )
 
     def content(self) -> dict[str, Any]:
         """Return all that is saved."""
+        said = {"verdict": None} if self.judged is None else self.judged.numbers()
         about = {"butterfly": __version__, "title": self.title, "summary": list(self.summary)}
-        return about | {"rows": self.rows()}
+        return said | about | {"rows": self.rows()}
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the table."""
@@ -88,15 +95,17 @@ class Validated(Tabulated):
             {**_about(log), "FIT seen in %": float(inside), "FIT left out in %": float(outside)}
             for log, inside, outside in zip(data.logs, seen, held.fits, strict=True)
         )
-        within, without = FitSummary.of(seen), held.summary
+        within, without, judged = FitSummary.of(seen), held.summary, verdict_on(whole)
         return cls(
             title=f"{label} of {data.name!r}, one {held.split} left out at a time",
             summary=(
+                judged.sentence,
                 f"Logs that were left out are followed with a median FIT of {without.median:.1f} % "
                 f"(mean {without.mean:.1f} %, worst {without.worst:.1f} %); those that were seen, "
                 f"{within.median:.1f} %.",
             ),
             table=rows,
+            judged=judged,
         )
 
     def figures(self) -> dict[str, Figure]:
@@ -124,15 +133,17 @@ class Designed(Tabulated):
             }
             for each in ranked
         )
-        best = ranked[0]
+        best, judged = ranked[0], verdict_on(found)
         return cls(
             title=f"Next experiments after {data.name!r}: standard errors over those now",
             summary=(
+                judged.sentence,
                 f"Most telling next: {best.what} with {best.added_mass}, which leaves "
                 f"{100 * best.score:.0f} % of the standard errors on average"
                 + (f"; but: {best.warning}." if best.warning else "."),
             ),
             table=rows,
+            judged=judged,
         )
 
     def figures(self) -> dict[str, Figure]:
@@ -155,9 +166,12 @@ class Compared(Tabulated):
     live: Page | None = None
 
     @classmethod
-    def of(cls, data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit) -> Compared:
-        """Tabulate logs, each simulated twice, and the misfit of the data set."""
-        page = three_way_page(data.name, data.description, compared, misfit)
+    def of(
+        cls, data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, found: ParameterEstimate
+    ) -> Compared:
+        """Tabulate logs, each simulated twice with an estimate, and the misfit of the data set."""
+        verdict = verdict_on(found)
+        page = three_way_page(data.name, data.description, compared, misfit, verdict)
         judged = {log.name: log for log in misfit.logs}
         rows = tuple(
             {
@@ -172,7 +186,8 @@ class Compared(Tabulated):
             for each in compared
         )
         title = f"MuJoCo and grey box beside {data.name!r}"
-        return cls(title=title, summary=tuple(page.summary), table=rows, live=page)
+        summary = (verdict.sentence, *page.summary)
+        return cls(title=title, summary=summary, table=rows, judged=verdict, live=page)
 
     def page(self) -> Page:
         """Put together the page of `report`."""

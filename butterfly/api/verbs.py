@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from butterfly.api.identified import Identified
 from butterfly.api.sources import choice, read, read_experiment
 from butterfly.api.tabulated import Compared, Designed, Validated
+from butterfly.api.usable import require_possible
 from butterfly.compare.three_way import compare_three
 from butterfly.errors import InputError
 from butterfly.experiment.estimator_spec import make_estimator
@@ -21,6 +22,7 @@ from butterfly.experiment.simulation import write_logs
 from butterfly.identify.data import DataSet, read_data_set
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.identification import identify as identify_data
+from butterfly.identify.identification import judged
 from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.other_parameters import told_parameters
@@ -123,7 +125,7 @@ def validate(
     logs, estimator = read(data), make_estimator(method, options)
     quick = estimator.unchecked()
     held = hold_out(logs, quick, choice(Split, "validate", "split", split))
-    return Validated.of(logs, estimator.label, held, quick(logs))
+    return Validated.of(logs, estimator.label, held, judged(logs, quick))
 
 
 def design(
@@ -148,8 +150,11 @@ def design(
         If the logs cannot be used, or an option is not the method's.
     IdentifiabilityError
         If they cannot determine the parameters, or give no covariance.
+    UnusableError
+        If no joint has the parameters that were found.
     """
     logs, found = _estimated(data, method, options)
+    require_possible(found)
     return Designed.of(logs, found, next_experiments(logs, found, largest_swing=swing))
 
 
@@ -178,18 +183,21 @@ def compare(
         If the logs cannot be used, an option is not the method's, or no hand moves so.
     IdentifiabilityError
         If they cannot determine the parameters.
+    UnusableError
+        If no joint has those that were found.
     """
     whole, found = _estimated(data, method, options, check=False)
+    require_possible(found)
     count = len(whole.logs)
     numbers = list(range(count)) if logs is None else _numbers(logs, count)
     compared = compare_three(whole, found, numbers, mass=mass)
-    return Compared.of(whole, compared, judge_misfit(whole, found))
+    return Compared.of(whole, compared, judge_misfit(whole, found), found)
 
 
 def _estimated(
     data: Data, method: Method | None, options: Mapping[str, Any], *, check: bool = True
 ) -> tuple[DataSet, ParameterEstimate]:
-    """Return logs and an estimate from them, which an identification has already."""
+    """Return logs and a judged estimate from them, which an identification has already."""
     if isinstance(data, Identified):
         if method is not None or options:
             told = ", ".join(options) if method is None else str(method)
@@ -197,7 +205,7 @@ def _estimated(
             raise InputError("butterfly", "method", told, expected)
         return data.data, data.estimate
     logs, estimator = read(data), make_estimator(method or DEFAULT_METHOD, options)
-    return logs, (estimator if check else estimator.unchecked())(logs)
+    return logs, judged(logs, estimator if check else estimator.unchecked())
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given

@@ -10,7 +10,7 @@ import typer
 from butterfly import __version__
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.lazy import MARKUP, Command, LazyGroup
-from butterfly.errors import ButterflyError
+from butterfly.errors import ButterflyError, UnusableError
 
 COMMANDS = {
     "run": Command(
@@ -192,4 +192,5 @@ def main() -> None:
         app()
     except ButterflyError as error:
         typer.secho(f"error: {' '.join(str(error).split())}", fg="red", err=True)
-        sys.exit(ExitCode.BAD_INPUT)
+        unusable = isinstance(error, UnusableError)
+        sys.exit(ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)

@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
+from butterfly.api.usable import require_possible
 from butterfly.cli.console import show_page, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
+from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import (
     DATA,
     DataArgument,
@@ -24,6 +26,7 @@ from butterfly.compare.three_way import compare_three
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identify.estimators import Estimator
+from butterfly.identify.identification import judged
 from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
@@ -57,11 +60,12 @@ def compare_command(
     """
     require_report(figures, report)
     read = options.read(data)
-    found = estimator.unchecked()(read)
     numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
+    found = judged(read, estimator.unchecked())
+    verdict = require_possible(found)
     compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
-    page = three_way_page(read.name, read.description, compared, judge_misfit(read, found))
-    _show(page, report, figures)
+    misfit = judge_misfit(read, found)
+    _show(three_way_page(read.name, read.description, compared, misfit, verdict), report, figures)
 
 
 @takes_data_options
@@ -94,6 +98,7 @@ def _show(page: Page, report: Path | None, figures: bool) -> None:
     if report is not None:
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
+    end_with(None if page.verdict is None else page.verdict.standing)
 
 
 def _numbers(text: str, count: int) -> list[int]:

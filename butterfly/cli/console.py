@@ -48,7 +48,9 @@ def new_table(title: str, *headers: str) -> Table:
 
 
 def show_page(page: Page) -> None:
-    """Print the tables and the summary of a report."""
+    """Print a report: its verdict, its tables, then what else it says."""
+    if page.verdict is not None:
+        typer.echo(page.verdict.sentence)
     for section in page.sections:
         for part in section.tables:
             table = new_table(section.title, *part.headers)

@@ -6,12 +6,15 @@ from typing import Annotated
 
 import typer
 
+from butterfly.api.usable import require_possible
 from butterfly.cli.console import CONSOLE, new_table, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
+from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DataArgument
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.estimators import Estimator
+from butterfly.identify.identification import judged
 
 
 @takes_data_options
@@ -29,10 +32,12 @@ def design_command(
     """Rank candidate next experiments by how much they would tell.
 
     Sines, multisines and free decays with each added mass of the data set and with none; each is
-    simulated with the estimate.
+    simulated with the estimate, of which the verdict stands first. Values that no joint has are
+    refused.
     """
     logs = options.read(data)
-    found = estimator(logs)
+    found = judged(logs, estimator)
+    typer.echo(require_possible(found).sentence)
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
     table = new_table(
         f"{logs.name}: standard errors after one more run, over those now",
@@ -48,3 +53,4 @@ def design_command(
             candidate.warning,
         )
     CONSOLE.print(table)
+    end_with(found.verdict.standing)

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from butterfly.identify.judgement.verdict import Standing
 
 
 class ExitCode(IntEnum):
@@ -17,6 +23,12 @@ class ExitCode(IntEnum):
     def meaning(self) -> str:
         """What it says, in words."""
         return _MEANINGS[self]
+
+
+def end_with(standing: Standing | None) -> None:
+    """End with the exit code that says so, if what an answer rests on is not to be used."""
+    if standing is not None and not standing.usable:
+        raise typer.Exit(ExitCode.NOT_TO_BE_USED)
 
 
 _MEANINGS = {

@@ -10,7 +10,7 @@ import typer
 from butterfly.cli.console import show_pairs, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import (
     DataArgument,
     FiguresOption,
@@ -95,5 +95,4 @@ def identify_command(
 
         Identified.of(result, estimator.label).save(save)
         typer.echo(f"Saved: {save}")
-    if not result.estimate.verdict.usable:
-        raise typer.Exit(ExitCode.NOT_TO_BE_USED)
+    end_with(result.estimate.verdict.standing)

@@ -11,9 +11,11 @@ import typer
 from butterfly.cli.console import CONSOLE, new_table, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
+from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DataArgument, PlotOption, parse_terms
 from butterfly.errors import InputError
 from butterfly.identify.estimators import Estimator
+from butterfly.identify.identification import judged
 from butterfly.identify.judgement.bootstrap import bootstrap
 from butterfly.identify.judgement.left_over import LeftOver
 from butterfly.identify.judgement.misfit import judge_misfit
@@ -22,6 +24,7 @@ from butterfly.identify.judgement.term_selection import select_terms
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
+from butterfly.report.words import verdict_on
 
 
 @takes_data_options
@@ -47,8 +50,9 @@ def validate_command(
     """
     logs = options.read(data)
     quick = estimator.unchecked()
+    whole = judged(logs, quick)
+    typer.echo(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, track=show_progress)
-    whole = quick(logs)
     seen = FitSummary.of(Predictor(logs).fits(whole))
     table = new_table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
     for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
@@ -67,6 +71,7 @@ def validate_command(
         for name, *numbers in rows:
             table.add_row(str(name), *(f"{number:.4g}" for number in numbers))
         CONSOLE.print(table)
+    end_with(whole.verdict.standing)
 
 
 @takes_data_options
@@ -83,11 +88,13 @@ def select_command(
     """Choose friction terms by how well they predict added masses that were left out.
 
     Terms are added one by one, the most helpful first, until none helps. With output-error and
-    forty logs this takes minutes.
+    forty logs this takes minutes. The verdict is on the estimate with the terms chosen.
     """
     logs = options.read(data)
-    terms = parse_terms(candidates) or ()
-    passed = select_terms(logs, estimator.unchecked(), terms, track=show_progress)
+    terms, quick = parse_terms(candidates) or (), estimator.unchecked()
+    passed = select_terms(logs, quick, terms, track=show_progress)
+    found = judged(logs, quick.with_terms(passed[-1].terms))
+    typer.echo(verdict_on(found).sentence)
     headers = [f"{kind} {what}" for kind in ("in sample", *Split) for what in ("median", "mean")]
     table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
     for structure in passed:
@@ -96,6 +103,7 @@ def select_command(
         table.add_row(", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells)
     CONSOLE.print(table)
     typer.echo(f"Chosen: --terms {','.join(passed[-1].terms) or '(none)'}")
+    end_with(found.verdict.standing)
 
 
 @takes_data_options
@@ -135,7 +143,9 @@ def residual_command(
     logs = options.read(data)
     if number is not None and number >= len(logs.logs):
         raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
-    estimate = estimator.unchecked()(logs)
+    estimate = judged(logs, estimator.unchecked())
+    verdict = verdict_on(estimate)
+    typer.echo(verdict.sentence)
     misfit = judge_misfit(logs, estimate)
     shown = misfit.logs if number is None else misfit.logs[number : number + 1]
     table = new_table(f"{logs.name}: what {estimate.method} leaves over", *HEADERS)
@@ -154,11 +164,12 @@ def residual_command(
         if plot is not None:
             from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow
 
-            write_residual(residual, misfit.logs[chosen], plot)
+            write_residual(residual, misfit.logs[chosen], verdict, plot)
             typer.echo(f"Plot: {plot}")
     if numbers is not None:
-        write_numbers(misfit_numbers(misfit), numbers)
+        write_numbers(verdict.numbers() | misfit_numbers(misfit), numbers)
         typer.echo(f"Numbers: {numbers}")
+    end_with(verdict.standing)
 
 
 def _show_shares(left_over: LeftOver) -> None:

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from butterfly.api.usable import require_possible
 from butterfly.cli.console import show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DATA, MassOption
-from butterfly.experiment.named_robot import export, robot_of
+from butterfly.experiment.named_robot import export, is_data
+from butterfly.experiment.reading import read_experiment
+from butterfly.identify.estimators import HarmonicBalance
+from butterfly.identify.identification import judged
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.plant.twin import MASS
+from butterfly.plant.twin import MASS, twin
 from butterfly.plant.watch.picture import render
+from butterfly.resources import locate
+
+if TYPE_CHECKING:
+    from butterfly.identify.judgement.verdict import Standing
+    from butterfly.plant.robot import Robot
 
 SourceArgument = Annotated[
     Path, typer.Argument(help=f"An experiment file or a shipped one's name, or data: {DATA}.")
@@ -39,7 +49,7 @@ def show_command(
 
     Example: `butterfly model show quickstart --added-mass 0.05`
     """
-    robot = robot_of(source, mass, options.read)
+    robot, standing = _named(source, mass, options)
     carried = _carried(added, options)
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
@@ -55,6 +65,7 @@ def show_command(
         "resonance": f"{resonance_frequency(loaded):.5g} rad/s",
     }
     show_pairs(rows.items())
+    end_with(standing)
 
 
 def _numbers(part: object) -> str:
@@ -81,8 +92,10 @@ def render_command(
 
     Example: `butterfly model render quickstart --added-mass 0.05 --out hand.png`
     """
-    render(robot_of(source, mass, options.read), _carried(added, options), angle, out, size)
+    robot, standing = _named(source, mass, options)
+    render(robot, _carried(added, options), angle, out, size)
     typer.echo(f"Picture: {out}")
+    end_with(standing)
 
 
 @takes_data_options
@@ -101,8 +114,31 @@ def export_command(
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
-    export(robot_of(source, mass, options.read), _carried(added, options), out)
+    robot, standing = _named(source, mass, options)
+    export(robot, _carried(added, options), out)
     typer.echo(f"Model: {out}")
+    end_with(standing)
+
+
+def _named(source: Path, mass: float, options: DataOptions) -> tuple[Robot, Standing | None]:
+    """Return the robot of an experiment, or the twin of one identified from data, judged.
+
+    The verdict is printed.
+
+    Raises
+    ------
+    InputError
+        If ``source`` is neither, or cannot be read.
+    UnusableError
+        If no joint has the parameters that were identified.
+    """
+    path = locate(source)
+    if not is_data(path):
+        return read_experiment(path).plant.robot, None
+    found = judged(options.read(source), HarmonicBalance(check=False))
+    verdict = require_possible(found)
+    typer.echo(verdict.sentence)
+    return twin(found.parameters, mass), verdict.standing
 
 
 def _carried(added: float, options: DataOptions) -> AddedMass:

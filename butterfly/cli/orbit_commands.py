@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from butterfly.cli.console import show_page, show_progress
+from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import FiguresOption, ResultsOption
 from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.reading import read_experiment
@@ -41,3 +42,4 @@ def calibrate_orbit_command(
     show_page(page)
     write_page(page, folder / "report.html", figures=figures)
     typer.echo(f"Report: {folder / 'report.html'}")
+    end_with(study.estimate.verdict.standing)

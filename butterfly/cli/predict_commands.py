@@ -11,6 +11,7 @@ from butterfly.api.looking_ahead import draws as parameters_of
 from butterfly.api.looking_ahead import predict
 from butterfly.cli.console import show_page, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DATA, FiguresOption, ReportOption, require_report
 from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.reading import read_experiment
@@ -82,3 +83,4 @@ def predict_command(
     if report is not None:
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
+    end_with(found.standing)

@@ -18,6 +18,7 @@ from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
 from butterfly.experiment.record import OK
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
+from butterfly.report.words import verdict_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,6 +77,8 @@ def show_command(
         pairs.append(("error", record.error))
     show_pairs(pairs)
     for each in record.estimates:
+        if each.parameters:
+            typer.echo(f"{each.estimator}: {verdict_of(each).sentence}")
         table = new_table(each.estimator, "parameter", "true", "value", "lower", "upper")
         for row in each.parameters:
             cells = (_text(value) for value in (row.true, row.value, row.lower, row.upper))
@@ -148,11 +151,14 @@ def compare_command(
         if values[0] != values[1]:
             table.add_row(name, *(_text(value) for value in values))
     CONSOLE.print(table)
-    matching = {each.estimator: each.parameters for each in second.estimates}
+    matching = {each.estimator: each for each in second.estimates}
     for each in first.estimates:
         if each.estimator not in matching:
             continue
-        twins = {row.parameter: row for row in matching[each.estimator]}
+        for name, of in ((one, each), (other, matching[each.estimator])):
+            if of.parameters:
+                typer.echo(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
+        twins = {row.parameter: row for row in matching[each.estimator].parameters}
         headers = ("parameter", one, other, "difference", "in std. errors")
         table = new_table(each.estimator, *headers)
         for row in each.parameters:

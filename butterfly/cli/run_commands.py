@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from butterfly.cli.console import show_page, show_progress
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.exit_codes import ExitCode, end_with
 from butterfly.cli.options import (
     ExperimentArgument,
     FiguresOption,
@@ -156,7 +156,7 @@ def _run_here(
         _show_reports(folder, record)
         if record.status != OK:
             raise ButterflyError(record.reason)
-        _end_with(record)
+        end_with(record.standing)
         return
     store.begin()
     result = perform(experiment, threads=jobs, track=show_progress)
@@ -178,13 +178,7 @@ def _run_here(
     _show_reports(folder, result.record)
     if result.error is not None:
         raise result.error
-    _end_with(result.record)
-
-
-def _end_with(record: RunRecord) -> None:
-    """End with the exit code that says so, if one of the estimates is not to be used."""
-    if not all(each.verdict.usable for each in record.estimates if each.parameters):
-        raise typer.Exit(ExitCode.NOT_TO_BE_USED)
+    end_with(result.record.standing)
 
 
 def _report_names() -> Iterator[str]:

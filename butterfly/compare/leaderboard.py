@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.errors import ButterflyError
+from butterfly.identify.identification import estimated, judge
 from butterfly.identify.judgement.validation import Split, hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.progress import Track, untracked
@@ -31,7 +32,7 @@ class Entry:
         FIT of the logs that the estimator saw, and of logs left out by `Split.MASS`; None if it
         could not.
     estimate
-        From all logs.
+        From all logs, judged; None if the estimator refused them.
     seconds
         Taken by the fit to all logs, checks included.
     error
@@ -75,18 +76,21 @@ def _score(entry: Entry) -> float:
 
 def _entry(data: DataSet, estimator: Estimator) -> Entry:
     begun = time.perf_counter()
-    found, held, error = None, None, ""
+    found, seen, held, error = None, None, None, ""
     seconds = 0.0
     try:
-        found = estimator(data)
+        found = estimated(data, estimator)
         seconds = time.perf_counter() - begun
+        fits = Predictor(data).fits(found)
+        found = judge(data, estimator, found, fits)
+        seen = FitSummary.of(fits)
         held = hold_out(data, estimator.unchecked(), Split.MASS)
     except ButterflyError as problem:
         error = str(problem)
     return Entry(
         data=data.name,
         method=estimator.label,
-        in_sample=None if found is None else FitSummary.of(Predictor(data).fits(found)),
+        in_sample=seen,
         held_out=None if held is None else held.summary,
         estimate=found,
         seconds=seconds or time.perf_counter() - begun,

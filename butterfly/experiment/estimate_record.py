@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pydantic import computed_field
+
 from butterfly.identify.judgement.findings import Ending, Finding
-from butterfly.identify.judgement.verdict import Verdict
+from butterfly.identify.judgement.verdict import Standing, Verdict
 from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
 
 if TYPE_CHECKING:
@@ -129,9 +131,15 @@ class EstimateRecord:
         """Whether the values are where the estimator wanted to be."""
         return self.ending is Ending.CONVERGED
 
+    @computed_field(alias="verdict")  # type: ignore[prop-decorator]
+    @property
+    def standing(self) -> Standing:
+        """What may be done with the values; in its JSON the key ``verdict``."""
+        return self.verdict.standing
+
     @property
     def verdict(self) -> Verdict:
-        """What may be done with the values."""
+        """What may be done with the values, and why not more."""
         return Verdict.of(self.ending, self.findings)
 
 

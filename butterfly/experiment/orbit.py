@@ -10,6 +10,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.streams import of_orbit
 from butterfly.identify.data import DataSet
+from butterfly.identify.identification import judged
 from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
@@ -100,11 +101,13 @@ def hold_orbit(
     if control is None:
         raise InputError(experiment.name, "control", "nothing", "an orbit to hold (control: ...)")
     believed, zero = control.believed, 0.0
+    small_swings = None
     if believed is None:
         if data is None:
             raise InputError(experiment.name, "control.believed", "nothing", "parameters, or logs")
         first = experiment.all_estimators[0]
-        believed = (found or first.unchecked()(data)).parameters
+        small_swings = found or judged(data, first.unchecked())
+        believed = small_swings.parameters
         zero = _zero(control, data)
     rng = np.random.default_rng(of_orbit(experiment.seed))
     return study_orbit(
@@ -114,6 +117,7 @@ def hold_orbit(
         control.plan(zero),
         control.recalibration,
         amplitudes=control.cross_check,
+        small_swings=small_swings,
         rng=rng,
         name=experiment.name,
         description=experiment.description,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_none
+from butterfly.identify.judgement.verdict import Standing  # noqa: TC001 - pydantic reads it
 
 if TYPE_CHECKING:
     from butterfly.orbit.study import OrbitStudy
@@ -41,6 +42,8 @@ class OrbitRecord:
         Errors of the models' free runs, by model.
     cross_orbit
         Errors of models at each other's orbits.
+    verdict
+        What may be done with the parameters; None in records of older programs.
     """
 
     target_rad: float
@@ -50,6 +53,7 @@ class OrbitRecord:
     parameters: tuple[ParameterRecord, ...]
     free_run_rms_rad: dict[str, float]
     cross_orbit: CrossRecord
+    verdict: Standing | None = None
 
     @classmethod
     def of(cls, study: OrbitStudy) -> OrbitRecord:
@@ -61,7 +65,8 @@ class OrbitRecord:
             amplitudes_rad=tuple(or_none(each.amplitude) for each in rounds),
             ending=study.calibration.ending,
             absolute=last.is_absolute,
-            parameters=ParameterRecord.all_of(last.estimate),
+            parameters=ParameterRecord.all_of(study.estimate),
+            verdict=study.estimate.verdict.standing,
             free_run_rms_rad=study.errors,
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,

@@ -16,6 +16,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from butterfly.experiment.estimate_record import EstimateRecord  # noqa: TC001 - pydantic reads it
 from butterfly.experiment.orbit_record import OrbitRecord  # noqa: TC001 - pydantic reads it
+from butterfly.identify.judgement.verdict import Standing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,6 +78,14 @@ class RunRecord:
     def unconverged(self) -> int:
         """How many of its estimates are not where their estimator wanted to be."""
         return sum(bool(each.parameters) and not each.converged for each in self.estimates)
+
+    @property
+    def standing(self) -> Standing | None:
+        """The worst verdict on its estimates, the orbit's among them; None if it has none."""
+        found = [each.standing for each in self.estimates if each.parameters]
+        if self.orbit is not None and self.orbit.verdict is not None:
+            found.append(self.orbit.verdict)
+        return Standing.worst(found)
 
     def to_json(self) -> str:
         """Return the content of its file."""
@@ -159,7 +168,7 @@ _RUN, _SWEEP = TypeAdapter(RunRecord), TypeAdapter(SweepRecord)
 
 
 def _to_json(adapter: TypeAdapter[_Record], record: _Record) -> str:
-    return adapter.dump_json(record, indent=1).decode()
+    return adapter.dump_json(record, indent=1, by_alias=True).decode()
 
 
 def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:

@@ -100,18 +100,44 @@ def identify(
         If the logs cannot determine the parameters.
     """
     estimator = estimator or HarmonicBalance()
-    found = _estimated(data, estimator)
-    run = simulated(data, found, against=against, track=track)
-    judged = found.with_findings(
+    run = simulated(data, estimated(data, estimator), against=against, track=track)
+    return replace(run, estimate=judge(data, estimator, run.estimate, run.fits))
+
+
+def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
+    """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
+    found = estimated(data, estimator)
+    return judge(data, estimator, found, Predictor(data).fits(found))
+
+
+def judge(
+    data: DataSet, estimator: Estimator, found: ParameterEstimate, fits: NDArray[np.float64]
+) -> ParameterEstimate:
+    """Add to an estimate what physics, its free runs, the input and slips say of it.
+
+    Parameters
+    ----------
+    data
+        The n logs.
+    estimator
+        What the estimate is from.
+    found
+        The estimate.
+    fits
+        (n,) FIT in per cent of its free run of each log.
+    """
+    # Where the hand passes the upright no free run stays near: such logs count if there are no others.
+    counted = data.calm or list(range(fits.size))
+    told = found.with_findings(
         *judge_physics(found, data.masses),
-        *judge_fit(run.fits, data),
+        *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
         *judge_input(found, data.input_kind),
     )
-    return replace(run, estimate=judged.with_slips(*find_slips(data, estimator, judged)))
+    return told.with_slips(*find_slips(data, estimator, told))
 
 
-def _estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
-    """Estimate; a refusal names the slip that explains it."""
+def estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
+    """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
     clock = find_slips_of_clock(data, estimator)
     if clock:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import j0
 
-from butterfly.identify.estimate import Solved
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import choose_terms, folds_of
+from butterfly.identify.solved import Solved
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

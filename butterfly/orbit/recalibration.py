@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.estimate import ParameterEstimate, Solved
+from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identify.solved import Solved
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.judgement.following import judge_fit
 from butterfly.identify.predict import Setting, free_run
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS
@@ -18,6 +19,8 @@ from butterfly.progress import Track, untracked
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.predict import FreeRun
     from butterfly.logs.log import Log
     from butterfly.model.parameters import LumpedParameters
     from butterfly.orbit.loop import Calibration, Plan, Rig
@@ -47,6 +50,10 @@ class OrbitStudy:
         The loop.
     held_out
         A run next to the orbit that was used for nothing else.
+    estimate
+        Of the last round, judged by how well its free run follows that run.
+    small_swings
+        What it began with was identified so; None if the parameters were told.
     errors
         By model ("generic", "re-calibrated"): rms error in rad of its free run over `PERIODS`.
     amplitudes
@@ -62,6 +69,8 @@ class OrbitStudy:
     generic: LumpedParameters
     calibration: Calibration
     held_out: Log
+    estimate: ParameterEstimate
+    small_swings: ParameterEstimate | None
     errors: dict[str, float]
     amplitudes: tuple[float, ...]
     cross: NDArray[np.float64]
@@ -75,6 +84,7 @@ def study_orbit(
     options: RecalibrationOptions,
     *,
     amplitudes: tuple[float, ...] = (),
+    small_swings: ParameterEstimate | None = None,
     rng: np.random.Generator,
     name: str = "orbit",
     description: str = "",
@@ -88,6 +98,8 @@ def study_orbit(
         As `butterfly.orbit.loop.calibrate` takes them.
     amplitudes
         Of the orbits in rad at which models are re-calibrated and used crosswise.
+    small_swings
+        What ``believed`` is from, if it was identified.
     rng
         Source of the dither.
     name, description
@@ -104,10 +116,14 @@ def study_orbit(
         law = Dithered(plan.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
         return rig(law, start, plan.duration, carried)
 
-    nominal = calibration.rounds[-1].orbit.upper
+    last, generic = calibration.rounds[-1], calibration.rounds[0].believed
+    nominal = last.orbit.upper
     held_out = run(nominal, _BESIDE * nominal, _DITHER)
-    generic = calibration.rounds[0].believed
-    models = {"generic": generic, "re-calibrated": final}
+    runs = {
+        name: beside_orbit(held_out, model, zero)
+        for name, model in (("generic", generic), ("re-calibrated", final))
+    }
+    followed = judge_fit(np.array([runs["re-calibrated"].fit]), ["next to the orbit"])
     fresh, models_at = [], []
     for amplitude in track(amplitudes, "Cross-checking orbits"):
         fresh.append(run(amplitude, _BESIDE * amplitude, _DITHER))
@@ -120,18 +136,20 @@ def study_orbit(
         generic=generic,
         calibration=calibration,
         held_out=held_out,
-        errors={key: prediction_error(held_out, model, zero) for key, model in models.items()},
+        estimate=last.recalibration.estimate.with_findings(*followed),
+        small_swings=small_swings,
+        errors={name: run.rms for name, run in runs.items()},
         amplitudes=amplitudes,
         cross=np.array(
-            [[prediction_error(log, model, zero) for log in fresh] for model in models_at]
+            [[beside_orbit(log, model, zero).rms for log in fresh] for model in models_at]
         ).reshape(len(amplitudes), len(amplitudes)),
     )
 
 
-def prediction_error(
+def beside_orbit(
     log: Log, loaded: LumpedParameters, zero: float, periods: float = PERIODS
-) -> float:
-    """Return the rms error in rad of a free run from the log's first sample, with its input.
+) -> FreeRun:
+    """Return a free run from the log's first sample, with its input.
 
     Parameters
     ----------
@@ -148,4 +166,4 @@ def prediction_error(
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
-    return free_run(cut, Setting(parameters=loaded, zero=zero)).rms
+    return free_run(cut, Setting(parameters=loaded, zero=zero))

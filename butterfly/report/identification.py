@@ -21,7 +21,7 @@ from butterfly.report.misfit import (
 )
 from butterfly.report.page import render, write_beside
 from butterfly.report.parameter_rows import parameter_rows
-from butterfly.report.words import sentences, summary
+from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,7 +65,8 @@ def write_report(
         name=data.name,
         description=data.description,
         kind="identification",
-        summary=[*summary(identification), *misfit_sentences(misfit)],
+        verdict=verdict_on(estimate),
+        summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
         parameters=rows,
         own={name: row.value for name, row in zip(estimate.names, rows, strict=True)},
         with_truth=truth is not None,
@@ -104,7 +105,7 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
     """Return what the report says, for programs."""
     estimate, fit = identification.estimate, identification.summary
     records = ParameterRecord.all_of(estimate, truth)
-    return {
+    return verdict_on(estimate).numbers() | {
         "method": estimate.method,
         "parameters": {each.parameter: each.numbers() for each in records},
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
@@ -114,6 +115,5 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
         "findings": [
             asdict(finding) for finding in (*estimate.findings, *identification.misfit.findings)
         ],
-        "verdict": estimate.verdict.standing,
         "summary": sentences(estimate),
     }

@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from plotly.graph_objects import Bar, Figure
 
+from butterfly.identify.judgement.verdict import Standing
 from butterfly.report.figures import PALETTE
 from butterfly.report.page import Page, Section, Table
+from butterfly.report.verdict import SaidVerdict
+from butterfly.report.words import verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
 def leaderboard_page(entries: Sequence[Entry]) -> Page:
     """Put together the report of estimators over data sets, the best of each first."""
     sets = list(dict.fromkeys(entry.data for entry in entries))
-    sections = []
+    sections, verdict = [], _verdict(entries, sets)
     for number, name in enumerate(sets):
         own = [entry for entry in entries if entry.data == name]
         figure = {f"fit-{number}": _figure(own)}
@@ -30,8 +33,24 @@ def leaderboard_page(entries: Sequence[Entry]) -> Page:
         kind="leaderboard",
         summary=_summary(entries, sets),
         sections=sections,
-        numbers={"entries": [_numbers(entry) for entry in entries]},
+        numbers=verdict.numbers() | {"entries": [_numbers(entry) for entry in entries]},
+        verdict=verdict,
     )
+
+
+def _verdict(entries: Sequence[Entry], sets: Sequence[str]) -> SaidVerdict:
+    """Say the worst verdict on the first of each data set, and all reasons, by their data set."""
+    firsts = {name: next(entry for entry in entries if entry.data == name) for name in sets}
+    standings, reasons = [], []
+    for name, first in firsts.items():
+        if first.estimate is None:
+            standings.append(Standing.NOT)
+            reasons.append(f"{name}: {first.error}")
+            continue
+        said = verdict_on(first.estimate)
+        standings.append(said.standing)
+        reasons += [f"{name}, {first.method}: {reason}" for reason in said.reasons]
+    return SaidVerdict(Standing.worst(standings) or Standing.NOT, tuple(reasons))
 
 
 def _summary(entries: Sequence[Entry], sets: Sequence[str]) -> list[str]:
@@ -56,9 +75,12 @@ def _table(entries: Sequence[Entry]) -> Table:
         if entry.estimate is not None:
             values = [f"{getattr(entry.estimate.parameters, name):.4g}" for name in names]
         fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
-        rows.append((entry.method, *fits, f"{entry.seconds:.2f}", *values, entry.error or "–"))
+        standing = "–" if entry.estimate is None else entry.estimate.verdict.standing
+        told = (f"{entry.seconds:.2f}", *values, entry.error or "–")
+        rows.append((entry.method, standing, *fits, *told))
     headers = (
-        *("estimator", "a mass left out: median FIT in %", "worst", "in sample: median", "worst"),
+        *("estimator", "verdict", "a mass left out: median FIT in %", "worst"),
+        *("in sample: median", "worst"),
         *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
     )
     return Table(headers=headers, rows=rows)
@@ -84,9 +106,11 @@ def _figure(entries: Sequence[Entry]) -> Figure:
 
 def _numbers(entry: Entry) -> dict[str, Any]:
     fits = {"held_out": entry.held_out, "in_sample": entry.in_sample}
+    said = {"verdict": None} if entry.estimate is None else verdict_on(entry.estimate).numbers()
     return {
         "data": entry.data,
         "method": entry.method,
+        **said,
         "seconds": entry.seconds,
         "error": entry.error,
     } | {

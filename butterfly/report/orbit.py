@@ -15,7 +15,7 @@ from butterfly.orbit.study import PERIODS
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import interval, with_error
 from butterfly.report.page import Page, Section, Table
-from butterfly.report.words import sentences
+from butterfly.report.words import sentences, verdict_on
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,7 +40,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
     truth
         True parameters of the hand with what it carries, where they are known.
     """
-    rounds = study.calibration.rounds
+    rounds, verdict = study.calibration.rounds, verdict_on(study.estimate)
     sections = [
         Section(
             title="Amplitude per round",
@@ -63,7 +63,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         Section(
             title="Parameters",
             tables=(_parameters_table(study, truth),),
-            text=" ".join(sentences(rounds[-1].recalibration.estimate)),
+            text=" ".join(sentences(study.estimate)[1:]),
         ),
         Section(
             title="Free-run prediction next to the orbit",
@@ -92,17 +92,19 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         kind="orbit re-calibration",
         summary=summary(study),
         sections=sections,
-        numbers=OrbitRecord.of(study).numbers(),
+        numbers=OrbitRecord.of(study).numbers() | verdict.numbers(),
+        verdict=verdict,
     )
 
 
 def summary(study: OrbitStudy) -> list[str]:
-    """Say in plain words what was found."""
+    """Say in plain words what was found, but for the verdict."""
     rounds, generic = study.calibration.rounds, study.errors["generic"]
     last, wanted = rounds[-1], rounds[-1].wanted
     better = generic / max(study.errors["re-calibrated"], 1e-12)
     recalibration = last.recalibration
     rejected = ", ".join(recalibration.rejected) or "none"
+    begun = study.small_swings
     return [
         f"The hand was to swing {math.degrees(wanted):.2f}° and swung "
         + ", ".join(_degrees(each.amplitude) for each in rounds)
@@ -112,7 +114,8 @@ def summary(study: OrbitStudy) -> list[str]:
         f"{_degrees(generic)}°: {better:.3g} times less.",
         f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
         f"terms that did not help on held-out data: {rejected}.",
-        *sentences(recalibration.estimate),
+        *sentences(study.estimate)[1:],
+        *([] if begun is None else [f"What it began with: {verdict_on(begun).sentence}"]),
     ]
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from plotly.graph_objects import Figure
 
+    from butterfly.report.verdict import SaidVerdict
+
 
 class Link(NamedTuple):
     """A text in a table that leads to a file beside the report."""
@@ -65,6 +67,8 @@ class Page:
         In order.
     numbers
         What it says, for programs: anything that JSON can hold.
+    verdict
+        On the estimate that it rests on; None if it rests on none.
     """
 
     name: str
@@ -73,6 +77,7 @@ class Page:
     summary: list[str]
     sections: list[Section]
     numbers: dict[str, Any]
+    verdict: SaidVerdict | None = None
 
 
 def render(template: str, **content: Any) -> str:  # noqa: ANN401 - whatever the template shows
@@ -105,6 +110,7 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
         name=page.name,
         description=page.description,
         kind=page.kind,
+        verdict=page.verdict,
         summary=page.summary,
         sections=page.sections,
         figures="{" + parts.replace("</", "<\\/") + "}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from plotly.graph_objects import Scatter
@@ -17,10 +18,24 @@ if TYPE_CHECKING:
 
     from butterfly.identify.judgement.misfit import LogMisfit
     from butterfly.identify.judgement.residual_torque import ResidualTorque
+    from butterfly.report.verdict import SaidVerdict
+
+_WIDEST = 140  # characters of a line above the figure
 
 
-def write_residual(residual: ResidualTorque, misfit: LogMisfit, path: Path) -> None:
+def write_residual(
+    residual: ResidualTorque, misfit: LogMisfit, verdict: SaidVerdict, path: Path
+) -> None:
     """Draw what is left over in one log as one HTML file that opens offline.
+
+    Parameters
+    ----------
+    residual, misfit
+        Of the log.
+    verdict
+        On the estimate that leaves it.
+    path
+        The file.
 
     Raises
     ------
@@ -48,7 +63,11 @@ def write_residual(residual: ResidualTorque, misfit: LogMisfit, path: Path) -> N
         figure.update_yaxes(title="torque in N m", row=row)
     draw_correlations(figure, misfit, first=4)
     looks = escape(residual.left_over.words("the motor's torque"))
-    title = f"Left over in {escape(residual.label)}: torque like {looks}"
-    figure.update_layout(title=title, template="plotly_white", height=1500)
+    lines = [f"Left over in {escape(residual.label)}: torque like {looks}"]
+    lines += [f"<sub>{escape(line)}</sub>" for line in wrap(verdict.sentence, _WIDEST)]
+    margin = {"t": 80 + 22 * len(lines)}
+    place = {"y": 1, "yanchor": "top", "yref": "container", "pad": {"t": 20}}
+    heading = {"text": "<br>".join(lines)} | place
+    figure.update_layout(title=heading, margin=margin, template="plotly_white", height=1500)
     with replacing(path) as draft:
         figure.write_html(draft, include_plotlyjs=True)

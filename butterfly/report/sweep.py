@@ -10,6 +10,7 @@ import numpy as np
 from butterfly.experiment.columns import MISSING
 from butterfly.experiment.record import OK
 from butterfly.identify.judgement.findings import Ending
+from butterfly.identify.judgement.verdict import Standing
 from butterfly.model.terms import TERMS
 from butterfly.report.page import Link, Page, Section, Table
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
@@ -48,6 +49,8 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
             tables=(_recovery_table(table),),
         )
     ]
+    if table["value"].size:
+        sections.insert(0, _verdicts_section(table))
     if len(table.distinct("estimator")) > 1:
         ranked = _ranking_table(table)
         sections.insert(0, Section(title="Estimators, the best first", tables=(ranked,)))
@@ -82,6 +85,33 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         summary=_summary(table, status, fields),
         sections=sections,
         numbers=_numbers(table, status),
+    )
+
+
+def _verdicts(table: Estimates) -> dict[str, dict[str, int]]:
+    """Count the estimates of each verdict, by estimator."""
+    estimates = zip(*(table[name].tolist() for name in ("estimator", "number")), strict=True)
+    standings = dict(zip(estimates, table["verdict"].tolist(), strict=True))
+    return {
+        method: {
+            str(each): sum(
+                standing == each for (own, _), standing in standings.items() if own == method
+            )
+            for each in Standing
+        }
+        for method in table.distinct("estimator")
+    }
+
+
+def _verdicts_section(table: Estimates) -> Section:
+    rows = [
+        (method, *(str(count) for count in counts.values()))
+        for method, counts in _verdicts(table).items()
+    ]
+    return Section(
+        title="Verdicts",
+        text="How many estimates may be used, by what their own data say, not by the truth.",
+        tables=(Table(headers=("estimator", *Standing), rows=rows),),
     )
 
 
@@ -207,6 +237,9 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
         sentences.append(f"{missing} of them are still to be done.")
     endings = list(_endings(table).values())
     if endings:
+        counts = _verdicts(table).values()
+        told = (f"{sum(each[kind] for each in counts)} {kind}" for kind in Standing)
+        sentences.append(f"Verdicts on {len(endings)} estimates: {', '.join(told)}.")
         missed = sum(ending != Ending.CONVERGED for ending in endings)
         sentences.append(f"{missed} of {len(endings)} estimates did not converge.")
     size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
@@ -226,6 +259,7 @@ def _numbers(table: Estimates, status: NDArray[Any]) -> dict[str, Any]:
     return {
         "runs": int(status.size),
         "ok": int((status == OK).sum()),
+        "verdicts": _verdicts(table),
         "unconverged": sum(ending != Ending.CONVERGED for ending in _endings(table).values()),
         "recovery": [
             {

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from butterfly.compare.three_way import ThreeWay
     from butterfly.identify.judgement.misfit import Misfit
+    from butterfly.report.verdict import SaidVerdict
 
 _SIMULATORS = {"MuJoCo": (PALETTE[1], "square"), "grey box": (PALETTE[5], "diamond")}
 _STEP = 0.02  # s between drawn points
@@ -33,7 +34,7 @@ _PERIODS = 4  # of the slowest drawn motion in the phase plane
 
 
 def three_way_page(
-    name: str, description: str, compared: Sequence[ThreeWay], misfit: Misfit
+    name: str, description: str, compared: Sequence[ThreeWay], misfit: Misfit, verdict: SaidVerdict
 ) -> Page:
     """Put together the report of a comparison.
 
@@ -45,6 +46,8 @@ def three_way_page(
         Its logs, each simulated twice. The best, the middle and the worst by FIT are drawn.
     misfit
         Of the whole data set, with the same parameters.
+    verdict
+        On these parameters.
     """
     judged = {log.name: log for log in misfit.logs}
     order = np.argsort([each.fits["grey box"] for each in compared])
@@ -97,7 +100,8 @@ def three_way_page(
         kind="comparison",
         summary=[*_summary(compared), *misfit_sentences(misfit)],
         sections=sections,
-        numbers=_numbers(compared) | {"misfit": misfit_numbers(misfit)},
+        numbers=verdict.numbers() | _numbers(compared) | {"misfit": misfit_numbers(misfit)},
+        verdict=verdict,
     )
 
 

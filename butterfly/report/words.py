@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.slips.names import listed, slip_in_words
-from butterfly.identify.judgement.verdict import Standing, Verdict
+from butterfly.identify.judgement.verdict import Standing
 from butterfly.model.terms import TERMS
+from butterfly.report.verdict import SaidVerdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from butterfly.experiment.estimate_record import EstimateRecord
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
+    from butterfly.identify.judgement.verdict import Verdict
 
     Values = Mapping[str, float]
 
@@ -43,8 +46,18 @@ def summary(identification: Identification) -> list[str]:
 
 def sentences(estimate: ParameterEstimate) -> list[str]:
     """Say how far to trust an estimate: the verdict, how well each value is known, the rest."""
-    values = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-    return sentences_of(estimate.verdict, estimate.findings, values)
+    return sentences_of(estimate.verdict, estimate.findings, _values(estimate))
+
+
+def verdict_on(estimate: ParameterEstimate) -> SaidVerdict:
+    """Say what may be done with an estimate, and why not more."""
+    return verdict_in_words(estimate.verdict, _values(estimate))
+
+
+def verdict_of(record: EstimateRecord) -> SaidVerdict:
+    """Say what may be done with an estimate of which there is a record."""
+    values = {row.parameter: row.value for row in record.parameters}
+    return verdict_in_words(record.verdict, values)
 
 
 def sentences_of(verdict: Verdict, findings: Sequence[Finding], values: Values) -> list[str]:
@@ -56,8 +69,8 @@ def sentences_of(verdict: Verdict, findings: Sequence[Finding], values: Values) 
     others = [
         each for each in findings if each.kind not in _PRECISION and each not in verdict.reasons
     ]
-    known = ["; ".join(precision) + "."] if precision and verdict.usable else []
-    return [verdict_in_words(verdict, values), *known, *said_of(others, values)]
+    known = ["; ".join(precision) + "."] if precision and verdict.standing.usable else []
+    return [verdict_in_words(verdict, values).sentence, *known, *said_of(others, values)]
 
 
 def said_of(findings: Sequence[Finding], values: Values) -> list[str]:
@@ -65,12 +78,16 @@ def said_of(findings: Sequence[Finding], values: Values) -> list[str]:
     return [_SENTENCES[each.kind](each, values) for each in findings]
 
 
-def verdict_in_words(verdict: Verdict, values: Values) -> str:
-    """Say the verdict on values in one line, and why it is no better."""
-    if verdict.standing is Standing.GOOD:
-        return "Good: nothing was found that speaks against these values."
-    said = " ".join(said_of(verdict.reasons, values)) or "The estimation did not settle."
-    return f"{verdict.standing.capitalize()}: {said}"
+def verdict_in_words(verdict: Verdict, values: Values) -> SaidVerdict:
+    """Say the verdict on values, and why it is no better."""
+    reasons = said_of(verdict.reasons, values)
+    if not reasons and verdict.standing is not Standing.GOOD:
+        reasons = ["The estimation did not settle."]
+    return SaidVerdict(verdict.standing, tuple(reasons))
+
+
+def _values(estimate: ParameterEstimate) -> dict[str, float]:
+    return dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
 def _joined(finding: Finding, link: str = ", ") -> str:

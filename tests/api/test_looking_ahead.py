@@ -61,7 +61,8 @@ def test_an_experiment_is_predicted_by_its_inputs_alone(quick, result):
     for plan in (quick, bf.read_experiment(quick)):
         predicted = bf.predict(plan, result, draws=40)
         assert not predicted.measured
-        assert "nobody has recorded" in predicted.summary[0]
+        assert predicted.verdict == [predicted.summary[0]]
+        assert "nobody has recorded" in predicted.summary[1]
         assert not any("FIT" in name or "inside" in name for name in predicted.rows()[0])
     found = bf.simulate(quick)
     run, log = predicted.predictions[3].run, found.logs[3]

@@ -32,7 +32,9 @@ def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
     code, out, err = butterfly("calibrate-orbit", path, "--out", tmp_path / "out", "--figures")
     assert code == 0, err
     assert "times less" in out
+    assert out.startswith("Good: ")
     numbers = json.loads((tmp_path / "out/report.json").read_text())
+    assert numbers["verdict"] == "good"
     assert numbers["amplitudes_rad"][-1] == pytest.approx(1.0472, abs=3.5e-3)
     found = numbers["parameters"]["p3"]
     assert found["value"] == pytest.approx(0.04905 / 0.00325, rel=2e-4)

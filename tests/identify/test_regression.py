@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from butterfly.identify.estimate import ParameterEstimate, Solved
+from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.regression import Regression
+from butterfly.identify.solved import Solved
 
 NAMES = ("p3", "p4", "compression")
 TRUTH = np.array([-0.04, 0.5, 0.3])

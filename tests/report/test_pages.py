@@ -36,6 +36,7 @@ from butterfly.report.page import Link, Page, Section, Table, write_page
 from butterfly.report.still import draw
 from butterfly.report.sweep import sweep_page
 from butterfly.report.three_way import three_way_page
+from butterfly.report.words import verdict_on
 from butterfly.thesis.method import Thesis
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
@@ -123,9 +124,14 @@ def entries(data):
 
 
 @pytest.fixture(scope="module")
-def pages(data, compared, entries, misfit, tmp_path_factory):
+def three_way(data, found, compared, misfit):
+    return three_way_page(data.name, "a description", compared, misfit, verdict_on(found))
+
+
+@pytest.fixture(scope="module")
+def pages(data, three_way, entries, tmp_path_factory):
     return {
-        "three-way": three_way_page(data.name, "a description", compared, misfit),
+        "three-way": three_way,
         "leaderboard": leaderboard_page(entries),
         "orbit": _orbit_page(),
         "sweep": _sweep_page(tmp_path_factory.mktemp("sixty")),
@@ -164,6 +170,22 @@ def test_the_report_of_a_sweep_counts_and_lists_estimates_that_did_not_converge(
     (row,) = section.tables[0].rows
     assert [str(cell) for cell in row] == ["9", "m", "stopped", ""]
     assert page.numbers["unconverged"] == 1
+
+
+def test_the_report_of_a_sweep_counts_verdicts(pages):
+    page = pages["sweep"]
+    assert "Verdicts on 58 estimates: 57 good, 0 use with care, 1 do not use." in page.summary
+    assert page.numbers["verdicts"] == {"m": {"good": 57, "use with care": 0, "do not use": 1}}
+    (section,) = [each for each in page.sections if each.title == "Verdicts"]
+    assert section.tables[0].rows == [("m", "57", "0", "1")]
+
+
+def test_a_page_that_rests_on_an_estimate_says_its_verdict(pages):
+    for kind, page in pages.items():
+        assert (page.verdict is None) == (kind == "sweep")
+        if page.verdict is not None:
+            assert page.numbers["verdict"] == page.verdict.standing
+            assert page.verdict.sentence not in page.summary
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ from butterfly.report.misfit import (
     misfit_table,
 )
 from butterfly.report.parameter_rows import parameter_rows
-from butterfly.report.words import summary
+from butterfly.report.words import summary, verdict_on
 from butterfly.resources import shipped
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -73,7 +73,9 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
     for row in parameter_rows(result, truth):
         for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
             assert cell in text
-    for sentence in summary(result):
+    said = verdict_on(result.estimate)
+    assert f'<div class="verdict {str(said.standing).replace(" ", "-")}">' in text
+    for sentence in (*said.paragraphs, *summary(result)[1:]):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24
     for row in misfit_table(result.misfit.logs).rows:

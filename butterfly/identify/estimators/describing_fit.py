@@ -9,11 +9,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.estimate import Solved
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import NEGLIGIBLE
 from butterfly.identify.regression import Regression
+from butterfly.identify.solved import Solved
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS, lower_bounds
 

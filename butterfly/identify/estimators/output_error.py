@@ -16,16 +16,17 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identify.estimate import ParameterEstimate, Solved
+from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, require_names
 from butterfly.identify.estimators.ends import Ends
+from butterfly.identify.estimators.free_run_end import local_of, solved_of
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
 from butterfly.identify.estimators.free_run_terms import CANDIDATES, FreeRunTerms, inseparable
 from butterfly.identify.estimators.gauss_newton import MOST, minimise
 from butterfly.identify.estimators.loss import Loss, outlying
 from butterfly.identify.estimators.starts import Start, starts
-from butterfly.identify.judgement.covariance import FEW, blocks_of
-from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.covariance import FEW
+from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.nested import COMPANIONS
@@ -168,14 +169,14 @@ class OutputError(Estimator):
         left_out, few = without_each_mass(masses, without, asked=self.check)
         known = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         found = ParameterEstimate.from_rows(
-            self._solved(problem, end),
+            solved_of(problem, end),
             method="output error",
             left_out=left_out,
             rivals=rivals,
             shared=problem.shared,
             findings=[*few, *of_few_logs(len(logs)), *said],
             held=self._held(problem),
-            local=_local(list(known)[problem.shared :]),
+            local=local_of(list(known)[problem.shared :]),
             masses=masses if len(logs) > FEW else (),
         )
         return found.with_findings(*self._missing(logs, found))
@@ -275,36 +276,3 @@ class OutputError(Estimator):
             if each.name in told
             or (each.name not in fitted and getattr(start, each.name) != each.default)
         }
-
-    def _solved(self, problem: FreeRunResiduals, end: Minimum[Equations]) -> Solved:
-        blocks = blocks_of(len(problem.trajectories), len(problem.keys))
-        parts = end.at.compressed(blocks)
-        rows, residuals = zip(*parts, strict=True)
-        scale = problem.scale
-        took = Finding(
-            kind=FindingKind.SIMULATIONS,
-            number=end.evaluations,
-            severity=Severity.NOTE if end.converged else Severity.WARNING,
-        )
-        return Solved(
-            names=tuple(name for name, _ in problem.keys),
-            values=end.point * problem.scale,
-            jacobian=np.concatenate(rows) / problem.scale,
-            residuals=np.concatenate(residuals),
-            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
-            on_bound=end.point <= problem.lower,
-            lower=problem.lower * problem.scale,
-            ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
-            findings=(took,),
-            bread=None if self.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
-        )
-
-
-def _local(
-    known: list[tuple[tuple[str, AddedMass | str | None], float]],
-) -> dict[AddedMass | str | None, dict[str, float]]:
-    """Return what is not shared, and the zero, by whose it is."""
-    local: dict[AddedMass | str | None, dict[str, float]] = {}
-    for (name, whose), value in known:
-        local.setdefault(whose, {})[name] = value
-    return local

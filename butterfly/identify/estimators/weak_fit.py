@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from butterfly.identify.estimate import Solved
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import NEGLIGIBLE
 from butterfly.identify.regression import Regression
+from butterfly.identify.solved import Solved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

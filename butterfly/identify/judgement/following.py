@@ -9,9 +9,9 @@ import numpy as np
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Sequence
 
-    from butterfly.identify.data import DataSet
+    from numpy.typing import NDArray
 
 GOOD_FIT = 80.0
 """Median FIT in per cent below which parameters need care."""
@@ -23,22 +23,16 @@ _FAR_WORSE = 6.0  # times the median misfit, of a log that is not followed as th
 _NOTABLE = 0.15  # misfit below which a log is followed, however well the others are
 
 
-def judge_fit(fits: NDArray[np.float64], data: DataSet) -> list[Finding]:
+def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
     """Judge by how well free runs follow the logs.
-
-    Where the hand passes the upright no free run stays near: such logs do not count, unless there
-    are no others.
 
     Parameters
     ----------
     fits
         (n,) FIT of each log in per cent.
-    data
-        The n logs.
+    names
+        Of the n logs.
     """
-    counted = data.calm or list(range(fits.size))
-    names = [data.logs[k].name for k in counted]
-    fits = fits[counted]
     median = float(np.median(fits))
     if not median >= GOOD_FIT:
         severity = Severity.CARE if median >= LEAST_FIT else Severity.WARNING

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 from butterfly.identify.judgement.findings import Ending, FindingKind, Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from butterfly.identify.judgement.findings import Finding
 
@@ -20,6 +21,16 @@ class Standing(StrEnum):
     GOOD = "good"
     CARE = "use with care"
     NOT = "do not use"
+
+    @property
+    def usable(self) -> bool:
+        """Whether the values may be used at all."""
+        return self is not Standing.NOT
+
+    @classmethod
+    def worst(cls, standings: Iterable[Standing]) -> Standing | None:
+        """Return the one that allows least; None of none."""
+        return max(standings, key=list(cls).index, default=None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +63,13 @@ class Verdict:
         return cls(standing=Standing.GOOD)
 
     @property
-    def usable(self) -> bool:
-        """Whether the values may be used at all."""
-        return self.standing is not Standing.NOT
+    def impossible(self) -> bool:
+        """Whether no joint has such values, or none that could be simulated."""
+        return any(_impossible(each) for each in self.reasons)
+
+
+def _impossible(finding: Finding) -> bool:
+    if finding.kind is FindingKind.POOR_FIT:
+        return finding.number is not None and not math.isfinite(finding.number)
+    never = finding.kind in {FindingKind.NO_INERTIA, FindingKind.NEGATIVE}
+    return never and finding.severity is Severity.WARNING

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.verdict import Standing, Verdict
@@ -31,3 +35,28 @@ def test_the_gravest_finding_decides_and_is_the_reason(ending, findings, standin
     assert verdict.standing is standing
     assert verdict.reasons == reasons
     assert verdict.usable is (standing is not Standing.NOT)
+
+
+@given(st.lists(st.sampled_from(Standing)))
+def test_the_worst_allows_least(standings):
+    worst = Standing.worst(standings)
+    assert (worst is None) == (not standings)
+    assert all(each.usable for each in standings) == (worst is None or worst.usable)
+    assert (worst is Standing.GOOD) == (set(standings) == {Standing.GOOD})
+
+
+@pytest.mark.parametrize(
+    ("finding", "impossible"),
+    [
+        (Finding(kind=FindingKind.NO_INERTIA, number=-1.0, severity=Severity.WARNING), True),
+        (Finding(kind=FindingKind.NEGATIVE, severity=Severity.WARNING), True),
+        (Finding(kind=FindingKind.NEGATIVE, severity=Severity.CARE), False),
+        (Finding(kind=FindingKind.POOR_FIT, number=-math.inf, severity=Severity.WARNING), True),
+        (Finding(kind=FindingKind.POOR_FIT, number=30.0, severity=Severity.WARNING), False),
+        (Finding(kind=FindingKind.ROUNDS, number=60, severity=Severity.WARNING), False),
+    ],
+)
+def test_what_no_joint_can_have_is_told_from_what_is_not_to_be_used(finding, impossible):
+    verdict = Verdict.of(Ending.CONVERGED, [finding])
+    assert verdict.impossible is impossible
+    assert verdict.standing is not Standing.GOOD

@@ -67,7 +67,7 @@ def find_slips(data: DataSet, estimator: Estimator, estimate: ParameterEstimate)
     quick = _quick(data, estimator)
     units = _tried(data, quick, OTHERS) if suspicious(data, estimate) else []
     masses = wrong_masses(data, quick)
-    before = judged(data, estimate)
+    before = _before(data, estimator, estimate, quick)
     best = _best([*units, *masses], before)
     if disagree and not best:
         best = [each.finding for each in _ordered(masses)]
@@ -89,6 +89,16 @@ def find_slips_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
     span = sum(float(log.time[-1] - log.time[0]) for log in some.logs)
     before = attempt(lambda same: same, some, quick) if span < _LONGEST_TRIAL else NOTHING
     return _best(_tried(data, quick, CLOCKS), before)
+
+
+def _before(
+    data: DataSet, estimator: Estimator, estimate: ParameterEstimate, quick: Estimator
+) -> Trial:
+    """Return how well a joint explains the logs as they are: a poor method is no slip of theirs."""
+    found = judged(data, estimate)
+    if isinstance(estimator, type(quick)):
+        return found
+    return min(found, attempt(lambda same: same, data, quick), key=lambda trial: trial.misfit)
 
 
 def _quick(data: DataSet, estimator: Estimator) -> Estimator:

@@ -1,0 +1,26 @@
+"""What something is to be made of must be parameters that a joint can have."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from butterfly.errors import UnusableError
+from butterfly.report.words import verdict_on
+
+if TYPE_CHECKING:
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.report.verdict import SaidVerdict
+
+
+def require_possible(estimate: ParameterEstimate) -> SaidVerdict:
+    """Return the verdict on an estimate from which simulations or a model are to be made.
+
+    Raises
+    ------
+    UnusableError
+        If no joint has its values; the verdict is the message.
+    """
+    verdict = verdict_on(estimate)
+    if estimate.verdict.impossible:
+        raise UnusableError(verdict.sentence)
+    return verdict

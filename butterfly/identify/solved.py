@@ -1,0 +1,107 @@
+"""A solver's end, and the equations about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.judgement.covariance import compress_all
+from butterfly.identify.judgement.findings import Ending, Finding
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from butterfly.identify.regression import Regression, Solution
+
+_WELL = 3.0  # standard errors
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved:
+    """A solver's end: n values that m equations determine, and the equations about them.
+
+    Parameters
+    ----------
+    names
+        Of the n values; those that all logs share come first.
+    values
+        (n,).
+    jacobian, residuals
+        (m, n) derivatives by the values, and (m,) residuals, weighted as the solver weighs them.
+    cluster
+        (m,) numbers of the logs, or stretches, between which errors are independent.
+    on_bound
+        (n,) whether a bound holds the value.
+    lower
+        (n,) least values.
+    ending
+        How the solver ended.
+    findings
+        What it has to say besides.
+    bread
+        (n, n) derivatives of the gradient, where the weights depend on the residuals.
+    """
+
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    cluster: NDArray[np.intp]
+    on_bound: NDArray[np.bool_]
+    lower: NDArray[np.float64]
+    ending: Ending = Ending.CONVERGED
+    findings: tuple[Finding, ...] = ()
+    bread: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(
+        cls, regression: Regression, solution: Solution, *, unsettled: Finding | None = None
+    ) -> Solved:
+        """Take a regression and its solution; ``unsettled`` says how an iteration was stopped."""
+        return cls(
+            names=regression.names,
+            values=solution.values,
+            jacobian=regression.jacobian(solution.values),
+            residuals=regression.residuals(solution.values),
+            cluster=regression.cluster,
+            on_bound=solution.on_bound,
+            lower=regression.lower,
+            ending=Ending.STOPPED if unsettled else Ending.CONVERGED,
+            findings=(unsettled,) if unsettled else (),
+        )
+
+    def beside(self, other: Solved) -> Solved:
+        """Return these equations and others of other values, of the same clusters, as one."""
+        (mine, own), (theirs, further) = self.jacobian.shape, other.jacobian.shape
+        jacobian = np.zeros((mine + theirs, own + further))
+        jacobian[:mine, :own] = self.jacobian
+        jacobian[mine:, own:] = other.jacobian
+        return replace(
+            self,
+            names=(*self.names, *other.names),
+            values=np.append(self.values, other.values),
+            jacobian=jacobian,
+            residuals=np.append(self.residuals, other.residuals),
+            cluster=np.append(self.cluster, other.cluster),
+            on_bound=np.append(self.on_bound, other.on_bound),
+            lower=np.append(self.lower, other.lower),
+        )
+
+    def by_cluster(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (k, n, n) rows and (k, n) residuals that say of k clusters what these do."""
+        order = np.argsort(self.cluster, kind="stable")
+        starts = np.flatnonzero(np.diff(self.cluster[order])) + 1
+        parts = np.split(order, starts)
+        return compress_all((self.jacobian[part], self.residuals[part]) for part in parts)
+
+
+def pulled_below(
+    rows: NDArray[np.float64], residuals: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """(n,) which parameters the data would have well below their values, were there no bound."""
+    flat, left = rows.reshape(-1, rows.shape[2]), residuals.reshape(-1)
+    scale = np.linalg.norm(flat, axis=0)
+    step = np.linalg.lstsq(flat / scale, -left, rcond=None)[0] / scale
+    return np.asarray(step < -_WELL * np.sqrt(np.diag(covariance)))

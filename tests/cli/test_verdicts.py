@@ -1,0 +1,139 @@
+"""Every command whose answer rests on an identification says first whether it may be used."""
+
+import json
+
+import pytest
+import yaml
+
+from butterfly.cli.exit_codes import ExitCode
+from tests.verdicts import follow_nothing, impossible_data
+
+GOOD = "Good: nothing was found that speaks against these values."
+
+COMMANDS = {
+    "identify": (),
+    "validate": (),
+    "select": ("--method", "harmonic-balance", "--candidates", "drag"),
+    "residual": (),
+    "design": ("--count", 1),
+    "compare": ("--logs", "0"),
+    "leaderboard": ("--methods", "harmonic-balance"),
+    "model show": (),
+    "predict": (),
+}
+
+
+def _arguments(command, data, saved):
+    told = (data, "--with", saved) if command == "predict" else (data,)
+    return (*command.split(), *told, *COMMANDS[command])
+
+
+@pytest.fixture(scope="module")
+def impossible(quick_data, tmp_path_factory):
+    return impossible_data(quick_data, tmp_path_factory.mktemp("impossible") / "data")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_code_3(
+    butterfly, quick_data, tmp_path, monkeypatch, command
+):
+    saved = tmp_path / "saved.json"
+    butterfly("identify", quick_data, "--save", saved)
+    code, out, err = butterfly(*_arguments(command, quick_data, saved))
+    assert (code, err) == (ExitCode.DONE, "")
+    assert out.splitlines()[0] == GOOD
+    follow_nothing(monkeypatch)
+    butterfly("identify", quick_data, "--save", saved)
+    code, out, err = butterfly(*_arguments(command, quick_data, saved))
+    assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
+    first, *rest = out.splitlines()
+    assert first.startswith("Do not use: ")
+    assert "The model follows the logs with a median FIT of" in first
+    assert rest
+    assert "known within" not in out
+
+
+@pytest.mark.parametrize("command", ["design", "compare", "model show", "predict"])
+def test_nothing_is_made_of_values_that_no_joint_has(
+    butterfly, impossible, quick_data, tmp_path, command
+):
+    saved = tmp_path / "saved.json"
+    assert butterfly("identify", impossible, "--save", saved)[0] == ExitCode.NOT_TO_BE_USED
+    data = quick_data if command == "predict" else impossible
+    code, out, err = butterfly(*_arguments(command, data, saved))
+    assert (code, out) == (ExitCode.NOT_TO_BE_USED, "")
+    assert err.startswith("error: Do not use: No joint has these values: p1 leaves an inertia of")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["identify", "compare", "leaderboard", "predict"])
+def test_the_numbers_and_the_page_say_the_verdict(
+    butterfly, quick_data, tmp_path, monkeypatch, command
+):
+    follow_nothing(monkeypatch)
+    saved, report = tmp_path / "saved.json", tmp_path / "r.html"
+    butterfly("identify", quick_data, "--save", saved)
+    code, out, _ = butterfly(*_arguments(command, quick_data, saved), "--report", report)
+    assert code == ExitCode.NOT_TO_BE_USED
+    numbers = json.loads(report.with_suffix(".json").read_text(encoding="utf-8"))
+    assert numbers["verdict"] == "do not use"
+    text = report.read_text(encoding="utf-8")
+    head, _, after = text.partition('<div class="summary">')
+    assert '<div class="verdict do-not-use">' in head
+    assert "✕ Do not use" in head
+    for reason in numbers["reasons"]:
+        assert reason in out
+        assert reason in head
+        assert reason not in after.partition("</div>")[0]
+    assert json.loads(saved.read_text(encoding="utf-8"))["verdict"] == "do not use"
+
+
+def test_what_is_left_over_of_an_estimate_not_to_be_used_says_so_in_numbers_and_plot(
+    butterfly, quick_data, tmp_path, monkeypatch
+):
+    follow_nothing(monkeypatch)
+    plot, numbers = tmp_path / "r.html", tmp_path / "r.json"
+    code, _, _ = butterfly("residual", quick_data, "--json", numbers, "--log", 1, "--plot", plot)
+    assert code == ExitCode.NOT_TO_BE_USED
+    assert json.loads(numbers.read_text(encoding="utf-8"))["verdict"] == "do not use"
+    assert "Do not use: " in plot.read_text(encoding="utf-8")
+
+
+def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkeypatch):
+    follow_nothing(monkeypatch)
+    out = tmp_path / "out"
+    for _ in ("fresh", "from its record"):
+        code, said, err = butterfly("run", quick, "--out", out)
+        assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
+        assert said.startswith("Do not use: ")
+    (record,) = out.glob("runs/*/*.json")
+    (estimate,) = json.loads(record.read_text(encoding="utf-8"))["estimates"]
+    assert estimate["verdict"] == "do not use"
+    code, said, _ = butterfly("results", "show", out, 0)
+    assert code == ExitCode.DONE
+    assert "harmonic-balance: Do not use: " in said
+    assert said.index("Do not use: ") < said.index("parameter")
+    code, said, _ = butterfly("results", "compare", out, 0, 0)
+    assert said.count("Do not use: ") == 2
+    for table in ("runs", "estimates"):
+        told = ("--table", table, "--columns", "verdict")
+        assert "do not use" in butterfly("results", "table", out, *told)[1]
+
+
+def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monkeypatch):
+    follow_nothing(monkeypatch)
+    content = yaml.safe_load(quick.read_text())
+    content["sweep"] = {"repetitions": 2}
+    quick.write_text(yaml.safe_dump(content))
+    code, said, err = butterfly("run", quick, "--out", tmp_path / "out", "--jobs", 1)
+    assert (code, err) == (ExitCode.DONE, "")
+    assert "Verdicts on 2 estimates: " in said
+    numbers = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))
+    assert sum(numbers["verdicts"]["harmonic-balance"].values()) == 2
+
+
+def test_the_fault_of_a_poor_method_is_no_slip_of_the_logs(butterfly, quick_data):
+    code, out, _ = butterfly("identify", quick_data, "--method", "thesis")
+    assert code == ExitCode.NOT_TO_BE_USED
+    assert "it moves otherwise than this robot" in out.splitlines()[0]
+    assert "degrees" not in out
