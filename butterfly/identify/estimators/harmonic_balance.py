@@ -182,7 +182,7 @@ def _judged(
 
 
 def _refuse_unsteady(sines: int, steady: int) -> None:
-    if sines and 2 * steady <= len(PARAMETERS):
+    if steady < sines and 2 * steady <= len(PARAMETERS):
         raise IdentifiabilityError(
             f"of {sines} logs of sines {steady} show a steady swing about a rest angle, too few: "
             "in the others the hand turns over, rests elsewhere, swings too wide or never settles; "

@@ -219,7 +219,7 @@ def _excess_over_none(nested: Nested, kept: NDArray[np.bool_]) -> bool:
     if values is None or "coulomb" not in nested.names:
         return False
     found = dict(zip(nested.names, values.tolist(), strict=True))
-    return found.get("stribeck", 0.0) > 0 and found["coulomb"] <= 0
+    return bool(found.get("stribeck", 0.0) > 0 and found["coulomb"] <= 0)
 
 
 def _as_good(trial: _Trial, best: _Trial) -> bool:
