@@ -104,7 +104,7 @@ def test_the_spread_reaches_the_cramer_rao_bound():
     )
     bound = noise * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
     fits = [
-        HarmonicBalance(terms=()).of_points(_points(ROBOT, noise=noise, seed=k)).values
+        HarmonicBalance(terms=(), check=False).of_points(_points(ROBOT, noise=noise, seed=k)).values
         for k in range(200)
     ]
     rmse = np.sqrt(np.mean((np.array(fits) - truth) ** 2, axis=0))

@@ -43,7 +43,7 @@ class DescribingTerms:
     said
         What there is to say of terms that are not fitted.
     best
-        What would have been chosen from all terms.
+        What would have been chosen from all terms; empty if that was not asked.
     """
 
     phasors: Phasors
@@ -53,7 +53,9 @@ class DescribingTerms:
     best: dict[str, float]
 
     @classmethod
-    def of(cls, fit: DescribingFit, terms: tuple[str, ...] | None) -> DescribingTerms:
+    def of(
+        cls, fit: DescribingFit, terms: tuple[str, ...] | None, *, check: bool
+    ) -> DescribingTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity.
 
         Parameters
@@ -62,30 +64,33 @@ class DescribingTerms:
             Without any.
         terms
             Told, or None.
+        check
+            Whether to say which terms would help that were not told.
         """
         folds = folds_of(fit.phasors.masses)
-        offers = [n for n in offered("harmonic-balance") if n not in {_SCANNED, _OF_REST}]
-        every = candidates(offers, fit.phasors.masses)
-        free = choose_terms(
-            [_plain(fit, every, folds), *_scanned(fit, every, folds)], always=PARAMETERS
-        )
+        free = None
+        if check or terms is None:
+            offers = [n for n in offered("harmonic-balance") if n not in {_SCANNED, _OF_REST}]
+            every = candidates(offers, fit.phasors.masses)
+            fits = [_plain(fit, every, folds), *_scanned(fit, every, folds)]
+            free = choose_terms(fits, always=PARAMETERS)
         chosen = free
         if terms is not None:
             terms = tuple(name for name in terms if name != _OF_REST)
             rest = tuple(name for name in terms if name != _SCANNED)
             fits = [_plain(fit, rest, folds)] if rest == terms else _scanned(fit, rest, folds)
             chosen = choose_terms(fits, always=PARAMETERS, demanded=terms)
+        assert chosen is not None  # noqa: S101 - by one way or the other
         held = chosen.settings if _SCANNED in chosen.terms else {}
         names = (*PARAMETERS, *chosen.terms)
         speed = held.get("stribeck_velocity", fit.phasors.stribeck_velocity)
+        best = fit.values_of(free.names, free.values).tolist() if free else []
         return cls(
             phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
             held=held,
             rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
             said=chosen.findings,
-            best=dict(
-                zip(free.names, fit.values_of(free.names, free.values).tolist(), strict=True)
-            ),
+            best=dict(zip(free.names, best, strict=True)) if free else {},
         )
 
     def without(self, idle: tuple[str, ...]) -> DescribingTerms:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from butterfly.identify.estimators.gauss_newton import Minimum
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
-_GLANCE = 12  # passes after which a descent that is not lower than another is given up
+_GLANCE = 8  # passes after which a descent that is not lower than another is given up
 
 
 class Descent(Protocol):

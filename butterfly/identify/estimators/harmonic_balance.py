@@ -96,7 +96,7 @@ class HarmonicBalance(Estimator):
         poles = [point.pole for point in points]
         robot = SteadyModel(trajectories=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
-        chosen = DescribingTerms.of(fit, self.terms)
+        chosen = DescribingTerms.of(fit, self.terms, check=self.check)
         fit, robot = robot.settled(DescribingFit.of(chosen.phasors))
         while self.terms is None and (idle := fit.idle):
             fit, chosen = fit.without(idle), chosen.without(idle)
@@ -105,7 +105,7 @@ class HarmonicBalance(Estimator):
 
     def of_points(self, points: Sequence[ResponsePoint]) -> ParameterEstimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
-        chosen = DescribingTerms.of(_without_terms(points), self.terms)
+        chosen = DescribingTerms.of(_without_terms(points), self.terms, check=self.check)
         fit = DescribingFit.of(chosen.phasors)
         return _judged(points, fit, _NAME, [], chosen=chosen, check=self.check)
 

@@ -94,7 +94,7 @@ class WeakForm(Estimator):
         """
         refuse_one_mass(log.added_mass for log in logs)
         windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
-        chosen = WeakTerms.of(windows, self.terms)
+        chosen = WeakTerms.of(windows, self.terms, check=self.check)
         parameters = LumpedParameters(**chosen.held | chosen.fit.known)
         pairs = seen(logs, windows, parameters, zeros, self._windows)
         fit = refined(chosen.fit, pairs)

@@ -45,7 +45,7 @@ class WeakTerms:
     said
         What there is to say of terms that are not fitted.
     best
-        What would have been chosen from all terms.
+        What would have been chosen from all terms; empty if that was not asked.
     """
 
     fit: WeakFit
@@ -55,14 +55,28 @@ class WeakTerms:
     best: dict[str, float]
 
     @classmethod
-    def of(cls, windows: Sequence[Windows], terms: tuple[str, ...] | None) -> WeakTerms:
-        """Choose from all terms, or, where they are told, only their Stribeck velocity."""
+    def of(
+        cls, windows: Sequence[Windows], terms: tuple[str, ...] | None, *, check: bool
+    ) -> WeakTerms:
+        """Choose from all terms, or, where they are told, only their Stribeck velocity.
+
+        Parameters
+        ----------
+        windows
+            Of the logs.
+        terms
+            Told, or None.
+        check
+            Whether to say which terms would help that were not told.
+        """
         settings = FrictionTerms()
         tried = candidates(CANDIDATES, (each.added for each in windows))
         names = (*PARAMETERS, *(tried if terms is None else ()))
         first = WeakFit.of(windows, names, settings.stribeck_velocity)
-        fits = [_plain(first, windows, tried), *_scanned(first, windows, tried)]
-        free = choose_terms(fits, always=PARAMETERS)
+        free = None
+        if check or terms is None:
+            fits = [_plain(first, windows, tried), *_scanned(first, windows, tried)]
+            free = choose_terms(fits, always=PARAMETERS)
         chosen = free
         if terms is not None:
             rest = tuple(name for name in terms if name != _SCANNED)
@@ -70,15 +84,15 @@ class WeakTerms:
             if _SCANNED in terms:
                 fits = _scanned(first, windows, rest)
             chosen = choose_terms(fits, always=PARAMETERS, demanded=terms)
+        assert chosen is not None  # noqa: S101 - by one way or the other
         held = chosen.settings if _SCANNED in chosen.terms else {}
         slow = held.get("stribeck_velocity", settings.stribeck_velocity)
-        fit = WeakFit.of(windows, chosen.names, slow, first.delay)
         return cls(
-            fit=fit,
+            fit=WeakFit.of(windows, chosen.names, slow, first.delay),
             held=held,
             rivals=chosen.rival_values,
             said=chosen.findings,
-            best=free.best,
+            best=free.best if free else {},
         )
 
 
