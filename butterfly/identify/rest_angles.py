@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _NAMES = ("zero", "bias")
 _NEGLIGIBLE = 1e-6  # rad
+_SETTLED = 0.1  # of what the middles leave over
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,6 +113,13 @@ class RestAngles:
             bias=self._known + float(bias),
             left=left - self._rows @ np.array([zero, bias]),
         )
+
+    def near(self, other: RestAngles) -> bool:
+        """Whether a bias is where another has it, by little of its errors."""
+        if self.bias is None or other.bias is None:
+            return True
+        moved = self.compliance * (self.bias - other.bias) + self.zeros - other.zeros
+        return bool(np.abs(moved).max() <= max(_SETTLED * float(np.std(self.left)), _NEGLIGIBLE))
 
     def of_part(self, kept: NDArray[np.bool_]) -> float:
         """Return the bias that some logs tell, by a mask."""

@@ -186,13 +186,18 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         "rests elsewhere or never settles, and the steady response to a sine says nothing there. "
         "The methods weak-form and output-error use them."
     ),
+    FindingKind.REST_APART: lambda f, _: (
+        f"The hand rests at angles that differ by {_number(f):.2g} rad from mass to mass, as a "
+        "constant torque makes it, and this method takes each for the encoder's zero: the methods "
+        "harmonic-balance and output-error find the torque."
+    ),
     FindingKind.UNPREDICTABLE: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand passes the "
         "upright, where small causes tell, and no simulation from the start stays near. The method "
         "weak-form uses them."
     ),
     FindingKind.MISSING_TERM: lambda f, _: (
-        f"A term {f.parameters[0]} would help to predict logs that were left out, and move "
+        f"{f.parameters[0]} would help to predict logs that were left out, and move "
         f"{_joined_after(f)} by {100 * _number(f):.0f} % or more: add it to the terms."
     ),
     FindingKind.SCANNED: lambda f, _: (

@@ -31,12 +31,13 @@ NUMBERS = {
     FindingKind.LEFT_OVER: (0.87, "87 %"),
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
+    FindingKind.REST_APART: (0.131, "0.13 rad"),
 }
 OF_LOGS = {FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE}
 NAMELESS = {
     *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
     *(FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT),
-    *(FindingKind.UNPREDICTABLE, FindingKind.FEW_LOGS),
+    *(FindingKind.UNPREDICTABLE, FindingKind.FEW_LOGS, FindingKind.REST_APART),
     *(FindingKind.UNCHECKED, FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }

@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identify.predict import Setting, free_run
 from butterfly.identify.regression import Solution
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from butterfly.identify.estimators.weak_fit import WeakFit, Windows
     from butterfly.logs.log import Log
@@ -78,10 +81,8 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     free = ~fit.solved.on_bound
     held = np.zeros(len(names), dtype=bool)
     while True:
-        scale = np.linalg.norm(multiplied[:, free], axis=0)
-        turned = (multiplied[:, free] / scale).T
         unknowns = np.zeros(len(names))
-        unknowns[free] = np.linalg.solve(turned @ (rows[:, free] / scale), turned @ target) / scale
+        unknowns[free] = _through(multiplied[:, free], rows[:, free], target)
         values = regression.values(unknowns)
         low = free & (values < regression.lower)
         if not low.any():
@@ -89,3 +90,23 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
         free, held = free & ~low, held | low
     solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
     return fit.solved_by(regression, through, solution)
+
+
+def _through(
+    multiplied: NDArray[np.float64], rows: NDArray[np.float64], target: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Solve equations that are multiplied by instruments.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If these logs do not move what is sought.
+    """
+    scale = np.linalg.norm(multiplied, axis=0)
+    if not (scale > 0).all():
+        raise IdentifiabilityError("these logs do not move all parameters")
+    turned = (multiplied / scale).T
+    try:
+        return np.asarray(np.linalg.solve(turned @ (rows / scale), turned @ target) / scale)
+    except np.linalg.LinAlgError:
+        raise IdentifiabilityError("these logs do not tell the parameters apart") from None

@@ -25,7 +25,7 @@ SETTLED = 0.1
 ROUGHLY = 2.0
 """The same, of a fit that tells which terms help."""
 
-_ROUNDS = 3
+_ROUNDS, _ROUNDS_OF_BIAS = 3, 8
 _ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not foretold
 _FEW = 0.5  # share of a mass's logs
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
@@ -70,11 +70,14 @@ class SteadyModel:
     ) -> tuple[DescribingFit, SteadyModel]:
         """Correct a fit until one more correction would move it by little of its errors."""
         robot, last = self, 1.0
-        for _ in range(_ROUNDS):
-            before = fit
+        for _ in range(_ROUNDS if self.rest.bias is None else _ROUNDS_OF_BIAS):
+            before, rest = fit, robot.rest
             fit, robot = robot.corrected(fit)
             moved = fit.moved_to(before)
-            if moved * min(moved / last, 1.0) < tolerance:  # about what the next one would move
+            still = robot.rest.near(rest)
+            if (
+                still and moved * min(moved / last, 1.0) < tolerance
+            ):  # about what the next one moves
                 break
             last = moved
         return fit, robot

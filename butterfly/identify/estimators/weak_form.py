@@ -26,6 +26,7 @@ from butterfly.identify.estimators.instruments import refined, seen
 from butterfly.identify.estimators.weak_fit import Windows
 from butterfly.identify.estimators.weak_terms import WeakTerms
 from butterfly.identify.judgement.covariance import blocks_of, split
+from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.term_choice import missing_terms
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
+
+_APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +83,13 @@ class WeakForm(Estimator):
 
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
-        return self.of_logs(data.logs, data.equilibria)
+        zeros = data.equilibria
+        found = self.of_logs(data.logs, zeros)
+        apart = max(zeros.values()) - min(zeros.values())
+        if apart < _APART:
+            return found
+        care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Severity.CARE)
+        return found.with_findings(care)
 
     def of_logs(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> ParameterEstimate:
         """Estimate from logs, given the encoder's reading in rad at rest for each added mass.

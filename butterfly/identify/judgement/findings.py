@@ -35,6 +35,7 @@ class FindingKind(StrEnum):
     NEGATIVE = "negative"  # what cannot be
     NEGATIVE_GAIN = "negative-gain"
     LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
+    REST_APART = "rest-apart"  # rad between the rest angles with different masses
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
     MISSING_TERM = "missing-term"  # the first parameter; least share by which it moves the others
     SCANNED = "scanned"  # value of a parameter that was found by trying several

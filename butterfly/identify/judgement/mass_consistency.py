@@ -23,6 +23,7 @@ _NEAR = 2.0  # standard errors from that mass
 _OF_A_MASS = 40.0  # of a whole mass, which takes up some of what the model lacks
 _MATTERS = 0.05  # of the largest mass, below which a correction does not matter
 _EXACT = 1e-12  # of what a correction explains, that rounding leaves
+_LEAST_MASSES = 3
 _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is one of them
 
 
@@ -123,9 +124,14 @@ def disagreeing(found: Sequence[Correction], masses: Sequence[AddedMass]) -> lis
 
 
 def _suspects(masses: Sequence[AddedMass]) -> list[tuple[AddedMass, tuple[int, ...]]]:
-    """Return the logs of each added mass, and each log that is not the only one of its mass."""
+    """Return the logs of each added mass, and each log that is not the only one of its mass.
+
+    Of two masses none can be judged: to call both the same explains everything.
+    """
     own: dict[AddedMass, list[int]] = {}
     for number, mass in enumerate(masses):
         own.setdefault(mass, []).append(number)
     single = [(masses[k], (k,)) for group in own.values() if len(group) > 1 for k in group]
-    return [*((mass, tuple(group)) for mass, group in own.items()), *single]
+    enough = len({mass.effect for mass in own}) >= _LEAST_MASSES
+    whole = [(mass, tuple(group)) for mass, group in own.items()] if enough else []
+    return [*whole, *single]

@@ -191,6 +191,8 @@ def _all_trials(
         for split in (fits, by_log):
             if found := [each for nested in split for each in _trials(nested, always, wanted)]:
                 return found
+    if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
+        return found
     raise IdentifiabilityError(
         f"these logs do not determine {', '.join(always)}: add frequencies on both sides of the "
         "resonance, and a run with another known mass"
@@ -201,16 +203,28 @@ def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> I
     """Try all sets of terms that one fit has, and that have what is demanded."""
     must = {*nested.demanded, *demanded}
     followers = COMPANIONS.values()
+    tells = np.einsum("kii->i", nested.curvature) > 0
+    told = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
     free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
     for count in range(len(free) + 1):
         for more in combinations(free, count):
             wanted = {*more, *must}
-            wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS}
+            wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS} & told
             terms = tuple(name for name in nested.names if name in wanted and name not in always)
             kept = _kept(nested, always, terms)
             errors = nested.held_out(kept)
             if errors is not None and (demanded or not _excess_over_none(nested, kept)):
                 yield _Trial(terms, nested, np.sqrt(errors))
+
+
+def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+    """Try what is demanded, and no more, on the logs themselves: none can be left out."""
+    if nested.demanded and not demanded:
+        return
+    terms = tuple(name for name in nested.names if name in {*nested.demanded, *demanded})
+    values = nested.fitted(_kept(nested, always, terms))
+    if values is not None:
+        yield _Trial(terms, nested, np.sqrt(nested.costs(values)))
 
 
 def _excess_over_none(nested: Nested, kept: NDArray[np.bool_]) -> bool:
@@ -262,7 +276,7 @@ def missing_terms(found: ParameterEstimate, best: Mapping[str, float]) -> list[F
     return [
         Finding(
             kind=FindingKind.MISSING_TERM,
-            parameters=(" and ".join(missing), *moved),
+            parameters=(", ".join(missing), *moved),
             number=min(moved.values()),
             severity=Severity.CARE,
         )

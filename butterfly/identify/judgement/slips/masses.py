@@ -59,7 +59,9 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
     evident = [each for each in found if each.evident]
     disagree = any(_is_whole(each, data) for each in evident)
     groups = [each for each in found if disagree and _is_whole(each, data)]
-    singles = [each for each in evident if not _is_whole(each, data)][:_LOGS]
+    singles = [each for each in disagreeing(found, data.masses) if not _is_whole(each, data)][
+        :_LOGS
+    ]
     tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
     possible = [each for each in tried if each is not None and each.trial.physical]
     least = min((each.left for each in possible), default=0.0)

@@ -78,7 +78,8 @@ def find_slips(data: DataSet, estimator: Estimator, estimate: ParameterEstimate)
 def find_slips_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the slips but for which there would be an estimate."""
     quick = _quick(data, estimator)
-    return _best(_tried(data, quick, (*CLOCKS, *OTHERS)), NOTHING)
+    before = attempt(lambda same: same, thinned(data), quick)
+    return _best(_tried(data, quick, (*CLOCKS, *OTHERS)), before)
 
 
 def find_slips_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
