@@ -153,8 +153,12 @@ def choose_terms(
         values=chosen.values(always),
         settings=chosen.nested.settings,
         rivals=tuple(trial.values(always) for trial in rivals),
-        not_helping=tuple(name for name in offered if name not in chosen.terms and name in tried),
-        inseparable=tuple(name for name in offered if name not in tried),
+        not_helping=tuple(
+            name
+            for name in offered
+            if name in tried and name not in {*chosen.terms, *COMPANIONS.values()}
+        ),
+        inseparable=tuple(name for name in offered if name not in {*tried, *COMPANIONS.values()}),
     )
 
 

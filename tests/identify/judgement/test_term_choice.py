@@ -138,7 +138,7 @@ def test_a_missing_term_is_said_where_it_would_move_a_parameter_out_of_its_inter
     assert said.parameters == ("drag", "p1")
     assert said.number == pytest.approx(0.02)
     (said,) = missing_terms(found, {"p1": 1.5, "p3": 2.2, "drag": 0.5, "bias": 0.1})
-    assert said.parameters == ("drag and bias", "p1", "p3")
+    assert said.parameters == ("drag, bias", "p1", "p3")
     assert said.number == pytest.approx(0.1)
     assert missing_terms(found, {"p1": 1.005, "p3": 2.0, "drag": 0.5}) == []
     assert missing_terms(found, {"p1": 1.5, "p3": 2.0}) == []
