@@ -47,13 +47,14 @@ def quick_start(tmp_path_factory):
 
 @pytest.mark.usefixtures("real")  # compiles the kernels
 def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_manifest):
+    """Besides reading: three simulations of the logs, two for what describing functions neglect."""
     paths = [f"{real_manifest.root}/{entry.file}" for entry in real_manifest.logs]
     reading, whole = least_seconds(
         lambda: [loadmat(path) for path in paths], lambda: identify(read_data_set(real_manifest))
     )
     ratio = whole / reading
     print(f"\nidentify 41 real logs: {1e3 * whole:.0f} ms, {ratio:.2f} times the bare reading")
-    at_most(ratio, 2, "identify 41 real logs", "reading them (loadmat)")
+    at_most(ratio, 3, "identify 41 real logs", "reading them (loadmat)")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")

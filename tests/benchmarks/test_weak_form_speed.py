@@ -34,7 +34,8 @@ def _log(mass, rng):
     )
 
 
-def test_the_weak_form_of_a_large_sweep_s_logs_costs_little_more_than_integrating_them():
+def test_the_weak_form_of_a_large_sweep_s_logs_costs_a_few_integrations_of_them():
+    """One of these is its own: the motion that frees it of the noise's bias is simulated."""
     rng = np.random.default_rng(0)
     logs = [_log(mass, rng) for mass in MASSES]
     held = np.repeat(logs[0].input[:-1, None], 3, axis=1)
@@ -50,4 +51,4 @@ def test_the_weak_form_of_a_large_sweep_s_logs_costs_little_more_than_integratin
     bare, whole = least_seconds(integrate, fit)
     ratio = whole / bare
     print(f"\nweak form, two logs of 70 s: {1e3 * whole:.1f} ms, {ratio:.2f} integrations")
-    at_most(ratio, 1.5, "weak form of two logs of 70 s", "their bare integration")
+    at_most(ratio, 3, "weak form of two logs of 70 s", "their bare integration")

@@ -67,7 +67,8 @@ class WeakTerms:
         terms
             Told, or None.
         check
-            Whether to say which terms would help that were not told.
+            Whether to say which terms would help that were not told; Stribeck friction is not
+            looked for then, since its scan costs more than the fit.
         """
         settings = FrictionTerms()
         tried = candidates(CANDIDATES, (each.added for each in windows))
@@ -75,7 +76,9 @@ class WeakTerms:
         first = WeakFit.of(windows, names, settings.stribeck_velocity)
         free = None
         if check or terms is None:
-            fits = [_plain(first, windows, tried), *_scanned(first, windows, tried)]
+            fits = [_plain(first, windows, tried)]
+            if terms is None:
+                fits += _scanned(first, windows, tried)
             free = choose_terms(fits, always=PARAMETERS)
         chosen = free
         if terms is not None:
