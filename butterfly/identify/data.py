@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,13 +18,13 @@ from butterfly.logs.manifest import Manifest, read_entry
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
-_UPRIGHT = 0.9 * math.pi  # rad from the rest angle
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from butterfly.logs.log import InputKind, Log
     from butterfly.model.parameters import AddedMass
+
+_UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -105,7 +106,7 @@ class DataSet:
         """The different added masses."""
         return sorted({log.added_mass for log in self.logs})
 
-    @property
+    @cached_property
     def equilibria(self) -> dict[AddedMass, float]:
         """Encoder reading in rad of the hand at rest, for each added mass.
 
@@ -125,7 +126,7 @@ class DataSet:
             rests[mass] = [home + math.remainder(middles[k] - home, 2 * np.pi) for k in told]
         return {mass: float(np.median(angles)) for mass, angles in rests.items()}
 
-    @property
+    @cached_property
     def calm(self) -> list[int]:
         """Numbers of the logs in which the hand stays away from the upright."""
         zeros = self.equilibria

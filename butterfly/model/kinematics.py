@@ -108,6 +108,8 @@ class Term:
         the rate in rad/s of the motion.
     looks_like
         What a residual torque of this shape is called; empty for one that is not looked for.
+    follows
+        The term without which it says nothing.
     offered
         Names of the estimators that can estimate it when asked to.
     """
@@ -127,4 +129,5 @@ class Term:
     state: str = ""
     size: Callable[[float, float], float] | None = None
     looks_like: str = ""
+    follows: str = ""
     offered: frozenset[str] = frozenset()

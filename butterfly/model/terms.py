@@ -207,6 +207,7 @@ _ROWS = (
         meaning="v_s, by which most of that excess is lost",
         lower=1e-3,
         size=lambda speed, _rate: 0.1 * speed,
+        follows="stribeck",
         offered=frozenset({_OUTPUT}),
     ),
     Term(
@@ -291,6 +292,9 @@ _ROWS = (
 
 TERMS = {row.name: row for row in _ROWS}
 """All rows by name, in the order in which they are printed."""
+
+COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
+"""What comes with a term, by the term's name."""
 
 DRY = tuple(row for row in _ROWS if row.dry)
 """What holds the joint at rest."""

@@ -8,13 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.judgement.findings import Finding, FindingKind
-from butterfly.identify.judgement.term_choice import (
-    candidates,
-    choose_terms,
-    folds_of,
-    missing_terms,
-    stribeck_velocities,
-)
+from butterfly.identify.judgement.scanned_terms import SCANNED, ScannedTerms
+from butterfly.identify.judgement.term_choice import candidates, folds_of, missing_terms
 from butterfly.model.terms import PARAMETERS, offered
 
 if TYPE_CHECKING:
@@ -25,7 +20,7 @@ if TYPE_CHECKING:
     from butterfly.identify.judgement.nested import Nested
     from butterfly.identify.phasors import Phasors
 
-_SCANNED, _OF_REST = "stribeck", "bias"
+_OF_REST = "bias"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,27 +62,17 @@ class DescribingTerms:
         check
             Whether to say which terms would help that were not told.
         """
-        folds = folds_of(fit.phasors.masses)
-        free = None
-        if check or terms is None:
-            offers = [n for n in offered("harmonic-balance") if n not in {_SCANNED, _OF_REST}]
-            every = candidates(offers, fit.phasors.masses)
-            fits = [_plain(fit, every, folds), *_scanned(fit, every, folds)]
-            free = choose_terms(fits, always=PARAMETERS)
-        chosen = free
-        if terms is not None:
-            terms = tuple(name for name in terms if name != _OF_REST)
-            rest = tuple(name for name in terms if name != _SCANNED)
-            fits = [_plain(fit, rest, folds)] if rest == terms else _scanned(fit, rest, folds)
-            chosen = choose_terms(fits, always=PARAMETERS, demanded=terms)
-        assert chosen is not None  # noqa: S101 - by one way or the other
-        held = chosen.settings if _SCANNED in chosen.terms else {}
+        offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
+        every = candidates(offers, fit.phasors.masses)
+        told = None if terms is None else tuple(name for name in terms if name != _OF_REST)
+        found = ScannedTerms.of(_Balances(fit), every, told, check=check)
+        chosen, free = found.chosen, found.free
         names = (*PARAMETERS, *chosen.terms)
-        speed = held.get("stribeck_velocity", fit.phasors.stribeck_velocity)
+        speed = chosen.settings.get("stribeck_velocity", fit.phasors.stribeck_velocity)
         best = fit.values_of(free.names, free.values).tolist() if free else []
         return cls(
             phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
-            held=held,
+            held=chosen.settings,
             rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
             said=chosen.findings,
             best=dict(zip(free.names, best, strict=True)) if free else {},
@@ -100,7 +85,7 @@ class DescribingTerms:
         return replace(
             self,
             phasors=replace(self.phasors, names=names),
-            held={} if _SCANNED in idle else self.held,
+            held={} if SCANNED in idle else self.held,
             rivals=tuple(each[kept] for each in self.rivals),
             said=(*self.said, Finding(kind=FindingKind.NOT_HELPING, parameters=idle)),
             best={name: value for name, value in self.best.items() if name not in idle},
@@ -111,18 +96,19 @@ class DescribingTerms:
         return found.with_findings(*self.said, *missing_terms(found, self.best))
 
 
-def _plain(fit: DescribingFit, names: tuple[str, ...], folds: NDArray[np.intp]) -> Nested:
-    """Return the equations with terms, without Stribeck friction."""
-    return fit.nested(replace(fit.phasors, names=(*PARAMETERS, *names)), folds)
+class _Balances:
+    """The equations of a fit with more terms."""
 
+    def __init__(self, fit: DescribingFit) -> None:
+        self._fit, self._folds = fit, folds_of(fit.phasors.masses)
 
-def _scanned(fit: DescribingFit, names: tuple[str, ...], folds: NDArray[np.intp]) -> list[Nested]:
-    """Return the equations with terms and Stribeck friction, at one velocity after another."""
-    fastest = float(np.max(np.abs(fit.phasors.angle) * fit.phasors.omega))
-    fits = []
-    for speed in stribeck_velocities(fastest):
-        with_it = (*PARAMETERS, *names, _SCANNED)
-        nested = fit.nested(replace(fit.phasors, names=with_it, stribeck_velocity=speed), folds)
-        settings = {"stribeck_velocity": speed}
-        fits.append(replace(nested, demanded=(_SCANNED,), settings=settings))
-    return fits
+    @property
+    def fastest(self) -> float:
+        phasors = self._fit.phasors
+        return float(np.max(np.abs(phasors.angle) * phasors.omega))
+
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+        phasors = replace(self._fit.phasors, names=(*PARAMETERS, *terms))
+        if speed is not None:
+            phasors = replace(phasors, stribeck_velocity=speed)
+        return self._fit.nested(phasors, self._folds)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.identify.judgement.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identify.judgement.nested import COMPANIONS, Nested
+from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import NEGLIGIBLE, choose_terms, folds_of
-from butterfly.model.terms import offered
+from butterfly.model.terms import COMPANIONS, offered
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -76,12 +77,12 @@ class FreeRunTerms:
         kept = tuple(label for label in labels if label not in optional)
         return cls(problem=problem, labels=labels, choice=choose_terms([nested], always=kept))
 
-    @property
+    @cached_property
     def kept(self) -> NDArray[np.intp]:
         """Numbers of the parameters that are fitted."""
         return np.flatnonzero([label in self.choice.names for label in self.labels])
 
-    @property
+    @cached_property
     def part(self) -> FreeRunResiduals:
         """The residuals with the terms that were chosen, to start from where they should end."""
         return self.problem.keeping(self.kept, self.scaled(self.choice.values))

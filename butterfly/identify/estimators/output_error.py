@@ -29,10 +29,9 @@ from butterfly.identify.judgement.covariance import FEW
 from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
-from butterfly.identify.judgement.nested import COMPANIONS
 from butterfly.identify.judgement.term_choice import candidates, missing_terms
 from butterfly.model.friction import require_periods
-from butterfly.model.terms import PARAMETERS, offered
+from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
 
 if TYPE_CHECKING:
@@ -190,13 +189,7 @@ class OutputError(Estimator):
         more = candidates(CANDIDATES, zeros)
         every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
         problem = every.problem(logs, found.parameters, zeros)
-        at = problem.equations(problem.initial)
-        if self.loss is not Loss.LINEAR:
-            at = replace(
-                at,
-                loss=self.loss,
-                scale=outlying(np.concatenate([log.residuals for log in at.logs])),
-            )
+        at = self._counted(problem.equations(problem.initial))
         try:
             best = FreeRunTerms.of(problem, problem.initial, at, found.names)
         except IdentifiabilityError:
@@ -253,18 +246,21 @@ class OutputError(Estimator):
         plain = minimise(problem.equations, initial, problem.lower, known, most)
         if self.loss is Loss.LINEAR:
             return plain
-        scale = outlying(np.concatenate([log.residuals for log in plain.at.logs]))
-
-        def robust(equations: Equations) -> Equations:
-            return replace(equations, loss=self.loss, scale=scale)
-
+        first = self._counted(plain.at)
         found = minimise(
-            lambda scaled: robust(problem.equations(scaled)),
+            lambda scaled: replace(problem.equations(scaled), loss=self.loss, scale=first.scale),
             plain.point,
             problem.lower,
-            robust(plain.at),
+            first,
         )
         return replace(found, evaluations=plain.evaluations + found.evaluations)
+
+    def _counted(self, at: Equations) -> Equations:
+        """Return equations whose residuals count as the loss says, by their own scatter."""
+        if self.loss is Loss.LINEAR:
+            return at
+        residuals = np.concatenate([log.residuals for log in at.logs])
+        return replace(at, loss=self.loss, scale=outlying(residuals))
 
     def _held(self, problem: FreeRunResiduals) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""

@@ -105,14 +105,9 @@ class WeakFit:
 
     def solved_by(self, regression: Regression, through: Regression, solution: Solution) -> WeakFit:
         """Return a fit of some equations through instruments, whose rows stand for its own."""
-        solved = Solved(
-            names=regression.names,
-            values=solution.values,
+        solved = replace(
+            Solved.of(regression, solution),
             jacobian=through.jacobian(solution.values),
-            residuals=regression.residuals(solution.values),
-            cluster=regression.cluster,
-            on_bound=solution.on_bound,
-            lower=regression.lower,
             ending=self.solved.ending,
             findings=self.solved.findings,
         )

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.identify.estimators.weak_fit import WeakFit
-from butterfly.identify.judgement.term_choice import (
-    candidates,
-    choose_terms,
-    folds_of,
-    stribeck_velocities,
-)
+from butterfly.identify.judgement.scanned_terms import ScannedTerms
+from butterfly.identify.judgement.term_choice import candidates, folds_of
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 
 if TYPE_CHECKING:
@@ -26,8 +22,6 @@ if TYPE_CHECKING:
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset")
 """Terms that are tried where none are told, besides Stribeck friction."""
-
-_SCANNED = "stribeck"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,48 +64,33 @@ class WeakTerms:
             Whether to say which terms would help that were not told; Stribeck friction is not
             looked for then, since its scan costs more than the fit.
         """
-        settings = FrictionTerms()
+        usual = FrictionTerms.stribeck_velocity
         tried = candidates(CANDIDATES, (each.added for each in windows))
         names = (*PARAMETERS, *(tried if terms is None else ()))
-        first = WeakFit.of(windows, names, settings.stribeck_velocity)
-        free = None
-        if check or terms is None:
-            fits = [_plain(first, windows, tried)]
-            if terms is None:
-                fits += _scanned(first, windows, tried)
-            free = choose_terms(fits, always=PARAMETERS)
-        chosen = free
-        if terms is not None:
-            rest = tuple(name for name in terms if name != _SCANNED)
-            fits = [_plain(first, windows, rest)]
-            if _SCANNED in terms:
-                fits = _scanned(first, windows, rest)
-            chosen = choose_terms(fits, always=PARAMETERS, demanded=terms)
-        assert chosen is not None  # noqa: S101 - by one way or the other
-        held = chosen.settings if _SCANNED in chosen.terms else {}
-        slow = held.get("stribeck_velocity", settings.stribeck_velocity)
+        first = WeakFit.of(windows, names, usual)
+        found = ScannedTerms.of(_Averages(first, windows), tried, terms, check=check, scan=False)
+        chosen = found.chosen
+        slow = chosen.settings.get("stribeck_velocity", usual)
         return cls(
             fit=WeakFit.of(windows, chosen.names, slow, first.delay),
-            held=held,
+            held=chosen.settings,
             rivals=chosen.rival_values,
             said=chosen.findings,
-            best=free.best if free else {},
+            best=found.free.best if found.free else {},
         )
 
 
-def _plain(first: WeakFit, windows: Sequence[Windows], names: tuple[str, ...]) -> Nested:
-    """Return the equations with terms, without Stribeck friction."""
-    folds = folds_of([each.added for each in windows])
-    return first.nested(windows, (*PARAMETERS, *names), first.slow, folds)
+class _Averages:
+    """The equations of a fit with other terms."""
 
+    def __init__(self, fit: WeakFit, windows: Sequence[Windows]) -> None:
+        self._fit, self._windows = fit, windows
+        self._folds = folds_of([each.added for each in windows])
 
-def _scanned(first: WeakFit, windows: Sequence[Windows], names: tuple[str, ...]) -> list[Nested]:
-    """Return the equations with terms and Stribeck friction, at one velocity after another."""
-    folds = folds_of([each.added for each in windows])
-    fastest = max(each.averaging.fastest for each in windows)
-    fits = []
-    for speed in stribeck_velocities(fastest):
-        nested = first.nested(windows, (*PARAMETERS, *names, _SCANNED), speed, folds)
-        settings = {"stribeck_velocity": speed}
-        fits.append(replace(nested, demanded=(_SCANNED,), settings=settings))
-    return fits
+    @property
+    def fastest(self) -> float:
+        return max(each.averaging.fastest for each in self._windows)
+
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+        slow = self._fit.slow if speed is None else speed
+        return self._fit.nested(self._windows, (*PARAMETERS, *terms), slow, self._folds)

@@ -8,9 +8,12 @@ of data that it has not seen, costs the solution of a few equations and no simul
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from butterfly.model.terms import COMPANIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,9 +22,6 @@ if TYPE_CHECKING:
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
 _LEAST_FOLDS = 2
-
-COMPANIONS = {"stribeck": "stribeck_velocity"}
-"""Terms that come with another one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,8 +57,13 @@ class Nested:
     demanded: tuple[str, ...] = ()
     negligible: float = 0.0
 
-    @property
-    def mute(self) -> NDArray[np.bool_]:
+    @cached_property
+    def _total(self) -> tuple[Samples, Samples]:
+        """(n, n) and (n,) sums over the logs."""
+        return self.curvature.sum(axis=0), self.gradient.sum(axis=0)
+
+    @cached_property
+    def _mute(self) -> NDArray[np.bool_]:
         """(n,) which say nothing without another one, and stay as they are when absent."""
         return np.array([name in COMPANIONS.values() for name in self.names])
 
@@ -87,7 +92,7 @@ class Nested:
 
     def fitted(self, kept: NDArray[np.bool_]) -> Samples | None:
         """Return the (n,) values of the fit with some of the parameters; None if not determined."""
-        return self._fitted(self.curvature.sum(axis=0), self.gradient.sum(axis=0), kept)
+        return self._fitted(*self._total, kept)
 
     def held_out(self, kept: NDArray[np.bool_]) -> Samples | None:
         """(k,) squared errors of each log, foretold by a fit to the other parts of the data.
@@ -97,7 +102,7 @@ class Nested:
         parts = np.unique(self.folds)
         if parts.size < _LEAST_FOLDS:
             return None
-        curvature, gradient = self.curvature.sum(axis=0), self.gradient.sum(axis=0)
+        curvature, gradient = self._total
         errors = np.empty(self.cost.size)
         for part in parts:
             mine = self.folds == part
@@ -121,7 +126,7 @@ class Nested:
         self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]
     ) -> Samples | None:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
-        absent = np.where(self.mute, self.values, 0.0)
+        absent = np.where(self._mute, self.values, 0.0)
         values = np.where(kept, np.maximum(self.values, self.lower), absent)
         free = kept.copy()
         while free.any():

@@ -16,8 +16,7 @@ import numpy as np
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identify.judgement.nested import COMPANIONS
-from butterfly.model.terms import PARAMETERS
+from butterfly.model.terms import COMPANIONS, PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
@@ -55,8 +54,7 @@ class TermChoice:
     settings
         See `Nested`.
     rivals
-        Values, by name, of the fits that predict as well: with more terms and less error, or with
-        the same terms and other settings.
+        Values, by name, of the fits that predict as well, with other terms or other settings.
     not_helping
         Terms that were offered and not chosen.
     inseparable
@@ -141,18 +139,15 @@ def choose_terms(
     offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
     trials = _all_trials(fits, always, demanded)
     best = min(trials, key=lambda trial: trial.score)
-    chosen = min(
-        (trial for trial in trials if _as_good(trial, best)),
-        key=lambda trial: (len(trial.terms), trial.score),
-    )
-    rivals = [trial for trial in trials if trial is not chosen and _as_good(trial, best)]
+    as_good = [trial for trial in trials if _as_good(trial, best)]
+    chosen = min(as_good, key=lambda trial: (len(trial.terms), trial.score))
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
         names=(*always, *chosen.terms),
         terms=chosen.terms,
         values=chosen.values(always),
         settings=chosen.nested.settings,
-        rivals=tuple(trial.values(always) for trial in rivals),
+        rivals=tuple(trial.values(always) for trial in as_good if trial is not chosen),
         not_helping=tuple(
             name
             for name in offered
@@ -215,10 +210,12 @@ def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> I
             wanted = {*more, *must}
             wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS} & told
             terms = tuple(name for name in nested.names if name in wanted and name not in always)
-            kept = _kept(nested, always, terms)
-            errors = nested.held_out(kept)
-            if errors is not None and (demanded or not _excess_over_none(nested, kept)):
-                yield _Trial(terms, nested, np.sqrt(errors))
+            errors = nested.held_out(_kept(nested, always, terms))
+            if errors is None:
+                continue
+            trial = _Trial(terms, nested, np.sqrt(errors))
+            if demanded or not _excess_over_none(trial, always):
+                yield trial
 
 
 def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
@@ -231,13 +228,12 @@ def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) 
         yield _Trial(terms, nested, np.sqrt(nested.costs(values)))
 
 
-def _excess_over_none(nested: Nested, kept: NDArray[np.bool_]) -> bool:
+def _excess_over_none(trial: _Trial, always: Sequence[str]) -> bool:
     """Whether all friction at rest would be Stribeck's: it then stands for something else."""
-    values = nested.fitted(kept)
-    if values is None or "coulomb" not in nested.names:
+    if "stribeck" not in trial.terms:
         return False
-    found = dict(zip(nested.names, values.tolist(), strict=True))
-    return bool(found.get("stribeck", 0.0) > 0 and found["coulomb"] <= 0)
+    found = trial.values(always)
+    return "coulomb" in found and found["stribeck"] > 0 and found["coulomb"] <= 0
 
 
 def _as_good(trial: _Trial, best: _Trial) -> bool:
