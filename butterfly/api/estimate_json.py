@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS
 
 if TYPE_CHECKING:
@@ -113,5 +113,5 @@ def _keyed(key: Any) -> AddedMass | str | None:  # noqa: ANN401 - whatever stand
     return _mass(key) if isinstance(key, dict) else key
 
 
-def _mass(key: dict[str, float]) -> AddedMass:
-    return AddedMass(**key)
+def _mass(key: dict[str, Any]) -> AddedMass:
+    return AddedMass(**key | {"joint": JointKind(key.get("joint", JointKind.HINGE))})

@@ -90,7 +90,7 @@ def _entry(log: Log, suffix: str) -> LogEntry:
     return LogEntry(
         file=f"{log.name}.{suffix}",
         added_mass=added.mass,
-        arm=added.arm,
+        arm=added.arm or None,
         omega=sine.omega if sine else None,
         amplitude=sine.amplitude if sine else None,
     )
@@ -102,6 +102,6 @@ def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
         description=experiment.description,
         input=experiment.input_kind,
         intersample=Intersample.ZERO_ORDER_HOLD,
-        arm=entries[0].arm or 0.0,
+        arm=next((entry.arm for entry in entries if entry.arm), None),
         logs=entries,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
+from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
@@ -39,6 +40,8 @@ class DataSet:
         What it was read by; None if its logs came from no files.
     input_kind
         What its input commands.
+    known
+        What is known of the robot.
     recorded
         The logs as they were recorded.
     logs, health
@@ -51,6 +54,7 @@ class DataSet:
     description: str
     manifest: Manifest | None = None
     input_kind: InputKind
+    known: Knowledge = NOTHING
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
@@ -64,6 +68,7 @@ class DataSet:
         name: str = "logs",
         description: str = "",
         manifest: Manifest | None = None,
+        known: Knowledge = NOTHING,
         repairs: frozenset[Repair] = DEFAULT_REPAIRS,
         track: Track = untracked,
     ) -> DataSet:
@@ -79,6 +84,9 @@ class DataSet:
         kinds = sorted({log.input_kind for log in recorded})
         if len(kinds) > 1:
             raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
+        joints = sorted({(log.added_mass.joint, log.added_mass.gravity) for log in recorded})
+        if len(joints) > 1:
+            raise InputError(name, "gravity", "different ones", "one joint under one gravity")
         recorded = with_unique_names(recorded)
         try:
             examined = [examine(log, repairs) for log in recorded]
@@ -90,6 +98,7 @@ class DataSet:
             description=description,
             manifest=manifest,
             input_kind=recorded[0].input_kind,
+            known=_of_joint(recorded[0]).also(known),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -138,13 +147,15 @@ class DataSet:
             f"{self.input_kind})"
         )
 
+    def knowing(self, known: Knowledge) -> DataSet:
+        """Return the data set of a robot of which more is known."""
+        return replace(self, known=self.known.also(known)) if known else self
+
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some logs, by their numbers."""
-        return DataSet(
-            name=self.name,
-            description=self.description,
+        return replace(
+            self,
             manifest=self._part(rows),
-            input_kind=self.input_kind,
             recorded=tuple(self.recorded[k] for k in rows),
             logs=tuple(self.logs[k] for k in rows),
             health=tuple(self.health[k] for k in rows),
@@ -156,6 +167,11 @@ class DataSet:
             return None
         entries = [self.manifest.logs[k] for k in rows]
         return self.manifest.model_copy(update={"logs": entries})
+
+
+def _of_joint(log: Log) -> Knowledge:
+    """Tell what follows from how a joint moves: across no gravity there is no moment."""
+    return NOTHING if log.added_mass.gravity else Knowledge(parameters={"p3": Known(value=0.0)})
 
 
 def _middle(log: Log, point: ResponsePoint | None) -> float:
@@ -200,6 +216,7 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         name=manifest.name,
         description=manifest.description,
         manifest=manifest,
+        known=manifest.knowledge,
         repairs=frozenset(manifest.repair),
         track=track,
     )

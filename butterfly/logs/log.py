@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
+from butterfly.model.known import Known
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
 if TYPE_CHECKING:
@@ -58,6 +59,13 @@ class Sine:
         return np.asarray(self.amplitude * np.sin(self.omega * time))
 
 
+_KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
+    ("added_mass", AddedMass, "an AddedMass"),
+    ("excitation", (Sine, NoneType), "a Sine, or None"),
+    ("zero", (Known, NoneType), "a Known, or None"),
+)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Log:
     """One experiment: what was commanded and what the encoder saw.
@@ -80,6 +88,8 @@ class Log:
         What the hand carried.
     excitation
         The sinusoid that was commanded, or None for any other input.
+    zero
+        The encoder's reading in rad where the model's angle is 0, if it is known.
     source
         File or plant that the log came from, for messages.
     name
@@ -95,6 +105,7 @@ class Log:
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
+    zero: Known | None = None
     source: str = "log"
     name: str = ""
 
@@ -104,9 +115,8 @@ class Log:
                 object.__setattr__(self, name, self._column(name))
         for name, kind in (("input_kind", InputKind), ("intersample", Intersample)):
             object.__setattr__(self, name, self._choice(name, kind))
-        for name, kinds in (("added_mass", AddedMass), ("excitation", (Sine, NoneType))):
+        for name, kinds, expected in _KINDS:
             if not isinstance(getattr(self, name), kinds):
-                expected = "an AddedMass" if name == "added_mass" else "a Sine, or None"
                 raise InputError(self.source, name, getattr(self, name), expected)
         n = self.time.size
         for name, column in self.columns().items():

@@ -6,16 +6,17 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
 from butterfly.logs.formats import ENDINGS, FORMATS, read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
-from butterfly.model.parameters import AddedMass
+from butterfly.model.known import Knowledge, Known, known_of, plain
+from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.yaml_input import StrictModel, read_yaml
 from butterfly.yaml_output import yaml_text
 
@@ -26,7 +27,24 @@ MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
+_SELDOM = {"sign": 1, "joint": "hinge", "gravity": GRAVITY, "known": {}}  # not written
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
+
+
+def _read_known(value: Any) -> Known:  # noqa: ANN401 - whatever YAML holds
+    if not isinstance(value, Known | dict | str):
+        raise ValueError("a number, or {value: ..., uncertainty: ...}")
+    return known_of(value)
+
+
+Told = float | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
+"""A number, or {value: ..., uncertainty: ...}."""
+
+Size = (
+    Annotated[float, Field(ge=0)]
+    | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
+)
+"""The same, not negative."""
 
 
 class LogEntry(StrictModel):
@@ -37,17 +55,17 @@ class LogEntry(StrictModel):
     file
         Path below the data set's root.
     added_mass
-        In kg.
+        In kg, with or without an uncertainty.
     arm
-        In m; the data set's own ``arm`` if not given.
+        In m, with or without an uncertainty; the data set's own ``arm`` if not given.
     omega, amplitude
         Of the sine that was commanded, in rad/s and in units of the input; neither for any other
         input.
     """
 
     file: str
-    added_mass: Annotated[float, Field(ge=0)]
-    arm: Annotated[float, Field(ge=0)] | None = None
+    added_mass: Size = 0.0
+    arm: Size | None = None
     omega: Annotated[float, Field(gt=0)] | None = None
     amplitude: Annotated[float, Field(gt=0)] | None = None
 
@@ -89,7 +107,15 @@ class Manifest(StrictModel):
     sign
         -1 where a positive command turns the hand towards negative angles: the input is negated.
     arm
-        Pivot to added mass in m.
+        Pivot to added mass in m, with or without an uncertainty; needed where a mass is added to a
+        hinge.
+    joint
+        ``hinge``, or ``slide``, whose way is in m, and whose parameters are masses and forces.
+    gravity
+        In m/s^2, across the joint's axis; 0 for a joint that turns about the vertical.
+    known
+        What is known of the robot: parameters of the model, of motor and hand, each a number or
+        ``{value: ..., uncertainty: ...}`` (see `butterfly.model.known`).
     columns
         Column map of CSV files.
     repair
@@ -104,10 +130,44 @@ class Manifest(StrictModel):
     input: InputKind
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     sign: Literal[1, -1] = 1
-    arm: Annotated[float, Field(ge=0)]
+    arm: Size | None = None
+    joint: JointKind = JointKind.HINGE
+    gravity: Annotated[float, Field(ge=0)] = GRAVITY
+    known: dict[str, Told] = Field(default_factory=dict)
     columns: dict[str, str] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
     logs: Annotated[list[LogEntry], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _arms_where_needed(self) -> Manifest:
+        if self.joint is JointKind.HINGE and self.arm is None:
+            for entry in self.logs:
+                if entry.added_mass and entry.arm is None:
+                    raise ValueError(f"arm, in m, since {entry.file} carries a mass")
+        return self
+
+    @model_validator(mode="after")
+    def _known_names(self) -> Manifest:
+        Knowledge.told(self.known)
+        return self
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What is known of the robot."""
+        return Knowledge.told(self.known)
+
+    def added_mass(self, entry: LogEntry) -> AddedMass:
+        """Return what the hand carried in a log."""
+        mass = known_of(entry.added_mass)
+        arm = known_of((self.arm if entry.arm is None else entry.arm) or 0.0)
+        return AddedMass(
+            mass=mass.value,
+            arm=arm.value,
+            mass_uncertainty=mass.uncertainty,
+            arm_uncertainty=arm.uncertainty,
+            gravity=self.gravity,
+            joint=self.joint,
+        )
 
 
 def read_manifest(path: Path, root: Path | None = None) -> Manifest:
@@ -157,7 +217,7 @@ def manifest_from_names(
         entries.append(entry)
     if not entries:
         raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
-    entries.sort(key=lambda entry: (entry.added_mass, entry.omega or 0.0))
+    entries.sort(key=lambda entry: (known_of(entry.added_mass).value, entry.omega or 0.0))
     return Manifest(
         name=folder.resolve().name,
         root=str(folder.resolve()),
@@ -180,7 +240,7 @@ def manifest_of_log(
 
     Without an arm the added mass is not placed, and left out.
     """
-    entry = _entry_by_name(path, path.parent) or LogEntry(file=path.name, added_mass=0.0)
+    entry = _entry_by_name(path, path.parent) or LogEntry(file=path.name)
     if arm is None:
         entry = entry.model_copy(update={"added_mass": 0.0})
     return Manifest(
@@ -188,7 +248,7 @@ def manifest_of_log(
         root=str(path.parent.resolve()),
         input=input_kind,
         intersample=intersample,
-        arm=arm or 0.0,
+        arm=arm,
         columns=None if columns is None else dict(columns),
         logs=[entry],
     )
@@ -210,12 +270,13 @@ def _entry_by_name(path: Path, folder: Path) -> LogEntry | None:
 
 def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as YAML, one line per log."""
-    usual = {"sign"} if manifest.sign == 1 else set()
-    head = manifest.model_dump(mode="json", exclude={"logs"} | usual, exclude_none=True)
-    rows = [
-        f"  - {yaml_text(entry.model_dump(exclude_none=True), flow=True)}"
-        for entry in manifest.logs
-    ]
+    told = manifest.model_dump(mode="json", exclude_none=True)
+    head = {
+        name: value
+        for name, value in told.items()
+        if name != "logs" and (name not in _SELDOM or value != _SELDOM[name])
+    }
+    rows = [f"  - {yaml_text(entry, flow=True)}" for entry in told["logs"]]
     return "".join([yaml_text(head), "logs:\n", *rows])
 
 
@@ -234,11 +295,10 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
         If its file cannot be read (see `read_log`).
     """
     path = Path(manifest.root) / entry.file
-    arm = manifest.arm if entry.arm is None else entry.arm
     properties = {
         "input_kind": manifest.input,
         "intersample": manifest.intersample,
-        "added_mass": AddedMass(mass=entry.added_mass, arm=arm),
+        "added_mass": manifest.added_mass(entry),
         "excitation": entry.excitation,
         "name": entry.file,
     }

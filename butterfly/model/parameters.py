@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, TypeVar
 
 from butterfly.errors import InputError, require_number
@@ -134,6 +135,13 @@ class TorqueDrive:
 Drive = VoltageDrive | TorqueDrive
 
 
+class JointKind(StrEnum):
+    """How a joint moves: a slide's angle is a way in m, its inertia a mass, its torque a force."""
+
+    HINGE = "hinge"
+    SLIDE = "slide"
+
+
 @dataclass(frozen=True, kw_only=True, order=True)
 class AddedMass:
     """A point mass screwed to the hand.
@@ -143,29 +151,46 @@ class AddedMass:
     mass
         m_a in kg.
     arm
-        l_a, pivot to mass, in m.
+        l_a, pivot to mass, in m; 0 for no mass, and on a slide.
+    mass_uncertainty, arm_uncertainty
+        Standard uncertainties, in kg and m.
+    gravity
+        In m/s^2, across the axis: 0 for a joint that turns about the vertical.
+    joint
+        What carries it.
     """
 
     mass: float = 0.0
     arm: float = 0.0
+    mass_uncertainty: float = 0.0
+    arm_uncertainty: float = 0.0
+    gravity: float = GRAVITY
+    joint: JointKind = JointKind.HINGE
 
     def __post_init__(self) -> None:
-        require_number("AddedMass", mass=self.mass, arm=self.arm)
+        lengths = {name: getattr(self, name) for name in ("arm", "arm_uncertainty")}
+        require_number("AddedMass", mass=self.mass, **lengths)
+        require_number("AddedMass", mass_uncertainty=self.mass_uncertainty, gravity=self.gravity)
+        if self.joint is JointKind.SLIDE:
+            object.__setattr__(self, "gravity", 0.0)
+        if self.mass == 0 or self.joint is JointKind.SLIDE:
+            for name in lengths:
+                object.__setattr__(self, name, 0.0)
 
     @property
     def inertia(self) -> float:
-        """Z = m_a l_a^2 in kg m^2 (81)."""
-        return self.mass * self.arm**2
+        """Z = m_a l_a^2 in kg m^2 (81); on a slide m_a in kg."""
+        return self.mass if self.joint is JointKind.SLIDE else self.mass * self.arm**2
 
     @property
     def weight(self) -> float:
-        """m_a g in N."""
-        return self.mass * GRAVITY
+        """m_a g in N, which rests on the bearing whatever the direction of the axis."""
+        return self.mass * (self.gravity or GRAVITY)
 
     @property
     def gravity_moment(self) -> float:
         """X = m_a g l_a in N m (81)."""
-        return self.weight * self.arm
+        return self.mass * self.gravity * self.arm
 
     @property
     def effect(self) -> tuple[float, float]:
@@ -173,6 +198,8 @@ class AddedMass:
         return self.inertia, self.gravity_moment
 
     def __str__(self) -> str:
+        if self.joint is JointKind.SLIDE:
+            return f"{1e3 * self.mass:g} g"
         return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"
 
 

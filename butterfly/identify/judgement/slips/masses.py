@@ -16,13 +16,13 @@ from butterfly.identify.judgement.mass_consistency import Correction, disagreein
 from butterfly.identify.judgement.slips.hypotheses import carrying
 from butterfly.identify.judgement.slips.names import Slip
 from butterfly.identify.judgement.slips.trial import FOLLOWED, Explanation, attempt, judged, thinned
-from butterfly.model.parameters import AddedMass
 
 if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.estimators import Estimator
     from butterfly.identify.judgement.slips.trial import Trial
+    from butterfly.model.parameters import AddedMass
 
 _ROUNDS = 8  # in which a mass is corrected about the parameters found with it
 _SETTLED = 1e-3  # relative change of a mass that is none
@@ -129,7 +129,7 @@ def _fitting_mass(
     alone = data.take([number])
 
     def misfit(mass: float) -> float:
-        carried = carrying(alone, [AddedMass(mass=mass, arm=arm)])
+        carried = carrying(alone, [replace(log.added_mass, mass=mass, arm=arm)])
         return float(judged(carried, estimate).misfits[0])
 
     tried = [each.mass for each in data.masses] + list(largest.mass * np.linspace(0, 2, _MASSES))
@@ -138,7 +138,7 @@ def _fitting_mass(
     bounds = max(best - reach, 0.0), best + reach
     fine = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-3 * reach})
     mass = fine.x if fine.fun < misfit(best) else best
-    return AddedMass(mass=float(mass), arm=arm), misfit(float(mass))
+    return replace(log.added_mass, mass=float(mass), arm=arm), misfit(float(mass))
 
 
 def _used(data: DataSet, quick: Estimator) -> DataSet:

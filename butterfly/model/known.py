@@ -1,0 +1,190 @@
+"""What is known of a robot before its logs are looked at, and how well it is known."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from numbers import Real
+from typing import TYPE_CHECKING, Any
+
+from butterfly.errors import InputError, nearest
+from butterfly.model.terms import TERMS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+OF_SCALE = ("p1", "p2", "p3", "p4", "coulomb")
+"""Parameters of which any that is known, and is not 0, says how large all of them are."""
+
+PHYSICAL = {
+    "resistance": "Ohm",
+    "torque_constant": "N m/A",
+    "back_emf_constant": "V s/rad",
+    "gear_ratio": "turns of the motor per turn of the joint",
+    "rotor_inertia": "kg m²",
+    "hand_mass": "kg",
+}
+"""What may be known of motor and hand besides, with its unit: see `butterfly.identify.physical`."""
+
+_EXPECTED = "a number, or {value: ..., uncertainty: ...}"
+_TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.+))?")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """A value, and its standard uncertainty in the same unit: 0 if it is known exactly."""
+
+    value: float
+    uncertainty: float = 0.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing is left to be found out."""
+        return self.uncertainty == 0
+
+    def __str__(self) -> str:
+        return f"{self.value:g}" if self.exact else f"{self.value:g} ± {self.uncertainty:g}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knowledge:
+    """All that is known.
+
+    Parameters
+    ----------
+    parameters
+        Of `butterfly.model.terms.TERMS`, by name.
+    physical
+        Of `PHYSICAL`, by name.
+    """
+
+    parameters: Mapping[str, Known] = field(default_factory=dict)
+    physical: Mapping[str, Known] = field(default_factory=dict)
+
+    @classmethod
+    def told(cls, told: Mapping[str, Any], source: object = "known") -> Knowledge:
+        """Read what somebody tells: numbers, texts such as ``1 ± 0.02``, or mappings.
+
+        Raises
+        ------
+        InputError
+            Naming the source, and what is no name, no number or no uncertainty.
+        """
+        if not isinstance(told, Mapping):
+            raise InputError(str(source), "known", told, "a mapping such as {'p4': 1.0}")
+        valid = (*TERMS, *PHYSICAL)
+        for name in told:
+            if name not in valid:
+                expected = nearest(name, valid)
+                raise InputError(str(source), f"known.{name}", "an unknown name", expected)
+        values = {name: known_of(value, source, f"known.{name}") for name, value in told.items()}
+        for name, each in values.items():
+            _require_possible(source, name, each)
+        return cls(
+            parameters={name: each for name, each in values.items() if name in TERMS},
+            physical={name: each for name, each in values.items() if name in PHYSICAL},
+        )
+
+    def __bool__(self) -> bool:
+        return bool(self.parameters or self.physical)
+
+    @property
+    def exact(self) -> dict[str, float]:
+        """Values of the parameters that are known exactly."""
+        return {name: each.value for name, each in self.parameters.items() if each.exact}
+
+    @property
+    def uncertain(self) -> dict[str, Known]:
+        """The parameters that are known with an uncertainty."""
+        return {name: each for name, each in self.parameters.items() if not each.exact}
+
+    @property
+    def scale(self) -> tuple[str, ...]:
+        """Names of the parameters that say how large all of them are."""
+        known = self.parameters
+        return tuple(name for name in OF_SCALE if name in known and known[name].value != 0)
+
+    def open(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return those of some names whose values are not known exactly."""
+        exact = self.exact
+        return tuple(name for name in names if name not in exact)
+
+    def also(self, other: Knowledge) -> Knowledge:
+        """Return this and other knowledge, which goes before where both say something."""
+        return Knowledge(
+            parameters={**self.parameters, **other.parameters},
+            physical={**self.physical, **other.physical},
+        )
+
+    def as_told(self) -> dict[str, Any]:
+        """Return it as plain values, as `told` reads them."""
+        both = {**self.parameters, **self.physical}
+        return {name: plain(each) for name, each in both.items()}
+
+
+NOTHING = Knowledge()
+"""No knowledge."""
+
+
+def known_of(value: Any, source: object = "known", field: str = "value") -> Known:  # noqa: ANN401 - whatever was given
+    """Read a value with or without an uncertainty.
+
+    Parameters
+    ----------
+    value
+        A number, a text such as ``1 ± 0.02`` or ``1+-0.02``, a mapping with ``value`` and
+        ``uncertainty``, a pair of them, or a `Known`.
+    source, field
+        Where it was said, for the message.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    number, uncertainty = _parts(value, source, field)
+    for part in (number, uncertainty):
+        if isinstance(part, bool) or not isinstance(part, Real):
+            raise InputError(str(source), field, value, _EXPECTED)
+    if not abs(number) < math.inf:
+        raise InputError(str(source), field, number, "a finite number")
+    if not 0 <= uncertainty < math.inf:
+        raise InputError(str(source), f"{field}.uncertainty", uncertainty, "0 or a positive number")
+    return Known(value=float(number), uncertainty=float(uncertainty))
+
+
+def _parts(value: Any, source: object, field: str) -> tuple[Any, Any]:  # noqa: ANN401 - whatever was given
+    """Return a value and its uncertainty, whatever they are."""
+    if isinstance(value, Known):
+        return value.value, value.uncertainty
+    if isinstance(value, Mapping):
+        if not {"value"} <= value.keys() <= {"value", "uncertainty"}:
+            raise InputError(str(source), field, dict(value), _EXPECTED)
+        return value["value"], value.get("uncertainty", 0.0)
+    if isinstance(value, tuple | list) and len(value) == 2:  # noqa: PLR2004 - a value and its uncertainty
+        return value[0], value[1]
+    if not isinstance(value, str):
+        return value, 0.0
+    match = _TEXT.fullmatch(value.strip())
+    try:
+        return float(match["value"] if match else value), float(
+            (match and match["uncertainty"]) or 0.0
+        )
+    except ValueError:
+        raise InputError(str(source), field, value, "a number such as 1, or 1+-0.02") from None
+
+
+def plain(known: Known) -> float | dict[str, float]:
+    """Return a number, or a mapping with its uncertainty."""
+    return known.value if known.exact else vars(known).copy()
+
+
+def _require_possible(source: object, name: str, known: Known) -> None:
+    """Refuse what no joint has."""
+    lower = TERMS[name].lower if name in TERMS else 0.0
+    positive = name in PHYSICAL and name not in {"rotor_inertia", "back_emf_constant"}
+    if known.value < lower or (positive and known.value == 0):
+        expected = "a positive number" if positive else f"{lower:g} or more"
+        raise InputError(str(source), f"known.{name}", f"{known.value:g}", expected)
