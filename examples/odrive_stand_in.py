@@ -7,12 +7,14 @@ import struct
 from typing import TYPE_CHECKING
 
 import can
+import numpy as np
 from can.interfaces.virtual import VirtualBus
 
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import Hand, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.robot import Robot
+from butterfly.plant.sensors import Encoder
 from examples.odrive_can import AxisState, Command
 
 if TYPE_CHECKING:
@@ -28,8 +30,8 @@ ROBOT = Robot(
 ZERO = 0.7
 """Where the rehearsal's encoder stands when the joint hangs down, in rad."""
 
-COUNTS = 16384
-"""Of the encoder, per turn."""
+ENCODER = Encoder(steps=16384, noise=2e-4)
+"""Of the rehearsal."""
 
 _HEARTBEAT = 0.1  # s
 
@@ -47,14 +49,25 @@ class StandIn:
         The axis's ``can.node_id``.
     period
         Between two estimates in s.
+    encoder
+        Reads the joint's angle.
     zero
-        Where the encoder stands when the joint hangs down, in rad.
+        Where it stands when the joint hangs down, in rad.
     """
 
     def __init__(
-        self, joint: Joint, channel: str, *, node: int, period: float, zero: float = 0.0
+        self,
+        joint: Joint,
+        channel: str,
+        *,
+        node: int,
+        period: float,
+        encoder: Encoder,
+        zero: float,
     ) -> None:
-        self._joint, self._node, self._period, self._zero = joint, node, period, zero
+        self._joint, self._node, self._period = joint, node, period
+        self._encoder, self._zero = encoder, zero
+        self._rng = np.random.default_rng(0)
         self._bus = VirtualBus(channel, preserve_timestamps=True)
         self._cycles = 0
         self.torque = 0.0
@@ -73,10 +86,10 @@ class StandIn:
         is_driven = self.state == AxisState.CLOSED_LOOP_CONTROL
         self._joint.advance(self.torque if is_driven else 0.0, self._period)
         self._cycles += 1
-        turns = round((self._joint.angle + self._zero) / math.tau * COUNTS) / COUNTS
+        angle = self._encoder.read_one(self.time, self._joint.angle + self._zero, self._rng)
         if self._cycles % round(_HEARTBEAT / self._period) == 0:
             self.say(Command.HEARTBEAT, struct.pack("<IBxxx", self.error, self.state))
-        self.say(Command.ENCODER_ESTIMATES, struct.pack("<ff", turns, 0.0))
+        self.say(Command.ENCODER_ESTIMATES, struct.pack("<ff", angle / math.tau, 0.0))
 
     def obey(self, command: Command, data: bytes) -> None:
         """Do what a message tells."""
@@ -121,5 +134,5 @@ class WaitingBus(VirtualBus):
 def rehearsal(*, node: int, period: float) -> WaitingBus:
     """Return a bus with a stand-in that turns `ROBOT`."""
     joint = GreyBoxJoint(ROBOT)
-    stand_in = StandIn(joint, "rehearsal", node=node, period=period, zero=ZERO)
+    stand_in = StandIn(joint, "rehearsal", node=node, period=period, encoder=ENCODER, zero=ZERO)
     return WaitingBus("rehearsal", stand_in)

@@ -76,6 +76,7 @@ def record(
         for sine in sines:
             come_to_rest(bench)
             log = driven(bench, sine, seconds, begin=motor.read().time)
+            motor.command(0.0)  # it would hold the last while the file is written
             entry = LogEntry(
                 file=f"{sine.omega:g}_rad_s.csv", omega=sine.omega, amplitude=sine.amplitude
             )
@@ -120,12 +121,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--channel", default="can0", help="its name for the adapter")
     add("--rehearse", action="store_true", help="with a simulated drive, in simulated time")
     add("--node", type=int, default=0, help="the axis's can.node_id")
-    add("--period", type=float, default=0.004, help="its can.encoder_msg_rate_ms, in s")
+    add("--period", type=float, default=0.01, help="its can.encoder_msg_rate_ms, in s")
     add("--gear", type=float, default=1.0, help="turns of the motor per turn of the joint")
     add("--limit", type=float, default=0.3, help="largest torque at the joint, N m")
     add("--amplitude", type=float, default=0.1, help="of the sines, N m")
     add("--omegas", type=float, nargs="+", default=[3, 4.5, 5.5, 6.5, 8], help="rad/s")
-    add("--seconds", type=float, default=20.0, help="length of each log")
+    add("--seconds", type=float, default=40.0, help="length of each log")
     add("--uncertainty", type=float, default=0.0, help="of the torque, as a share of it")
     add("--out", type=Path, default=Path("logs"), help="folder of the logs")
     told = parser.parse_args(arguments)

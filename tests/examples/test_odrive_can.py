@@ -10,14 +10,20 @@ import pytest
 can = pytest.importorskip("can", reason="python-can is not installed (extra 'can')")
 
 from butterfly.errors import InputError
-from butterfly.logs.log import InputKind
+from butterfly.identify.data import read_data_set
+from butterfly.identify.estimators.harmonic_balance import HarmonicBalance
+from butterfly.identify.identification import identify
+from butterfly.logs.log import InputKind, Sine
+from butterfly.logs.manifest import read_manifest
+from butterfly.model.known import Known
 from butterfly.plant.bench import Bench
-from butterfly.plant.sensors import Clock
+from butterfly.plant.sensors import Clock, Encoder
 from examples.odrive_can import AxisState, Command, DriveError, ODrive
-from examples.odrive_stand_in import COUNTS, StandIn, WaitingBus
+from examples.odrive_stand_in import StandIn, WaitingBus
+from examples.record_sines import record
 from tests.independent.integrator import Joint, motion
 
-NODE, PERIOD, ZERO = 3, 0.005, 2.5
+NODE, PERIOD, ZERO, COUNTS = 3, 0.01, 2.5, 16384
 JOINT = Joint(inertia=0.04, viscous=0.02, gravity=1.2, gain=1.0, coulomb=0.02)
 
 
@@ -37,7 +43,8 @@ class Drive(StandIn):
     """The stand-in with a memory, and with what may go wrong once it has lived for some periods."""
 
     def __init__(self):
-        super().__init__(Independent(), "test", node=NODE, period=PERIOD, zero=ZERO)
+        seen = {"encoder": Encoder(steps=COUNTS), "zero": ZERO}
+        super().__init__(Independent(), "test", node=NODE, period=PERIOD, **seen)
         self.torques, self.periods = [], 0
         self.fault, self.fails_after = "", 0
 
@@ -119,7 +126,7 @@ def test_a_gear_divides_angles_and_torques_of_the_motor(drive, bus):
 
 def test_messages_are_those_of_the_protocol_byte_for_byte(bus):
     with can.Bus(interface="virtual", channel="test") as witness:
-        _run(bus, lambda _: 0.1, 0.1)
+        _run(bus, lambda _: 0.1, 0.2)
         all_sent = list(iter(lambda: witness.recv(0.0), None))
     assert not any(each.is_extended_id or each.is_remote_frame for each in all_sent)
     sent = [(each.arbitration_id, bytes(each.data).hex()) for each in all_sent]
@@ -143,7 +150,7 @@ STARTS = {
     "reports an error": "reports the error 0x1000000",
     "does not arm": "is in state 1, not in closed loop",
     "has no heartbeat": "sends no heartbeat",
-    "is slow": r"sends an estimate every 10 ms, not every 5 ms \(can\.encoder_msg_rate_ms\)",
+    "is slow": r"sends an estimate every 20 ms, not every 10 ms \(can\.encoder_msg_rate_ms\)",
 }
 
 
@@ -165,7 +172,7 @@ def test_a_drive_that_is_not_well_is_not_started(drive, bus, fault):
     ],
 )
 def test_a_drive_that_fails_while_it_runs_is_let_go(drive, bus, fault, said):
-    drive.fault, drive.fails_after = fault, 150
+    drive.fault, drive.fails_after = fault, 80
     with pytest.raises(DriveError, match=said):
         _run(bus, lambda _: 0.1)
     assert any(drive.torques)
@@ -221,7 +228,7 @@ def test_other_nodes_are_not_listened_to(bus):
             other.send(can.Message(arbitration_id=0x41, data=error, is_extended_id=False))
             return 0.1
 
-        _run(bus, law, 0.1)
+        _run(bus, law, 0.2)
 
 
 def test_what_is_no_torque_never_reaches_the_drive(drive, bus):
@@ -230,3 +237,18 @@ def test_what_is_no_torque_never_reaches_the_drive(drive, bus):
     assert drive.has_let_go
     with pytest.raises(InputError, match="limit"):
         ODrive(bus, limit=0.0)
+
+
+def test_its_logs_tell_the_parameters_of_one_mass(bus, tmp_path):
+    motor = ODrive(bus, limit=0.3, node=NODE, period=PERIOD)
+    sines = [Sine(omega=omega, amplitude=0.12) for omega in (3.5, 5.0, 6.0, 7.0)]
+    manifest = record(motor, sines, tmp_path, seconds=12.0, period=PERIOD, gain=Known(value=1.0))
+    found = identify(read_data_set(read_manifest(manifest)), HarmonicBalance(terms=()))
+    truth = {
+        "p1": JOINT.inertia,
+        "p2": JOINT.viscous,
+        "p3": JOINT.gravity,
+        "coulomb": JOINT.coulomb,
+    }
+    for name, value in truth.items():
+        assert getattr(found.estimate.parameters, name) == pytest.approx(value, rel=0.01), name

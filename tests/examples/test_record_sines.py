@@ -12,7 +12,7 @@ from butterfly.model.known import Known
 from examples import record_sines
 from examples.odrive_stand_in import ZERO
 
-SHORT = ["--rehearse", "--period", "0.01", "--seconds", "5"]
+SHORT = ["--rehearse", "--seconds", "5"]
 
 
 def test_a_rehearsal_leaves_a_data_set_whose_gain_is_known(tmp_path, capsys):
