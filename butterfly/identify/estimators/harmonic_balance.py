@@ -92,8 +92,7 @@ class HarmonicBalance(Estimator):
         numbers, said = steady_sines(data)
         points = [point for k in numbers if (point := data.points[k]) is not None]
         _refuse_unsteady(len(data.sines), len(points))
-        reference = Reference.of([point.added_mass for point in points], data.known)
-        fit = _without_terms(points, reference.held)
+        reference, fit = _begun(points, data.known, PARAMETERS)
         wanted = None if self.terms is None else "bias" in self.terms
         rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
         logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
@@ -113,8 +112,7 @@ class HarmonicBalance(Estimator):
         self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
     ) -> ParameterEstimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
-        reference = Reference.of([point.added_mass for point in points], known)
-        first = _without_terms(points, reference.held)
+        reference, first = _begun(points, known, PARAMETERS)
         chosen = DescribingTerms.of(first, self.terms, check=self.check)
         fit = DescribingFit.of(chosen.phasors)
         return _judged(points, fit, _NAME, [], reference, chosen=chosen, check=self.check)
@@ -148,17 +146,23 @@ class Linear(Estimator):
     ) -> ParameterEstimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known)
-        _refuse_too_few(points, known.fitted(LINEAR), known)
-        reference = Reference.of([point.added_mass for point in points], known)
-        held = reference.held
-        fit = DescribingFit.of(Phasors.of(points, held.fitted(LINEAR), small=True, known=held))
+        reference, fit = _begun(points, known, LINEAR, small=True)
         return _judged(points, fit, "joint linear complex fit", [], reference, check=self.check)
 
 
-def _without_terms(points: Sequence[ResponsePoint], known: Knowledge) -> DescribingFit:
-    names = known.fitted(PARAMETERS)
-    _refuse_too_few(points, names, known)
-    return DescribingFit.of(Phasors.of(points, names, small=False, known=known))
+def _begun(
+    points: Sequence[ResponsePoint],
+    known: Knowledge,
+    names: tuple[str, ...],
+    *,
+    small: bool = False,
+) -> tuple[Reference, DescribingFit]:
+    """Fit some parameters, and say on what their scale rests."""
+    _refuse_too_few(points, known.fitted(names), known)
+    reference = Reference.of([point.added_mass for point in points], known)
+    held = reference.held
+    phasors = Phasors.of(points, held.fitted(names), small=small, known=held)
+    return reference, DescribingFit.of(phasors)
 
 
 def _judged(
