@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import can
 import numpy as np
 
+from butterfly.errors import InputError
 from butterfly.logs.csv import write_csv
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, write_manifest
@@ -130,23 +131,35 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--uncertainty", type=float, default=0.0, help="of the torque, as a share of it")
     add("--out", type=Path, default=Path("logs"), help="folder of the logs")
     told = parser.parse_args(arguments)
+    try:
+        manifest = record_as(told)
+    except (DriveError, InputError) as error:
+        sys.exit(f"Stopped: {error}")
+    except can.CanError as error:
+        sys.exit(
+            f"No message gets through: {error}. If the axis is armed, its watchdog alone stops it"
+        )
+    print(f"{manifest} names them: butterfly identify {told.out}")
+
+
+def record_as(told: argparse.Namespace) -> Path:
+    """Record what the command line names; return the manifest's path."""
     sines = [Sine(omega=omega, amplitude=told.amplitude) for omega in told.omegas]
     gain = Known(value=1.0, uncertainty=told.uncertainty)
     with bus_of(told) as bus:
         motor = ODrive(bus, limit=told.limit, node=told.node, period=told.period, gear=told.gear)
-        try:
-            timing = {"seconds": told.seconds, "period": told.period}
-            manifest = record(motor, sines, told.out, **timing, gain=gain)
-        except DriveError as fault:
-            sys.exit(f"Stopped: {fault}")
-    print(f"{manifest} names them: butterfly identify {told.out}")
+        timing = {"seconds": told.seconds, "period": told.period}
+        return record(motor, sines, told.out, **timing, gain=gain)
 
 
 def bus_of(told: argparse.Namespace) -> can.BusABC:
     """Open the bus that the command line names."""
     if told.rehearse:
         return rehearsal(node=told.node, period=told.period)
-    return can.Bus(interface=told.interface, channel=told.channel)
+    try:
+        return can.Bus(interface=told.interface, channel=told.channel)
+    except (OSError, can.CanError) as error:
+        raise DriveError(f"no bus {told.channel} of {told.interface}: {error}") from None
 
 
 if __name__ == "__main__":

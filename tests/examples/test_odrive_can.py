@@ -205,6 +205,25 @@ def test_it_stops_when_it_is_interrupted_while_it_arms(drive, bus, monkeypatch):
     assert drive.has_let_go
 
 
+def test_it_goes_idle_even_if_the_torque_cannot_be_told(drive, bus, monkeypatch):
+    send = bus.send
+
+    def blocked(message):
+        if not any(message.data):
+            monkeypatch.undo()
+            raise can.CanOperationError("full")
+        send(message)
+
+    def law(_):
+        monkeypatch.setattr(bus, "send", blocked)
+        return 0.1
+
+    with pytest.raises(can.CanOperationError):
+        _run(bus, law, 0.2)
+    drive.live()
+    assert drive.state == AxisState.IDLE
+
+
 def test_a_program_that_comes_late_reads_the_newest_estimate(drive, bus):
     late = []
 
