@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identify.implied import implied
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
@@ -40,8 +41,10 @@ class DataSet:
         What it was read by; None if its logs came from no files.
     input_kind
         What its input commands.
+    told
+        What its owner knows of the robot.
     known
-        What is known of the robot.
+        That, and what it implies of the parameters (see `butterfly.identify.implied`).
     recorded
         The logs as they were recorded.
     logs, health
@@ -54,11 +57,16 @@ class DataSet:
     description: str
     manifest: Manifest | None = None
     input_kind: InputKind
-    known: Knowledge = NOTHING
+    told: Knowledge = NOTHING
+    known: Knowledge = field(init=False)
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
     points: tuple[ResponsePoint | None, ...]
+
+    def __post_init__(self) -> None:
+        joint = self.recorded[0].added_mass.joint
+        object.__setattr__(self, "known", implied(self.told, self.input_kind, joint))
 
     @classmethod
     def of(
@@ -98,7 +106,7 @@ class DataSet:
             description=description,
             manifest=manifest,
             input_kind=recorded[0].input_kind,
-            known=_of_joint(recorded[0]).also(known),
+            told=_of_joint(recorded[0]).also(known),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -149,7 +157,7 @@ class DataSet:
 
     def knowing(self, known: Knowledge) -> DataSet:
         """Return the data set of a robot of which more is known."""
-        return replace(self, known=self.known.also(known)) if known else self
+        return replace(self, told=self.told.also(known)) if known else self
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some logs, by their numbers."""

@@ -14,6 +14,7 @@ from butterfly.identify.judgement.intervals import honest_limits
 from butterfly.identify.judgement.mass_consistency import Correction, corrections
 from butterfly.identify.judgement.verdict import Verdict
 from butterfly.identify.solved import pulled_below
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 
@@ -67,6 +68,8 @@ class ParameterEstimate:
         none where that was not asked.
     rivals
         (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
+    known
+        What was known of the robot before; what is known exactly is among ``held``.
     """
 
     method: str
@@ -85,6 +88,7 @@ class ParameterEstimate:
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     corrections: tuple[Correction, ...] = ()
     rivals: tuple[NDArray[np.float64], ...] = ()
+    known: Knowledge = NOTHING
 
     @classmethod
     def from_rows(
