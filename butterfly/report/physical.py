@@ -91,8 +91,8 @@ _SENTENCES: dict[Lack, Callable[[Unseparated], str]] = {
         "weigh it (hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
     ),
     Lack.GAIN: lambda _: (
-        "Motion does not tell k_t from R (only p4 = N k_t/R): measure R at standstill (resistance), or "
-        "take k_t from the motor's data sheet (torque_constant)."
+        "Motion does not tell k_t from R (only p4 = N k_t/R): measure R at standstill "
+        "(resistance), or take k_t from the motor's data sheet (torque_constant)."
     ),
     Lack.BACK_EMF: _back_emf,
     Lack.GEAR: lambda _: (
