@@ -107,13 +107,15 @@ class Identified(Result):
         InputKind(origin["input"])
         if origin["manifest"] is not None:
             Manifest.model_validate(origin["manifest"])
-        return cls(
+        result = cls(
             estimate=estimate_of(content["estimate"]),
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
             fits={str(name): float(or_nan(fit)) for name, fit in content["fits"].items()},
             summary=texts(content["summary"]),
         )
+        result.physical()
+        return result
 
     def content(self) -> dict[str, Any]:
         """Return all that is saved."""

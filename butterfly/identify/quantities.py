@@ -47,10 +47,11 @@ class Quantities:
         )
 
     def find(self, formula: Formula) -> Known:
-        """Return what follows, with its standard uncertainty."""
-        gradient = self.gradient(formula)
-        variance = float(gradient @ self.covariance @ gradient)
-        value = float(formula(dict(zip(self.names, self.values.tolist(), strict=True))))
+        """Return what follows, with its standard uncertainty; no number where it divides by 0."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gradient = self.gradient(formula)
+            variance = float(gradient @ self.covariance @ gradient)
+            value = float(formula(self._named(self.values)))
         return Known(value=value, uncertainty=float(np.sqrt(np.maximum(variance, 0.0))))
 
     def gradient(self, formula: Formula) -> NDArray[np.float64]:
@@ -59,8 +60,11 @@ class Quantities:
         for k in range(slopes.size):
             moved = self.values.astype(complex)
             moved[k] += 1j * _STEP
-            slopes[k] = np.imag(formula(dict(zip(self.names, moved, strict=True)))) / _STEP
+            slopes[k] = np.imag(formula(self._named(moved))) / _STEP
         return slopes
+
+    def _named(self, values: NDArray[Any]) -> dict[str, Any]:
+        return dict(zip(self.names, values, strict=True))
 
     def told_of(
         self, causes: Quantities, formulas: Mapping[str, Formula], *, new: frozenset[str]
