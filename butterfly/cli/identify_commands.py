@@ -22,7 +22,6 @@ from butterfly.cli.show_identification import show_identification
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify
 from butterfly.identify.other_parameters import told_parameters
-from butterfly.model.known import Knowledge
 
 
 @takes_data_options
@@ -38,14 +37,6 @@ def identify_command(
         typer.Option(
             help="Other parameters to simulate the same logs with: p1=…,p2=…,p3=… and, if wanted, "
             "p4=…,coulomb=…,delay=…; without p4 the best one is used. May be repeated.",
-            show_default=False,
-        ),
-    ] = None,
-    hand_mass: Annotated[
-        str | None,
-        typer.Option(
-            help="Mass of the hand in kg, if it was weighed, such as 0.3 or 0.3+-0.01: separates "
-            "its inertia and centre of mass (83).",
             show_default=False,
         ),
     ] = None,
@@ -74,9 +65,7 @@ def identify_command(
     others = {
         text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
     }
-    weighed = Knowledge.told({} if hand_mass is None else {"hand_mass": hand_mass}, "--hand-mass")
-    source = options.read(data).knowing(weighed)
-    result = identify(source, estimator, against=others, track=show_progress)
+    result = identify(options.read(data), estimator, against=others, track=show_progress)
     show_identification(result)
     if report is not None:
         from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -58,15 +58,11 @@ class DataSet:
     manifest: Manifest | None = None
     input_kind: InputKind
     told: Knowledge = NOTHING
-    known: Knowledge = field(init=False)
+    known: Knowledge = NOTHING
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
     points: tuple[ResponsePoint | None, ...]
-
-    def __post_init__(self) -> None:
-        joint = self.recorded[0].added_mass.joint
-        object.__setattr__(self, "known", implied(self.told, self.input_kind, joint))
 
     @classmethod
     def of(
@@ -101,12 +97,14 @@ class DataSet:
         except InputError as error:
             raise with_slips(error, slips_of_still(recorded)) from None
         logs = [log for log, _ in examined]
+        told = _of_joint(recorded[0]).also(known)
         return cls(
             name=name,
             description=description,
             manifest=manifest,
             input_kind=recorded[0].input_kind,
-            told=_of_joint(recorded[0]).also(known),
+            told=told,
+            known=implied(told, recorded[0].input_kind, recorded[0].added_mass.joint),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -157,7 +155,12 @@ class DataSet:
 
     def knowing(self, known: Knowledge) -> DataSet:
         """Return the data set of a robot of which more is known."""
-        return replace(self, told=self.told.also(known)) if known else self
+        if not known:
+            return self
+        manifest = None if self.manifest is None else self.manifest.knowing(known)
+        told = self.told.also(known)
+        follows = implied(told, self.input_kind, self.logs[0].added_mass.joint)
+        return replace(self, told=told, known=follows, manifest=manifest)
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some logs, by their numbers."""

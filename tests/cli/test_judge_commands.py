@@ -15,7 +15,7 @@ def test_unseen_masses_and_frequencies_are_predicted(butterfly, quick_data):
 
 
 def test_a_weighed_hand_and_the_bootstrap(butterfly, quick_data):
-    code, out, err = butterfly("identify", quick_data, "--hand-mass", "0.1+-0.001")
+    code, out, err = butterfly("identify", quick_data, "--known", "hand_mass=0.1+-0.001")
     assert code == 0, err
     value, error = re.search(r"l_c, pivot to centre of mass +([\d.]+) +([\d.]+)", out).groups()
     assert float(value) == pytest.approx(0.05, rel=0.01)
