@@ -35,9 +35,9 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
         "ending": str(estimate.ending),
         "findings": [asdict(finding) for finding in estimate.findings],
         "held": estimate.held,
+        "known": estimate.known.as_told(),
         "resonances": [[_key(mass), omega] for mass, omega in estimate.resonances.items()],
         "local": [[_key(key), values] for key, values in estimate.local.items()],
-        "known": estimate.known.as_told(),
     }
 
 
