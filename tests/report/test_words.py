@@ -32,6 +32,7 @@ NUMBERS = {
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
+    FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
 }
@@ -55,6 +56,7 @@ def _verdict_and_more(*findings, ending=Ending.CONVERGED):
     estimate = SimpleNamespace(
         names=("p2", "p4", "tilt"),
         values=np.array([1e-3, -0.5, 0.2]),
+        held={},
         findings=findings,
         verdict=Verdict.of(ending, findings),
     )
