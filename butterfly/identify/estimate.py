@@ -180,10 +180,12 @@ class ParameterEstimate:
         return np.sqrt(np.diag(self.covariance))
 
     def applied(self, log: Log) -> tuple[LumpedParameters, dict[str, float]]:
-        """Return what holds for one log: parameters, and zero and velocity where estimated."""
+        """Return what holds for one log: parameters, and zero and velocity where known."""
         own: dict[str, float] = {}
         for key in (None, log.added_mass, log.name):
             own |= self.local.get(key, {})
+        if log.zero is not None and log.zero.exact:
+            own["zero"] = log.zero.value
         parameters = self.parameters
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
 

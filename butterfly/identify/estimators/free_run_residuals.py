@@ -11,6 +11,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
 from butterfly.identify.free_run import Trajectory
+from butterfly.identify.zeros import reading_of
 from butterfly.model.kinematics import Motion
 from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
@@ -59,6 +60,11 @@ class Choice:
         owned = {*self.fixed, *self.per_mass, *self.per_log}
         return tuple(name for name in (*PARAMETERS, *self.terms) if name not in owned)
 
+    def weightless(self, logs: Sequence[Log], start: LumpedParameters) -> bool:
+        """Whether no gravity acts, as is known, so that the encoder's zero means nothing."""
+        known_none = "p3" in self.fixed and start.p3 == 0
+        return known_none and not any(log.added_mass.gravity_moment for log in logs)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRunResiduals:
@@ -78,6 +84,8 @@ class FreeRunResiduals:
         The logs.
     motion
         Rms motion of each in rad.
+    zeros
+        Encoder reading of each in rad where the model's angle is 0, where it is not fitted.
     workers
         Threads.
     """
@@ -90,6 +98,7 @@ class FreeRunResiduals:
     initial: Samples
     trajectories: tuple[Trajectory, ...]
     motion: tuple[float, ...]
+    zeros: tuple[float, ...]
     workers: int
 
     @classmethod
@@ -120,7 +129,10 @@ class FreeRunResiduals:
         """
         first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
-        keys = (*((name, None) for name in choice.shared), *_local_keys(logs, choice))
+        unread = [log for log in logs if log.zero is None or not log.zero.exact]
+        if choice.weightless(logs, start):
+            unread = []
+        keys = (*((name, None) for name in choice.shared), *_local_keys(logs, unread, choice))
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
@@ -135,6 +147,7 @@ class FreeRunResiduals:
                 Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)
             ),
             motion=motion,
+            zeros=tuple(reading_of(log, zeros) for log in logs),
             workers=choice.workers,
         )
 
@@ -161,6 +174,7 @@ class FreeRunResiduals:
                 initial=self.initial[kept],
                 trajectories=tuple(chosen),
                 motion=tuple(self.motion[k] for k in numbers),
+                zeros=tuple(self.zeros[k] for k in numbers),
             ),
             kept,
         )
@@ -198,8 +212,9 @@ class FreeRunResiduals:
         parameters = replace(self.start, **moved)
         if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
+        zero = own.get("zero", self.zeros[index])
         errors, rows, mixture = trajectory.linearised(
-            list(own), parameters, own["zero"], own.get("velocity", 0.0)
+            list(own), parameters, zero, own.get("velocity", 0.0)
         )
         unit = 1 / (self.motion[index] * errors.size**0.5)
         scaled = np.zeros((mixture.shape[0], len(self.keys)))
@@ -209,7 +224,12 @@ class FreeRunResiduals:
     def _columns(self, log: Log) -> list[int]:
         """Numbers of the parameters that concern one log."""
         owners = {None, log.added_mass, log.name}
-        return [k for k, (_, whose) in enumerate(self.keys) if whose in owners]
+        told = log.zero is not None and log.zero.exact
+        return [
+            k
+            for k, (name, whose) in enumerate(self.keys)
+            if whose in owners and not (told and name == "zero")
+        ]
 
 
 def _impossible(count: int) -> LogEquations:
@@ -250,12 +270,20 @@ def _first_guess(
     return sizes[name] if lost else guess
 
 
-def _local_keys(logs: Sequence[Log], choice: Choice) -> list[Key]:
-    masses = sorted({log.added_mass for log in logs})
-    keys: list[Key] = [(name, mass) for name in choice.per_mass for mass in masses]
-    different = list(dict.fromkeys(log.name for log in logs))
-    keys += [(name, log) for name in choice.per_log for log in different]
-    if "zero" not in {*choice.per_mass, *choice.per_log}:
+def _local_keys(logs: Sequence[Log], unread: Sequence[Log], choice: Choice) -> list[Key]:
+    """Return what is not shared by all logs, and the zero of those of which it is not known."""
+    concerned = {name: unread if name == "zero" else logs for name in LOCAL}
+    keys: list[Key] = [
+        (name, mass)
+        for name in choice.per_mass
+        for mass in sorted({log.added_mass for log in concerned[name]})
+    ]
+    keys += [
+        (name, log)
+        for name in choice.per_log
+        for log in dict.fromkeys(log.name for log in concerned[name])
+    ]
+    if unread and "zero" not in {*choice.per_mass, *choice.per_log}:
         keys.append(("zero", None))
     return keys
 

@@ -91,7 +91,9 @@ class HarmonicBalance(Estimator):
         _refuse_unsteady(len(data.sines), len(points))
         fit = _without_terms(points)
         wanted = None if self.terms is None else "bias" in self.terms
-        rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
+        zeros = [data.logs[k].zero for k in numbers]
+        told = [None if zero is None else zero.value for zero in zeros]
+        rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted, told=told)
         logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
         poles = [point.pole for point in points]
         robot = SteadyModel(trajectories=logs, rest=rest, poles=poles)
@@ -176,7 +178,7 @@ def _judged(
         findings=[*few, *said],
         held=chosen.held if chosen else None,
         masses=masses,
-        local=None if rest is None else {None: {"zero": float(rest.zeros[0])}},
+        local=None if rest is None else rest.shared_zero,
     )
     return chosen.judge(found) if chosen else found
 

@@ -184,7 +184,7 @@ class OutputError(Estimator):
         """Tell which terms that were not asked for would help, by one expansion with them all."""
         if self.terms is None or not self.check or self.per_mass or self.per_log:
             return []
-        zero = found.local[None]["zero"]
+        zero = found.local.get(None, {}).get("zero", 0.0)
         zeros = {log.added_mass: zero for log in logs}
         more = candidates(CANDIDATES, zeros)
         every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))

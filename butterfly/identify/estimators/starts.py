@@ -76,10 +76,13 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     """Fit the weak form.
 
     Where a hand that decays comes to rest depends on friction: the offset of gravity that is seen
-    about the rest angles corrects them.
+    about the rest angles corrects them, but for those that are told.
     """
     zeros = data.equilibria
     wanted = _known(WeakForm, terms)
+    if not data.unread:
+        found = WeakForm(terms=wanted, check=False)(data).parameters
+        return Start(parameters=found, zeros=zeros)
     if wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
     found = WeakForm(terms=wanted, check=False)(data).parameters

@@ -31,6 +31,7 @@ from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
+from butterfly.identify.zeros import reading_of
 from butterfly.model.friction import require_periods
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import FrictionTerms
@@ -92,7 +93,9 @@ class WeakForm(Estimator):
         return found.with_findings(care)
 
     def of_logs(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> ParameterEstimate:
-        """Estimate from logs, given the encoder's reading in rad at rest for each added mass.
+        """Estimate from logs, given the encoder's zero in rad for each added mass.
+
+        What a log tells of its own zero goes before it.
 
         Raises
         ------
@@ -102,7 +105,7 @@ class WeakForm(Estimator):
             If a log is shorter than a test function.
         """
         refuse_one_mass(log.added_mass for log in logs)
-        windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
+        windows = [self._windows(log, reading_of(log, zeros)) for log in logs]
         chosen = WeakTerms.of(windows, self.terms, check=self.check)
         parameters = LumpedParameters(**chosen.held | chosen.fit.known)
         pairs = seen(logs, windows, parameters, zeros, self._windows)
