@@ -12,7 +12,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
-from butterfly.identify.zeros import Zero, near, reading_of, zeros_of
+from butterfly.identify.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
@@ -150,6 +150,12 @@ class DataSet:
         """Added masses with logs whose zero is not known exactly, if there is any to know."""
         open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.exact}
         return sorted(open_) if self.hangs else []
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Names of the logs whose zero is a guess, if there is any to know."""
+        pairs = zip(self.logs, self.zeros, strict=True) if self.hangs else ()
+        return tuple(log.name for log, zero in pairs if zero.kind is ZeroKind.GUESS)
 
     @cached_property
     def calm(self) -> list[int]:

@@ -99,6 +99,7 @@ class ParameterEstimate:
         held: dict[str, float] | None = None,
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
         masses: Sequence[AddedMass] = (),
+        besides: NDArray[np.float64] | None = None,
     ) -> ParameterEstimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
@@ -118,6 +119,8 @@ class ParameterEstimate:
             As the estimate has them; the findings come after those on the values.
         masses
             What the log of each cluster carried, where the clusters are logs.
+        besides
+            (n, n) covariance of what was taken as given, to be added to that of the equations.
 
         Raises
         ------
@@ -131,6 +134,8 @@ class ParameterEstimate:
         if solved.bread is not None:
             weighted = solved.jacobian.T @ solved.jacobian
             covariance = robust(covariance, weighted, solved.bread)
+        if besides is not None:
+            covariance = covariance + besides
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
         scatter = covariance[own, own]

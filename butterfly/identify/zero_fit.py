@@ -101,9 +101,10 @@ def _solved(
 ) -> tuple[FittedZero, float] | None:
     """Return the zero, and how many standard errors the last unknown is from 0."""
     names = tuple(name for name in names if means[name].any())
-    rows, target = np.column_stack([means[name] for name in names]), -means[_TARGET]
+    target = -means[_TARGET]
     if target.size < _PER_UNKNOWN * len(names) or not set(_GRAVITY) <= set(names):
         return None
+    rows = np.column_stack([means[name] for name in names])
     scale = np.linalg.norm(rows, axis=0)
     if np.linalg.svd(rows / scale, compute_uv=False)[-1] < _INDEPENDENT:
         return None
@@ -116,7 +117,7 @@ def _solved(
     sine, cosine = (names.index(name) for name in _GRAVITY)
     a, b = float(values[sine]), float(values[cosine])
     gravity = math.hypot(a, b)
-    if not gravity > 0:
+    if not (gravity > 0 and np.isfinite(covariance).all()):
         return None
     slope = np.zeros(len(names))
     slope[[sine, cosine]] = b / gravity**2, -a / gravity**2
@@ -124,7 +125,7 @@ def _solved(
     friction = float(values[names.index("coulomb")]) if "coulomb" in names else 0.0
     found = FittedZero(
         value=about - math.atan2(b, a),
-        uncertainty=float(np.sqrt(max(slope @ covariance @ slope, 0.0))),
+        uncertainty=math.sqrt(max(float(slope @ covariance @ slope), 0.0)),
         friction=max(friction, 0.0) / gravity,
     )
     return found, abs(float(values[-1])) / float(errors[-1] or np.inf)

@@ -84,11 +84,7 @@ def zeros_of(logs: Sequence[Log], points: Sequence[ResponsePoint | None]) -> tup
     points
         The steady response of each, None where the input is no sine.
     """
-    found: list[Zero | None] = [
-        log.zero
-        and Zero(value=log.zero.value, uncertainty=log.zero.uncertainty, kind=ZeroKind.TOLD)
-        for log in logs
-    ]
+    found = [_told(log) for log in logs]
     open_ = [k for k, zero in enumerate(found) if zero is None]
     if not open_:
         return tuple(zero for zero in found if zero is not None)
@@ -113,6 +109,10 @@ def doubts(zeros: Sequence[Zero]) -> NDArray[np.float64]:
     uncertain = sorted({zero for zero in zeros if zero.uncertainty}, key=lambda zero: zero.value)
     rows = [[each.uncertainty * (zero == each) for zero in zeros] for each in uncertain]
     return np.array(rows, dtype=float).reshape(len(uncertain), len(zeros))
+
+
+def _told(log: Log) -> Zero | None:
+    return None if log.zero is None else Zero(**vars(log.zero), kind=ZeroKind.TOLD)
 
 
 def _turns(log: Log) -> bool:

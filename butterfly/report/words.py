@@ -191,6 +191,11 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         "constant torque makes it, and this method takes each for the encoder's zero: the methods "
         "harmonic-balance and output-error find the torque."
     ),
+    FindingKind.ZERO_GUESSED: lambda f, _: (
+        f"Where the hand hangs at rest is a guess in {listed(f.logs)}, and this method takes it as "
+        "given: say what the encoder reads there (zero: in the manifest, or --zero), or add a log "
+        "that begins and ends at rest. The method output-error fits it."
+    ),
     FindingKind.UNPREDICTABLE: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand passes the "
         "upright, where small causes tell, and no simulation from the start stays near. The method "

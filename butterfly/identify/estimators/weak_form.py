@@ -25,13 +25,14 @@ from butterfly.identify.estimators.base import Estimator, names_of
 from butterfly.identify.estimators.instruments import refined, seen
 from butterfly.identify.estimators.weak_fit import Windows
 from butterfly.identify.estimators.weak_terms import WeakTerms
+from butterfly.identify.estimators.zero_errors import zero_covariance
 from butterfly.identify.judgement.covariance import blocks_of, split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
-from butterfly.identify.zeros import reading_of
+from butterfly.identify.zeros import doubts, reading_of
 from butterfly.model.friction import require_periods
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import FrictionTerms
@@ -85,17 +86,30 @@ class WeakForm(Estimator):
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
         zeros = data.equilibria
-        found = self.of_logs(data.logs, zeros)
+        uncertain = doubts(data.zeros) if data.hangs else None
+        found = self.of_logs(data.logs, zeros, uncertain)
+        guessed = data.guessed
+        if guessed:
+            care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Severity.CARE)
+            found = found.with_findings(care)
+        if not data.unread:
+            return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
         care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Severity.CARE)
         return found.with_findings(care)
 
-    def of_logs(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> ParameterEstimate:
+    def of_logs(
+        self,
+        logs: Sequence[Log],
+        zeros: Mapping[AddedMass, float],
+        uncertain: NDArray[np.float64] | None = None,
+    ) -> ParameterEstimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass.
 
-        What a log tells of its own zero goes before it.
+        What a log tells of its own zero goes before it. ``uncertain`` are the (k, n) standard
+        uncertainties in rad of k independent errors of the zeros of the n logs, if there are any.
 
         Raises
         ------
@@ -126,6 +140,7 @@ class WeakForm(Estimator):
             findings=[*few, *of_few_logs(len(logs)), *chosen.said],
             held=chosen.held | {"cogging_periods": self.cogging_periods},
             masses=masses if blocks == 1 else (),
+            besides=None if uncertain is None else zero_covariance(fit, pairs, uncertain),
         )
         return found.with_findings(*missing_terms(found, chosen.best))
 

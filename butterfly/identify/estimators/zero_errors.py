@@ -1,0 +1,66 @@
+"""What errors of the encoder's zero do to a fit that took it as given.
+
+With the residuals' slopes J by the parameters and g by the zero, an error e of the zero moves the
+estimate by -(J^T J)^-1 J^T g e; its square is added to the covariance ("consider" parameters;
+Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter VIII).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.estimators.instruments import Seen
+    from butterfly.identify.estimators.weak_fit import WeakFit
+
+    Samples = NDArray[np.float64]
+
+
+def zero_covariance(fit: WeakFit, pairs: Sequence[Seen], doubts: Samples) -> Samples:
+    """(n, n) covariance that uncertain zeros add to the n values of a fit.
+
+    Parameters
+    ----------
+    fit
+        Of the logs' windows through their instruments.
+    pairs
+        The m logs.
+    doubts
+        (k, m) standard uncertainties in rad of k independent errors (see
+        `butterfly.identify.zeros.doubts`).
+    """
+    names = fit.solved.names
+    added = np.zeros((len(names), len(names)))
+    if not doubts.size:
+        return added
+    slopes = [_slopes(fit, each) for each in pairs]
+    errors = np.column_stack(
+        [
+            np.concatenate([size * slope for size, slope in zip(row, slopes, strict=True)])
+            for row in doubts
+        ]
+    )
+    free = ~fit.solved.on_bound
+    rows = fit.solved.jacobian[:, free]
+    scale = np.linalg.norm(rows, axis=0)
+    moved = -np.linalg.lstsq(rows / scale, errors, rcond=None)[0] / scale[:, None]
+    added[np.ix_(free, free)] = moved @ moved.T
+    return added
+
+
+def _slopes(fit: WeakFit, each: Seen) -> Samples:
+    """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
+    used = each.windows.moving(fit.delay) & each.instruments.moving(fit.delay)
+    names = ("p1", "p3", "p3_offset")
+    signals = each.instruments.averaging.signals(names, delay=fit.delay)
+    inertia, sine, cosine = (signals.mean[name][used] for name in names)
+    moment = fit.known["p3"] + each.instruments.added.gravity_moment
+    offset = fit.known.get("p3_offset", 0.0)
+    size = float(np.linalg.norm(inertia)) or 1.0
+    return np.asarray((offset * sine - moment * cosine) / size)
