@@ -12,6 +12,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
+from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import with_unique_names
@@ -131,8 +132,10 @@ class DataSet:
         found: dict[AddedMass, float] = {}
         for mass in self.masses:
             pairs = zip(self.logs, self.zeros, strict=True)
-            own = [zero.value for log, zero in pairs if log.added_mass == mass]
-            found[mass] = float(np.median([near(value, own[0]) for value in own]))
+            own = [zero for log, zero in pairs if log.added_mass == mass]
+            others = [zero for zero in own if zero.kind is not ZeroKind.TOLD] or own
+            readings = [near(zero.value, others[0].value) for zero in others]
+            found[mass] = float(np.median(readings))
         return found
 
     def zero_of(self, log: Log) -> float:
@@ -142,8 +145,7 @@ class DataSet:
     @property
     def hangs(self) -> bool:
         """Whether gravity pulls at the joint, so that it has a rest angle, as far as is known."""
-        known_none = self.known.exact.get("p3") == 0
-        return not known_none or any(mass.gravity_moment for mass in self.masses)
+        return not weightless(self.masses, self.known)
 
     @property
     def unread(self) -> list[AddedMass]:
@@ -172,7 +174,10 @@ class DataSet:
 
     def knowing(self, known: Knowledge) -> DataSet:
         """Return the data set of a robot of which more is known."""
-        return replace(self, known=self.known.also(known)) if known else self
+        if not known:
+            return self
+        manifest = None if self.manifest is None else self.manifest.knowing(known)
+        return replace(self, known=self.known.also(known), manifest=manifest)
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some logs, by their numbers."""

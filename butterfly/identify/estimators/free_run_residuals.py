@@ -10,9 +10,13 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
+from butterfly.identify.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
 from butterfly.identify.free_run import Trajectory
+from butterfly.identify.judgement.term_choice import weightless
+from butterfly.identify.prior import Prior
 from butterfly.identify.zeros import reading_of
 from butterfly.model.kinematics import Motion
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.window import first_counted
@@ -23,10 +27,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
+    from butterfly.model.known import Known
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
     Samples = NDArray[np.float64]
-    Key = tuple[str, AddedMass | str | None]  # a parameter, and whose it is: all logs', if None
 
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
@@ -45,6 +49,10 @@ class Choice:
         See `butterfly.identify.estimators.output_error.OutputError`.
     workers
         Threads.
+    known
+        What is known of the robot.
+    variance
+        Of a residual, beside which what is known with an uncertainty is weighed.
     """
 
     terms: tuple[str, ...]
@@ -53,17 +61,15 @@ class Choice:
     per_log: tuple[str, ...]
     window: float
     workers: int
+    known: Knowledge = NOTHING
+    variance: float = 1.0
 
     @property
     def shared(self) -> tuple[str, ...]:
         """Names of the parameters that all logs share, the encoder's zero aside."""
         owned = {*self.fixed, *self.per_mass, *self.per_log}
-        return tuple(name for name in (*PARAMETERS, *self.terms) if name not in owned)
-
-    def weightless(self, logs: Sequence[Log], start: LumpedParameters) -> bool:
-        """Whether no gravity acts, as is known, so that the encoder's zero means nothing."""
-        known_none = "p3" in self.fixed and start.p3 == 0
-        return known_none and not any(log.added_mass.gravity_moment for log in logs)
+        every = self.known.fitted((*PARAMETERS, *self.terms))
+        return tuple(name for name in every if name not in owned)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,12 +86,14 @@ class FreeRunResiduals:
         How many of them, the first ones, all logs share, the encoder's zero aside.
     scale, lower, initial
         (n,) sizes, and least values and first guesses in units of them.
+    zeros
+        Reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted.
+    prior
+        What is known of the scaled parameters with an uncertainty.
     trajectories
         The logs.
     motion
         Rms motion of each in rad.
-    zeros
-        Encoder reading of each in rad where the model's angle is 0, where it is not fitted.
     workers
         Threads.
     """
@@ -96,9 +104,10 @@ class FreeRunResiduals:
     scale: Samples
     lower: Samples
     initial: Samples
+    zeros: Mapping[AddedMass, float]
+    prior: Prior | None
     trajectories: tuple[Trajectory, ...]
     motion: tuple[float, ...]
-    zeros: tuple[float, ...]
     workers: int
 
     @classmethod
@@ -127,15 +136,19 @@ class FreeRunResiduals:
         InputError
             If a joint stands still where its errors would count.
         """
+        start = replace(start, **choice.known.exact)
         first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
-        unread = [log for log in logs if log.zero is None or not log.zero.exact]
-        if choice.weightless(logs, start):
-            unread = []
-        keys = (*((name, None) for name in choice.shared), *_local_keys(logs, unread, choice))
+        hangs = not weightless((log.added_mass for log in logs), choice.known)
+        owned = owned_keys(logs, choice.per_mass, choice.per_log, hangs=hangs)
+        keys = (*((name, None) for name in choice.shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
+        of_robot = choice.known.parameters
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
+        told: dict[Key, Known] = {(name, None): known for name, known in of_robot.items()}
+        told.update(known_zeros(keys, logs))
+        prior = Prior.of(keys, told, choice.variance)
         return cls(
             start=start,
             keys=keys,
@@ -143,27 +156,30 @@ class FreeRunResiduals:
             scale=scale,
             lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
             initial=np.array(guesses) / scale,
+            zeros=zeros,
+            prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
             trajectories=tuple(
                 Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)
             ),
             motion=motion,
-            zeros=tuple(reading_of(log, zeros) for log in logs),
             workers=choice.workers,
         )
 
     def equations(self, scaled: Samples) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
         values = scaled * self.scale
+        known = None if self.prior is None else (self.prior, scaled)
+        numbers = range(len(self.motion))
         if self.workers == 1:
-            return Equations(logs=tuple(self._of_log(k, values) for k in range(len(self.motion))))
+            return Equations(logs=tuple(self._of_log(k, values) for k in numbers), known=known)
         with ThreadPoolExecutor(self.workers) as pool:
-            work = pool.map(lambda k: self._of_log(k, values), range(len(self.motion)))
-            return Equations(logs=tuple(work))
+            work = pool.map(lambda k: self._of_log(k, values), numbers)
+            return Equations(logs=tuple(work), known=known)
 
     def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
         """Return the residuals of some logs, and the numbers of the parameters they depend on."""
         chosen = [self.trajectories[k] for k in numbers]
-        concerned = {k for each in chosen for k in self._columns(each.log)}
+        concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
         kept = np.array(sorted(concerned))
         return (
             replace(
@@ -172,9 +188,9 @@ class FreeRunResiduals:
                 scale=self.scale[kept],
                 lower=self.lower[kept],
                 initial=self.initial[kept],
+                prior=None if self.prior is None else self.prior.take(kept),
                 trajectories=tuple(chosen),
                 motion=tuple(self.motion[k] for k in numbers),
-                zeros=tuple(self.zeros[k] for k in numbers),
             ),
             kept,
         )
@@ -202,17 +218,18 @@ class FreeRunResiduals:
             scale=self.scale[kept],
             lower=self.lower[kept],
             initial=initial,
+            prior=None if self.prior is None else self.prior.take(kept),
         )
 
     def _of_log(self, index: int, values: Samples) -> LogEquations:
         trajectory = self.trajectories[index]
-        columns = self._columns(trajectory.log)
+        columns = columns_of(self.keys, trajectory.log)
         own = {self.keys[k][0]: float(values[k]) for k in columns}
         moved = {name: value for name, value in own.items() if name not in INITIAL}
         parameters = replace(self.start, **moved)
         if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
-        zero = own.get("zero", self.zeros[index])
+        zero = own["zero"] if "zero" in own else reading_of(trajectory.log, self.zeros)
         errors, rows, mixture = trajectory.linearised(
             list(own), parameters, zero, own.get("velocity", 0.0)
         )
@@ -220,16 +237,6 @@ class FreeRunResiduals:
         scaled = np.zeros((mixture.shape[0], len(self.keys)))
         scaled[:, columns] = unit * mixture * self.scale[columns]
         return LogEquations(residuals=unit * errors, rows=rows, mixture=scaled)
-
-    def _columns(self, log: Log) -> list[int]:
-        """Numbers of the parameters that concern one log."""
-        owners = {None, log.added_mass, log.name}
-        told = log.zero is not None and log.zero.exact
-        return [
-            k
-            for k, (name, whose) in enumerate(self.keys)
-            if whose in owners and not (told and name == "zero")
-        ]
 
 
 def _impossible(count: int) -> LogEquations:
@@ -268,24 +275,6 @@ def _first_guess(
     lost = guess == 0 and name in TERMS and not TERMS[name].sign_observable
     # Where the sign does not show the derivative is 0 at 0: the fit would stay there.
     return sizes[name] if lost else guess
-
-
-def _local_keys(logs: Sequence[Log], unread: Sequence[Log], choice: Choice) -> list[Key]:
-    """Return what is not shared by all logs, and the zero of those of which it is not known."""
-    concerned = {name: unread if name == "zero" else logs for name in LOCAL}
-    keys: list[Key] = [
-        (name, mass)
-        for name in choice.per_mass
-        for mass in sorted({log.added_mass for log in concerned[name]})
-    ]
-    keys += [
-        (name, log)
-        for name in choice.per_log
-        for log in dict.fromkeys(log.name for log in concerned[name])
-    ]
-    if unread and "zero" not in {*choice.per_mass, *choice.per_log}:
-        keys.append(("zero", None))
-    return keys
 
 
 def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:

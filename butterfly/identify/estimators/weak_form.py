@@ -21,19 +21,20 @@ import numpy as np
 
 from butterfly.errors import require_number
 from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.estimators.base import Estimator, names_of
+from butterfly.identify.estimators.base import Estimator, names_of, require_usable
 from butterfly.identify.estimators.instruments import refined, seen
 from butterfly.identify.estimators.weak_fit import Windows
 from butterfly.identify.estimators.weak_terms import WeakTerms
 from butterfly.identify.estimators.zero_errors import zero_covariance
 from butterfly.identify.judgement.covariance import blocks_of, split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
+from butterfly.identify.judgement.knowledge import is_driven, refuse_without_scale
 from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
 from butterfly.identify.zeros import doubts, reading_of
 from butterfly.model.friction import require_periods
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import FrictionTerms
 
@@ -53,7 +54,8 @@ _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousan
 class WeakForm(Estimator):
     """p1..p4, Coulomb torque, delay and terms by linear least squares, from any input.
 
-    Of at least two different added masses (none counts as one). The covariance is the
+    Of two different added masses at least (none counts as one), or of a robot of which enough is
+    known. The covariance is the
     cluster-robust one over logs; the intervals are widened to hold the estimates that leave one
     added mass out, and those with other terms that predict as well. Stribeck velocity is scanned.
 
@@ -87,7 +89,7 @@ class WeakForm(Estimator):
         """Estimate from all logs of a data set (see `Estimator`)."""
         zeros = data.equilibria
         uncertain = doubts(data.zeros) if data.hangs else None
-        found = self.of_logs(data.logs, zeros, uncertain)
+        found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
             care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Severity.CARE)
@@ -104,12 +106,22 @@ class WeakForm(Estimator):
         self,
         logs: Sequence[Log],
         zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
         uncertain: NDArray[np.float64] | None = None,
     ) -> ParameterEstimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass.
 
-        What a log tells of its own zero goes before it. ``uncertain`` are the (k, n) standard
-        uncertainties in rad of k independent errors of the zeros of the n logs, if there are any.
+        What a log tells of its own zero goes before it.
+
+
+        Parameters
+        ----------
+        logs, zeros
+            The logs, and the readings.
+        known
+            What is known of the robot.
+        uncertain
+            (k, n) standard uncertainties in rad of k independent errors of the zeros of the n logs.
 
         Raises
         ------
@@ -118,10 +130,11 @@ class WeakForm(Estimator):
         InputError
             If a log is shorter than a test function.
         """
-        refuse_one_mass(log.added_mass for log in logs)
+        require_usable(self.method, known)
+        refuse_without_scale((log.added_mass for log in logs), known, driven=is_driven(logs))
         windows = [self._windows(log, reading_of(log, zeros)) for log in logs]
-        chosen = WeakTerms.of(windows, self.terms, check=self.check)
-        parameters = LumpedParameters(**chosen.held | chosen.fit.known)
+        chosen = WeakTerms.of(windows, self.terms, known, check=self.check)
+        parameters = LumpedParameters(**chosen.held | chosen.fit.values)
         pairs = seen(logs, windows, parameters, zeros, self._windows)
         fit = refined(chosen.fit, pairs)
 
@@ -130,7 +143,7 @@ class WeakForm(Estimator):
             return refined(chosen.fit, rest).solved.values
 
         masses = [log.added_mass for log in logs]
-        left_out, few = without_each_mass(masses, without, asked=self.check)
+        left_out, few = without_each_mass(masses, without, known, asked=self.check)
         blocks = blocks_of(len(logs), len(fit.solved.names))
         found = ParameterEstimate.from_rows(
             replace(fit.solved, cluster=split(fit.solved.cluster, blocks)),
@@ -139,7 +152,9 @@ class WeakForm(Estimator):
             rivals=[each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals],
             findings=[*few, *of_few_logs(len(logs)), *chosen.said],
             held=chosen.held | {"cogging_periods": self.cogging_periods},
-            masses=masses if blocks == 1 else (),
+            masses=masses,
+            blocks=blocks,
+            known=known,
             besides=None if uncertain is None else zero_covariance(fit, pairs, uncertain),
         )
         return found.with_findings(*missing_terms(found, chosen.best))

@@ -47,7 +47,9 @@ def zero_covariance(fit: WeakFit, pairs: Sequence[Seen], doubts: Samples) -> Sam
         ]
     )
     free = ~fit.solved.on_bound
-    rows = fit.solved.jacobian[:, free]
+    rows, _ = fit.solved.with_prior(fit.solved.jacobian[:, None], fit.solved.residuals)
+    rows = rows[:, free]
+    errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(doubts)))])
     scale = np.linalg.norm(rows, axis=0)
     moved = -np.linalg.lstsq(rows / scale, errors, rcond=None)[0] / scale[:, None]
     added[np.ix_(free, free)] = moved @ moved.T
@@ -56,11 +58,11 @@ def zero_covariance(fit: WeakFit, pairs: Sequence[Seen], doubts: Samples) -> Sam
 
 def _slopes(fit: WeakFit, each: Seen) -> Samples:
     """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
-    used = each.windows.moving(fit.delay) & each.instruments.moving(fit.delay)
+    used = each.windows.moving(fit.about.delay) & each.instruments.moving(fit.about.delay)
     names = ("p1", "p3", "p3_offset")
-    signals = each.instruments.averaging.signals(names, delay=fit.delay)
+    signals = each.instruments.averaging.signals(names, delay=fit.about.delay)
     inertia, sine, cosine = (signals.mean[name][used] for name in names)
-    moment = fit.known["p3"] + each.instruments.added.gravity_moment
-    offset = fit.known.get("p3_offset", 0.0)
+    moment = fit.values["p3"] + each.instruments.added.gravity_moment
+    offset = fit.values.get("p3_offset", 0.0)
     size = float(np.linalg.norm(inertia)) or 1.0
     return np.asarray((offset * sine - moment * cosine) / size)
