@@ -14,7 +14,7 @@ from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.identify.data import DataSet
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.known import Knowledge
+from butterfly.model.known import Knowledge, known_of
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def read(
     intersample: str | None = None,
     columns: Mapping[str, str] | None = None,
     known: Mapping[str, Any] | None = None,
+    zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
     name: str = "logs",
 ) -> DataSet:
     """Read logs, check them, repair what may be repaired, and fit the steady response of sines.
@@ -58,6 +59,9 @@ def read(
         What is known of the robot besides what manifests say: parameters of the model (``p4``,
         ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
         pair of a value and its standard uncertainty.
+    zero
+        What the encoder reads in rad where the hand hangs, in place of what manifests and logs
+        tell: a number, or a pair of a value and its standard uncertainty.
     name
         Of the data set, where several logs are put together.
 
@@ -73,9 +77,8 @@ def read(
         "intersample": intersample,
         "columns": columns,
     }
-    if known is not None:
-        more = Knowledge.told(known)
-        return read(source, **about, name=name).knowing(more)
+    if known is not None or zero is not None:
+        return _of_robot(read(source, **about, name=name), known, zero)
     told = {key: value for key, value in about.items() if value is not None}
     if isinstance(source, DataSet | Identified | Log):
         if told:
@@ -97,6 +100,12 @@ def read(
     if len(source) == 1 and not isinstance(source[0], Log):
         return read(source[0], **about)
     return _together(source, name, about)
+
+
+def _of_robot(data: DataSet, known: Mapping[str, Any] | None, zero: object) -> DataSet:
+    """Return data of a robot of which more is known."""
+    told = data if known is None else data.knowing(Knowledge.told(known))
+    return told if zero is None else told.with_zero(known_of(zero, "read", "zero"))
 
 
 def _together(sources: Sequence[Any], name: str, about: Mapping[str, Any]) -> DataSet:

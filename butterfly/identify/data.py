@@ -179,6 +179,15 @@ class DataSet:
         manifest = None if self.manifest is None else self.manifest.knowing(known)
         return replace(self, known=self.known.also(known), manifest=manifest)
 
+    def with_zero(self, zero: Known) -> DataSet:
+        """Return the data set with what the encoder reads in rad where the hand hangs."""
+        return replace(
+            self,
+            manifest=None if self.manifest is None else self.manifest.with_zero(zero),
+            recorded=tuple(replace(log, zero=zero) for log in self.recorded),
+            logs=tuple(replace(log, zero=zero) for log in self.logs),
+        )
+
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some logs, by their numbers."""
         return replace(

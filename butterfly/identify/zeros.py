@@ -59,6 +59,10 @@ class Zero:
     uncertainty: float = 0.0
     kind: ZeroKind
 
+    def __str__(self) -> str:
+        doubt = f" ± {self.uncertainty:.1g}" if self.uncertainty else ""
+        return f"{self.value:.4f}{doubt} rad ({self.kind})"
+
     def near(self, home: float) -> Zero:
         """Return the same zero, read within half a turn of ``home`` rad."""
         return replace(self, value=near(self.value, home))

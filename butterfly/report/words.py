@@ -10,6 +10,7 @@ from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.model.terms import TERMS
 from butterfly.report.verdict import SaidVerdict
+from butterfly.report.zeros import REMEDY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -192,9 +193,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         "harmonic-balance and output-error find the torque."
     ),
     FindingKind.ZERO_GUESSED: lambda f, _: (
-        f"Where the hand hangs at rest is a guess in {listed(f.logs)}, and this method takes it as "
-        "given: say what the encoder reads there (zero: in the manifest, or --zero), or add a log "
-        "that begins and ends at rest. The method output-error fits it."
+        f"Where the hand hangs is a guess in {listed(f.logs)}, and this method takes it as given: "
+        f"{REMEDY}. The method output-error fits it."
     ),
     FindingKind.UNPREDICTABLE: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand passes the "
