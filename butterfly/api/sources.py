@@ -77,8 +77,12 @@ def read(
         "intersample": intersample,
         "columns": columns,
     }
-    if known is not None or zero is not None:
-        return _of_robot(read(source, **about, name=name), known, zero)
+    data = _read(source, about, name).knowing(Knowledge.told(known or {}, "read"))
+    return data if zero is None else data.with_zero(known_of(zero, "read", "zero"))
+
+
+def _read(source: Data, about: Mapping[str, Any], name: str) -> DataSet:
+    """Read a source, or several, about which something is told (see `read`)."""
     told = {key: value for key, value in about.items() if value is not None}
     if isinstance(source, DataSet | Identified | Log):
         if told:
@@ -98,20 +102,14 @@ def read(
         expected = "a path, a name, logs, or several of these"
         raise InputError("read", "source", type(source).__name__, expected)
     if len(source) == 1 and not isinstance(source[0], Log):
-        return read(source[0], **about)
+        return _read(source[0], about, name)
     return _together(source, name, about)
-
-
-def _of_robot(data: DataSet, known: Mapping[str, Any] | None, zero: object) -> DataSet:
-    """Return data of a robot of which more is known."""
-    told = data if known is None else data.knowing(Knowledge.told(known))
-    return told if zero is None else told.with_zero(known_of(zero, "read", "zero"))
 
 
 def _together(sources: Sequence[Any], name: str, about: Mapping[str, Any]) -> DataSet:
     """Read several sources as one data set; every source's own repairs are made."""
     parts = [
-        each if isinstance(each, Log) else read(each, **({} if _is_read(each) else about))
+        each if isinstance(each, Log) else _read(each, {} if _is_read(each) else about, name)
         for each in sources
     ]
     logs: list[Log] = []

@@ -16,6 +16,8 @@ from scipy.special import j0
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import choose_terms, folds_of
 from butterfly.identify.solved import Solved
+from butterfly.identify.zeros import doubts
+from butterfly.model.known import Known
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
     Samples = NDArray[np.float64]
 
+_EXACT = Known(value=0.0)
 _NAMES = ("zero", "bias")
 _NEGLIGIBLE = 1e-6  # rad
 _SETTLED = 0.1  # of what the middles leave over
@@ -44,6 +47,8 @@ class RestAngles:
         What the hand carried.
     told
         (n,) whether the zero is told, so that the middle tells of the bias alone.
+    uncertain
+        (k, n) standard uncertainties in rad of k independent errors of the zeros that are told.
     compliance
         (n,) by which a torque moves the middle, in rad/(N m).
     zeros
@@ -57,6 +62,7 @@ class RestAngles:
     middles: Samples
     masses: tuple[AddedMass, ...]
     told: NDArray[np.bool_]
+    uncertain: Samples
     compliance: Samples
     zeros: Samples
     bias: float | None = None
@@ -70,7 +76,7 @@ class RestAngles:
         zeros: Mapping[AddedMass, float],
         *,
         asked: bool | None,
-        told: Sequence[float | None] = (),
+        told: Sequence[Known | None] = (),
     ) -> RestAngles:
         """Read them off steady responses.
 
@@ -83,7 +89,7 @@ class RestAngles:
         zeros
             Rest angle in rad for each added mass.
         told
-            Zeros in rad of the responses of which they are told; none if not given.
+            What is told of the zeros of the responses, in rad; nothing if not given.
         asked
             Whether a bias is wanted; if None, it is if it helps to foretell the middles with
             masses that were left out.
@@ -96,10 +102,11 @@ class RestAngles:
             middles=np.array([p.angle.offset for p in points]),
             masses=tuple(p.added_mass for p in points),
             told=np.array([zero is not None for zero in given]),
+            uncertain=doubts([zero or _EXACT for zero in given]),
             compliance=1 / stiffness if usable else np.ones(moments.size),
             zeros=np.array(
                 [
-                    zeros[p.added_mass] if zero is None else zero
+                    zeros[p.added_mass] if zero is None else zero.value
                     for p, zero in zip(points, given, strict=True)
                 ]
             ),
@@ -143,6 +150,12 @@ class RestAngles:
         """The encoder's zero in rad that was found beside a bias, as an estimate holds it."""
         found = self.zeros[~self.told]
         return {None: {"zero": float(found[0])}} if found.size else {}
+
+    @property
+    def variance_by_zeros(self) -> float:
+        """What the errors of zeros that are told add to the bias's variance, in (N m)^2."""
+        moved = self.uncertain @ np.linalg.pinv(self._rows)[1]
+        return float(moved @ moved)
 
     @property
     def solved(self) -> Solved:

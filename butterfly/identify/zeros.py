@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.logs.log import Log
+    from butterfly.model.known import Known
     from butterfly.model.parameters import AddedMass
     from butterfly.signals.frequency_response import ResponsePoint
 
@@ -105,7 +106,7 @@ def zeros_of(logs: Sequence[Log], points: Sequence[ResponsePoint | None]) -> tup
     )
 
 
-def doubts(zeros: Sequence[Zero]) -> NDArray[np.float64]:
+def doubts(zeros: Sequence[Zero] | Sequence[Known]) -> NDArray[np.float64]:
     """(k, n) standard uncertainties in rad of k independent errors in the zeros of n logs.
 
     Logs of one zero share its error.

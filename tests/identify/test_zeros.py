@@ -206,6 +206,10 @@ def test_harmonic_balance_tells_a_bias_from_a_zero_that_is_told():
     found = HarmonicBalance(terms=("bias",), check=False)(DataSet.of(logs))
     assert found.parameters.bias == pytest.approx(2e-3, rel=0.01)
     assert found.local == {}
+    doubtful = [replace(log, zero=(0.4, 0.01)) for log in logs]
+    unsure = HarmonicBalance(terms=("bias",), check=False)(DataSet.of(doubtful))
+    moments = [ROBOT.p3 + mass.gravity_moment for mass in MASSES]
+    assert 0.9 * min(moments) < unsure.standard_errors[-1] / 0.01 < max(moments)
     known = Knowledge.told({"p4": ROBOT.p4})
     alone = HarmonicBalance(terms=("bias",), check=False)(DataSet.of(light, known=known))
     assert alone.parameters.bias == pytest.approx(2e-3, rel=0.01)

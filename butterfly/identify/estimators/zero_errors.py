@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 
-def zero_covariance(fit: WeakFit, pairs: Sequence[Seen], doubts: Samples) -> Samples:
-    """(n, n) covariance that uncertain zeros add to the n values of a fit.
+def zero_covariance(
+    fit: WeakFit, pairs: Sequence[Seen], doubts: Samples, names: Sequence[str]
+) -> Samples:
+    """(n, n) covariance that uncertain zeros add to n parameters.
 
     Parameters
     ----------
@@ -34,8 +36,9 @@ def zero_covariance(fit: WeakFit, pairs: Sequence[Seen], doubts: Samples) -> Sam
     doubts
         (k, m) standard uncertainties in rad of k independent errors (see
         `butterfly.identify.zeros.doubts`).
+    names
+        Of the parameters; those that the fit held are not moved.
     """
-    names = fit.solved.names
     added = np.zeros((len(names), len(names)))
     if not doubts.size:
         return added
@@ -52,7 +55,9 @@ def zero_covariance(fit: WeakFit, pairs: Sequence[Seen], doubts: Samples) -> Sam
     errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(doubts)))])
     scale = np.linalg.norm(rows, axis=0)
     moved = -np.linalg.lstsq(rows / scale, errors, rcond=None)[0] / scale[:, None]
-    added[np.ix_(free, free)] = moved @ moved.T
+    found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)
+    places = [list(names).index(name) for name in found]
+    added[np.ix_(places, places)] = moved @ moved.T
     return added
 
 
