@@ -41,7 +41,7 @@ _NAMES = (*_GRAVITY, "p2", "coulomb", "p4", "delay")
 _PER_UNKNOWN = 5  # test functions at least
 _WELL = 0.02  # rad: a zero beside a bias that is as well known
 _SEEN = 5.0  # standard errors of a bias that counts
-_INDEPENDENT = 1e-9  # least share of a column that the others do not explain
+_INDEPENDENT = 1e-6  # least share of a column that the others do not explain
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
     from butterfly.signals.frequency_response import ResponsePoint
 
-_GUESSED = 0.5  # rad, standard uncertainty of a guess
+_GUESSED = 0.5  # rad, largest standard uncertainty of a guess: more says no more
 _SLACK = 0.1  # friction over the moment of gravity, where nothing is known of it
 _APART = 3.0  # standard errors between readings that are not the same
 _ALIKE = 0.005  # rad between readings that are
@@ -154,28 +154,44 @@ def _of_mass(logs: Sequence[Log], points: Sequence[ResponsePoint | None], home: 
     if rests:
         middle = float(np.median([near(each, rests[0]) for each in rests]))
         found.append(Zero(value=middle, uncertainty=slack / math.sqrt(3), kind=ZeroKind.REST))
-    found.append(Zero(value=_guess(logs, home), uncertainty=_GUESSED, kind=ZeroKind.GUESS))
-    return min(found, key=lambda zero: zero.uncertainty).near(home)
+    likely = [zero for zero in found if zero.uncertainty < _GUESSED]
+    best = min(likely, key=lambda zero: zero.uncertainty, default=_guess(logs, home))
+    return best.near(home)
 
 
-def _guess(logs: Sequence[Log], home: float) -> float:
-    """Return the median of what logs of small motion go about; a turning one tells its start."""
-    calm = [float(np.mean(log.angle)) for log in logs if not _turns(log)]
-    return float(np.median([near(each, home) for each in calm or [float(logs[0].angle[0])]]))
+def _guess(logs: Sequence[Log], home: float) -> Zero:
+    """Guess the median of what logs of small motion go about; a turning one tells its start."""
+    calm = [log for log in logs if not _turns(log)]
+    means = [near(float(np.mean(log.angle)), home) for log in calm]
+    swings = [float(np.std(log.angle)) for log in calm]
+    return Zero(
+        value=float(np.median(means or [logs[0].angle[0]])),
+        uncertainty=float(np.median(np.minimum(swings or [_GUESSED], _GUESSED))),
+        kind=ZeroKind.GUESS,
+    )
 
 
 def _together(found: Mapping[AddedMass, Zero]) -> dict[AddedMass, Zero]:
-    """Put the zeros that the motion told with different masses together, where they agree."""
+    """Put the zeros that the motion told with different masses together, where they agree.
+
+    A mass of which there is but a guess has the zero that is known best of the others.
+    """
     told = {mass: zero for mass, zero in found.items() if zero.kind is ZeroKind.FIT}
+    one = _shared(list(told.values()))
+    joint = {**found, **dict.fromkeys(told, one)} if one else dict(found)
+    best = min(joint.values(), key=lambda zero: (zero.kind is ZeroKind.GUESS, zero.uncertainty))
+    return {mass: best if z.kind is ZeroKind.GUESS else z for mass, z in joint.items()}
+
+
+def _shared(told: Sequence[Zero]) -> Zero | None:
+    """Return the weighted mean of zeros; None if there are no two, or they do not agree."""
     if len(told) < 2:  # noqa: PLR2004 - alone it has no others
-        return dict(found)
-    home = next(iter(told.values())).value
-    values = np.array([near(zero.value, home) for zero in told.values()])
-    errors = np.hypot([zero.uncertainty for zero in told.values()], _ALIKE)
+        return None
+    values = np.array([near(zero.value, told[0].value) for zero in told])
+    own = np.array([zero.uncertainty for zero in told])
+    errors = np.hypot(own, _ALIKE)
     weights = errors**-2 / np.sum(errors**-2)
-    shared = float(weights @ values)
-    if (np.abs(values - shared) > _APART * errors).any():
-        return dict(found)
-    doubt = float(np.sqrt(weights**2 @ np.array([z.uncertainty for z in told.values()]) ** 2))
-    one = Zero(value=shared, uncertainty=doubt, kind=ZeroKind.FIT)
-    return {mass: one if mass in told else zero for mass, zero in found.items()}
+    mean = float(weights @ values)
+    if (np.abs(values - mean) > _APART * errors).any():
+        return None
+    return Zero(value=mean, uncertainty=float(np.sqrt(weights**2 @ own**2)), kind=ZeroKind.FIT)

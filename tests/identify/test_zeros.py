@@ -145,6 +145,8 @@ def test_a_log_that_hardly_moves_rests_and_one_that_says_nothing_is_guessed():
     data = DataSet.of([brief])
     assert data.zeros[0].kind is ZeroKind.GUESS
     assert data.guessed == (data.logs[0].name,)
+    heavy = _logs(0.5)[2]
+    assert {each.kind for each in DataSet.of([brief, heavy]).zeros} == {ZeroKind.FIT}
     assert DataSet.of([brief], known=Knowledge.told({"p3": 0})).guessed == ()
 
 
