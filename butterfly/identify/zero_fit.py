@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 
 _TARGET, _GRAVITY, _BIAS = "p1", ("p3", "p3_offset"), "bias"
 _NAMES = (*_GRAVITY, "p2", "coulomb", "p4", "delay")
-_PER_UNKNOWN = 5  # test functions at least
+_PER_UNKNOWN = 3  # test functions at least
+_OF_LOG = 1 / 16  # longest half-width of a test function
 _WELL = 0.02  # rad: a zero beside a bias that is as well known
 _SEEN = 5.0  # standard errors of a bias that counts
 _INDEPENDENT = 1e-6  # least share of a column that the others do not explain
@@ -84,7 +85,7 @@ def fitted_zero(logs: Sequence[Log]) -> FittedZero | None:
 
 def _averages(log: Log, about: float) -> dict[str, Samples] | None:
     """Average one log over the test functions in which it moves; None if it is too short."""
-    width = min(HALF_WIDTH, float(log.time[-1] - log.time[0]) / 8)
+    width = min(HALF_WIDTH, float(log.time[-1] - log.time[0]) * _OF_LOG)
     if log.excitation is not None:
         width = min(width, math.pi / 2 / log.excitation.omega)
     turns = round((float(np.median(log.angle)) - about) / (2 * np.pi))
