@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing
+from butterfly.identify.physical_formulas import SYMBOLS
 from butterfly.model.terms import TERMS
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.zeros import REMEDY
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from butterfly.experiment.estimate_record import EstimateRecord
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
@@ -34,8 +36,7 @@ def summary(identification: Identification) -> list[str]:
     verdict, *others = sentences(estimate)
     return [
         verdict,
-        f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
-        f"{'voltage' if voltage else 'torque command'}, "
+        f"{_logs(data)}, driven by {'voltage' if voltage else 'torque command'}, "
         f"method: {estimate.method}.",
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
@@ -44,6 +45,19 @@ def summary(identification: Identification) -> list[str]:
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
+
+
+def _logs(data: DataSet) -> str:
+    """Say how many logs there are, and what the hand carried."""
+    logs = counted(len(data.logs), "log")
+    if len(data.masses) == 1:
+        return f"{logs} with {data.masses[0] if data.masses[0].mass else 'no added mass'}"
+    return f"{logs} with {len(data.masses)} added masses"
+
+
+def counted(number: float, thing: str) -> str:
+    """Return a number of things."""
+    return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
 
 
 def _known(estimate: ParameterEstimate) -> list[str]:
@@ -112,6 +126,10 @@ def _joined_after(finding: Finding) -> str:
 def _number(finding: Finding) -> float:
     assert finding.number is not None  # noqa: S101 - kinds whose sentence asks for one have one
     return finding.number
+
+
+def _physical(name: str) -> str:
+    return f"{SYMBOLS[name].symbol} ({SYMBOLS[name].meaning})"
 
 
 def _simulations(finding: Finding, _: Values) -> str:
@@ -192,6 +210,15 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
         "the angle or the input counts the other way, say so in the manifest (sign: -1)."
     ),
+    FindingKind.TOLD_APART: lambda f, _: (
+        f"{_joined(f)} as it is told and as it follows from what is known of motor and hand lie "
+        f"{_number(f):.1f} standard uncertainties apart: check both, and the gear ratio."
+    ),
+    FindingKind.CONTRADICTED: lambda f, _: (
+        "What is known of motor and hand does not go with these values: "
+        f"{' and '.join(_physical(name) for name in f.parameters)} would be {_number(f):.1f} "
+        "standard errors below 0. Check what was told, its units and the gear ratio."
+    ),
     FindingKind.PRIOR_APART: lambda f, _: (
         f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "
         "one of the two is wrong, and the values lie between them."
@@ -244,8 +271,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: lambda f, _: (
-        f"With {_number(f):.0f} logs the intervals come from stretches of these, and hold nothing "
-        "of how the robot differs from run to run: record more."
+        f"With {counted(_number(f), 'log')} the intervals come from stretches of time, and hold "
+        "nothing of how the robot differs from run to run: record more."
     ),
     FindingKind.UNCHECKED: lambda _f, _v: (
         "The intervals were not checked by leaving an added mass out, as asked."
