@@ -80,8 +80,9 @@ def predict(
         logs = planned_logs(source)
         measured, setting = False, _from_rest(logs)
     else:
-        logs = source.logs
-        measured, setting = True, Predictor(source).setting
+        whole = source.whole
+        logs = whole.logs
+        measured, setting = True, Predictor(whole).setting
     known = _Known.of(found, logs, draws, seed, track) if bands else _Known()
     predictions = predict_logs(
         logs,

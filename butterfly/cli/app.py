@@ -56,7 +56,7 @@ COMMANDS = {
     "select": Command(
         "judge_commands",
         "select_command",
-        "Choose friction terms by how well they predict added masses that were left out.",
+        "Choose friction terms by how well they predict logs that were left out.",
     ),
     "residual": Command(
         "judge_commands",
@@ -76,7 +76,7 @@ COMMANDS = {
     "leaderboard": Command(
         "compare_commands",
         "leaderboard_command",
-        "Rank estimators by how well they predict added masses that they have not seen.",
+        "Rank estimators by how well they predict what they have not seen.",
     ),
     "calibrate-orbit": Command(
         "orbit_commands",

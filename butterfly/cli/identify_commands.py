@@ -14,7 +14,9 @@ from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import (
     DataArgument,
     FiguresOption,
+    HoldoutOption,
     ReportOption,
+    parse_names,
     parse_pairs,
     require_report,
 )
@@ -49,6 +51,7 @@ def identify_command(
             show_default=False,
         ),
     ] = None,
+    holdout: HoldoutOption = None,
     save: Annotated[
         Path | None,
         typer.Option(
@@ -74,7 +77,8 @@ def identify_command(
     others = {
         text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
     }
-    result = identify(options.read(data), estimator, against=others, track=show_progress)
+    logs = options.read(data).holding_out(parse_names(holdout))
+    result = identify(logs, estimator, against=others, track=show_progress)
     show_identification(result)
     if hand_mass is not None:
         hand = physical_hand(PendulumEstimate.of(result.estimate), hand_mass)

@@ -20,7 +20,7 @@ from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
-from butterfly.identify.judgement.validation import Split
+from butterfly.identify.judgement.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
@@ -149,9 +149,18 @@ class SignalSpec(OneOf):
 
 
 class ValidationSpec(StrictModel):
-    """What is left out, to be predicted by what is kept."""
+    """What is left out, to be predicted by what is kept.
 
-    split: Split = Split.MASS
+    Parameters
+    ----------
+    split
+        What is left out together (see `butterfly.identify.judgement.splits.divide`).
+    folds
+        How many, of frequency, log and time.
+    """
+
+    split: Split = Split.AUTO
+    folds: Annotated[int, Field(ge=2)] | None = None
 
 
 class ReportSpec(StrictModel):
@@ -183,6 +192,8 @@ class Experiment(StrictModel):
     estimators
         Several of them, in place of ``method`` and ``terms``, for a sweep or `butterfly
         leaderboard`.
+    holdout
+        Names or glob patterns of logs that are not used for a fit, only to be foretold by it.
     validation
         Of each run of a sweep, by data left out; none if not given.
     report
@@ -208,6 +219,7 @@ class Experiment(StrictModel):
     method: MethodName = DEFAULT_METHOD
     terms: tuple[str, ...] | None = None
     estimators: tuple[AnyEstimator, ...] = ()
+    holdout: tuple[str, ...] = ()
     validation: ValidationSpec | None = None
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None

@@ -27,7 +27,13 @@ MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
-_SELDOM = {"sign": 1, "joint": "hinge", "gravity": GRAVITY, "known": {}}  # not written
+_SELDOM = {
+    "sign": 1,
+    "joint": "hinge",
+    "gravity": GRAVITY,
+    "known": {},
+    "holdout": [],
+}  # not written
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
@@ -120,6 +126,8 @@ class Manifest(StrictModel):
         Column map of CSV files.
     repair
         Repairs that may be made (see `butterfly.logs.health.Repair`).
+    holdout
+        Files, or glob patterns of them, that are not used for a fit, only to be foretold by it.
     logs
         The files.
     """
@@ -136,6 +144,7 @@ class Manifest(StrictModel):
     known: dict[str, Told] = Field(default_factory=dict)
     columns: dict[str, str] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
+    holdout: list[str] = Field(default_factory=list)
     logs: Annotated[list[LogEntry], Field(min_length=1)]
 
     @model_validator(mode="after")

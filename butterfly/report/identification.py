@@ -83,6 +83,7 @@ def write_report(
         comparisons=identification.comparisons,
         fit=identification.summary,
         logs=list(zip(data.points, data.health, runs, strict=True)),
+        held_out=identification.held_out,
         first=middle,
         response=response.to_json(),
         series=json.dumps(time_figures(runs)),
@@ -110,6 +111,7 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
         "parameters": {each.parameter: each.numbers() for each in records},
         "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
         "fits": {run.log.name: run.fit for run in identification.free_runs},
+        "held_out": identification.held_out,
         "misfit": misfit_numbers(identification.misfit),
         "ending": estimate.ending,
         "findings": [

@@ -10,7 +10,7 @@ def test_unseen_masses_and_frequencies_are_predicted(butterfly, quick_data):
     for split in ("mass", "frequency"):
         code, out, err = butterfly("validate", quick_data, "--split", split)
         assert code == 0, err
-        assert f"one {split} left out" in out
+        assert f"Left out by {split}: as asked." in out
         assert "above 90 %" in out
 
 
