@@ -51,7 +51,7 @@ COMMANDS = {
     "predict": Command(
         "predict_commands",
         "predict_command",
-        "Predict logs, or an experiment that nobody has done, with an identification.",
+        "Predict logs, or an experiment that nobody has done, with given parameters.",
     ),
     "select": Command(
         "judge_commands",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import KW_ONLY, dataclass, replace
+from difflib import get_close_matches
 from enum import StrEnum
 from fnmatch import fnmatchcase
 from pathlib import PurePath
@@ -258,7 +259,8 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
     for name in names:
         own = [k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)]
         if not own:
-            expected = nearest(name, [log.name for log in logs])
-            raise InputError(source, "holdout", name, f"a log: {expected}")
+            known = [log.name for log in logs]
+            (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]
+            raise InputError(source, "holdout", name, f"the name of a log, such as {close}")
         chosen.update(own)
     return sorted(chosen)
