@@ -152,7 +152,10 @@ class DataSet:
 
     def knowing(self, known: Knowledge) -> DataSet:
         """Return the data set of a robot of which more is known."""
-        return replace(self, known=self.known.also(known)) if known else self
+        if not known:
+            return self
+        manifest = None if self.manifest is None else self.manifest.knowing(known)
+        return replace(self, known=self.known.also(known), manifest=manifest)
 
     @property
     def whole(self) -> DataSet:
