@@ -134,7 +134,7 @@ RESULTS_COMMANDS = {
     "compare": Command(
         "results_commands",
         "compare_command",
-        "Compare two runs: what they set, and what they found.",
+        "Tell whether a robot has changed between two identifications, or compare two runs.",
     ),
     "clean": Command(
         "results_commands",
