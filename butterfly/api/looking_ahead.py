@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -98,7 +99,7 @@ def predict(
         require_possible(estimate)
         if bands:
             raise IdentifiabilityError("bands need an identification: parameters alone have none")
-        known = _Known()
+        known = _Known(said=_of_gain(told, estimate))
     else:
         found = _identified(result)
         _require_input(found, source.input_kind)
@@ -195,6 +196,14 @@ class _Known:
         errors = left_over(data, found.estimate)
         more = (*_of_errors(errors), *_beyond(data.masses, logs))
         return cls(draws=draws, errors=errors, said=(_of_draws(draws), *more))
+
+
+def _of_gain(told: Mapping[str, object], estimate: ParameterEstimate) -> tuple[str, ...]:
+    """Say which p4 was taken where none was given."""
+    gain = told.get("p4", math.nan)
+    if isinstance(gain, float) and math.isnan(gain):
+        return (f"p4 was not given: {estimate.parameters.p4:.4g} has the best FIT.",)
+    return ()
 
 
 def _of_draws(draws: ParameterDraws) -> str:
