@@ -35,7 +35,7 @@ def test_the_answer_comes_first_in_words():
     assert still.summary[0].startswith("No change can be seen; one of more than 10 % of ")
     worn = bf.changed(identified(), identified([1, 1, 1, 1, 1.32, 1]))
     assert worn.summary[0] == (
-        "Coulomb friction has grown by 32 % (from 0.00100 to 0.00132 N m). No other parameter has "
+        "Coulomb friction has grown by 32 % (from 0.001000 to 0.001320 N m). No other parameter has "
         "changed beyond what the data can tell."
     )
     shrunk = bf.changed(identified(), identified([1, 1, 0.8, 1, 1, 1]))
