@@ -35,8 +35,8 @@ def test_the_answer_comes_first_in_words():
     assert still.summary[0].startswith("No change can be seen; one of more than 10 % of ")
     worn = bf.changed(identified(), identified([1, 1, 1, 1, 1.32, 1]))
     assert worn.summary[0] == (
-        "Coulomb friction has grown by 32 % (from 0.001000 to 0.001320 N m). No other parameter has "
-        "changed beyond what the data can tell."
+        "Coulomb friction has grown by 32 % (from 0.001000 to 0.001320 N m). No other parameter "
+        "has changed beyond what the data can tell."
     )
     shrunk = bf.changed(identified(), identified([1, 1, 0.8, 1, 1, 1]))
     assert "The gravity moment p3 has shrunk by 20 %" in shrunk.summary[0]

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from butterfly.errors import IdentifiabilityError
+from butterfly.identify.judgement.covariance import split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
-from butterfly.identify.judgement.term_choice import NEGLIGIBLE
+from butterfly.identify.judgement.term_choice import NEGLIGIBLE, stretches_of
 from butterfly.identify.prior import Prior
 from butterfly.identify.regression import Regression
 from butterfly.identify.solved import Solved
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 _ROUNDS = 8  # about the delay
 _SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
+_LATEST = 0.25  # of the shortest log, for a delay
 _SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
@@ -171,6 +174,7 @@ class WeakFit:
             regression = about.regression(windows)
             solution = regression.solve()
             before, about = about, about.moved(solution.values)
+            _refuse_late(about.delay, windows)
             settled = bool(abs(about.delay - before.delay) < _SETTLED)
             if settled:
                 break
@@ -203,9 +207,11 @@ class WeakFit:
     ) -> Nested:
         """Return the equations with other terms, or another Stribeck velocity, about this end."""
         regression = replace(self.about, names=names, slow=slow).regression(windows)
+        stretches = stretches_of(len(windows))
+        cluster = split(regression.cluster, stretches)
         values = np.array([self.values.get(name, 0.0) for name in names])
         jacobian, residuals = regression.jacobian(values), regression.residuals(values)
-        ends = np.cumsum(np.bincount(regression.cluster, minlength=len(windows)))[:-1]
+        ends = np.cumsum(np.bincount(cluster, minlength=len(windows) * stretches))[:-1]
         parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
         return Nested(
             names=names,
@@ -214,7 +220,17 @@ class WeakFit:
             curvature=np.array([rows.T @ rows for rows, _ in parts]),
             gradient=np.array([rows.T @ left for rows, left in parts]),
             cost=np.array([float(left @ left) for _, left in parts]),
-            folds=folds,
+            folds=folds if stretches == 1 else np.arange(len(parts)),
             negligible=NEGLIGIBLE,
             prior=regression.prior,
+        )
+
+
+def _refuse_late(delay: float, windows: Sequence[Windows]) -> None:
+    """Refuse a delay of which a log would hardly see the end."""
+    shortest = min(each.averaging.duration for each in windows)
+    if not abs(delay) < _LATEST * shortest:
+        raise IdentifiabilityError(
+            f"no joint's equation balances these logs: it would take a delay of {delay:.3g} s; "
+            "check signs and units, and what is said to be known"
         )
