@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -13,21 +14,27 @@ from butterfly import __version__
 from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.result import Result, aligned, text, texts
+from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import Identification, simulated
+from butterfly.identify.judgement.slips.names import listed
+from butterfly.identify.physical import physical_parameters
 from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.known import PHYSICAL, Knowledge
+from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import write_report
 from butterfly.report.parameter_rows import rows_of, unit_of
+from butterfly.report.physical import physical_numbers
 from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from os import PathLike
 
     import control
@@ -36,7 +43,8 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.identify.physical import PhysicalParameters
+    from butterfly.model.parameters import LumpedParameters
     from butterfly.report.verdict import SaidVerdict
 
 
@@ -51,7 +59,8 @@ class Identified(Result):
     estimator
         What made it, and what that was told.
     origin
-        The data: name, description, input, number of logs, and the manifest they were read by.
+        The data: name, description, input, number of logs, what was known of the robot, its joint
+        and gravity, and the manifest that the logs were read by.
     fits
         FIT in per cent of the free run of each log, by its name.
     summary
@@ -76,6 +85,7 @@ class Identified(Result):
     def of(cls, found: Identification, estimator: str) -> Identified:
         """Wrap an identification made by an estimator of this label."""
         data, manifest = found.data, found.data.whole_manifest
+        carrier = data.logs[0].added_mass
         return cls(
             estimate=found.estimate,
             estimator=estimator,
@@ -84,6 +94,9 @@ class Identified(Result):
                 "description": data.description,
                 "input": str(data.input_kind),
                 "logs": len(data.logs),
+                "known": data.known.as_told(),
+                "joint": str(carrier.joint),
+                "gravity": carrier.gravity,
                 "manifest": manifest and manifest.model_dump(mode="json"),
             },
             fits={run.log.name: run.fit for run in found.free_runs},
@@ -99,7 +112,7 @@ class Identified(Result):
         InputKind(origin["input"])
         if origin["manifest"] is not None:
             Manifest.model_validate(origin["manifest"])
-        return cls(
+        result = cls(
             estimate=estimate_of(content["estimate"]),
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
@@ -107,6 +120,8 @@ class Identified(Result):
             summary=texts(content["summary"]),
             held_out=_fits(content.get("held_out", {})),
         )
+        result.physical()
+        return result
 
     def content(self) -> dict[str, Any]:
         """Return all that is saved."""
@@ -121,6 +136,7 @@ class Identified(Result):
             "fits": self.fits,
             "held_out": self.held_out,
             "data": self.origin,
+            "physical": physical_numbers(self._physical()),
             "estimate": estimate_content(self.estimate),
         }
 
@@ -207,6 +223,37 @@ class Identified(Result):
     def verdict(self) -> list[str]:
         """How far to trust the values, in words: first what may be done with them."""
         return sentences(self.estimate)
+
+    def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`
+        """Tell what the lumped parameters are made of, as far as it can be told.
+
+        Parameters
+        ----------
+        known
+            What is known of motor and hand besides what the data say of it, by names of
+            `butterfly.model.known.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or was known before.
+        """
+        return Separated.of(self._physical(known), self.origin["name"], self.judged)
+
+    def _physical(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
+        before, told = Knowledge.told(self.origin.get("known", {})), Knowledge.told(known)
+        for name in known:
+            if name not in told.physical:
+                raise InputError("physical", name, "no part of motor or hand", listed([*PHYSICAL]))
+            if name in before.physical:
+                expected = "what was not known before; else identify again with it"
+                raise InputError("physical", name, known[name], expected)
+        carrier = AddedMass(
+            gravity=float(self.origin.get("gravity", GRAVITY)),
+            joint=JointKind(self.origin.get("joint", JointKind.HINGE)),
+        )
+        kind = InputKind(self.origin["input"])
+        return physical_parameters(self.estimate, before.also(told), kind, carrier)
 
     @property
     def fit(self) -> FitSummary:

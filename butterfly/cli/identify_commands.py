@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from butterfly.cli.console import show_pairs, show_progress
+from butterfly.cli.console import show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
@@ -24,7 +24,6 @@ from butterfly.cli.show_identification import show_identification
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify
 from butterfly.identify.other_parameters import told_parameters
-from butterfly.identify.physical import INSEPARABLE, PendulumEstimate, physical_hand
 
 
 @takes_data_options
@@ -40,14 +39,6 @@ def identify_command(
         typer.Option(
             help="Other parameters to simulate the same logs with: p1=…,p2=…,p3=… and, if wanted, "
             "p4=…,coulomb=…,delay=…; without p4 the best one is used. May be repeated.",
-            show_default=False,
-        ),
-    ] = None,
-    hand_mass: Annotated[
-        float | None,
-        typer.Option(
-            help="Mass of the hand in kg, if it was weighed: separates its inertia and centre of "
-            "mass (83).",
             show_default=False,
         ),
     ] = None,
@@ -81,15 +72,6 @@ def identify_command(
     chosen = estimator.suited(logs)
     result = identify(logs, chosen, against=others, track=show_progress)
     show_identification(result)
-    if hand_mass is not None:
-        hand = physical_hand(PendulumEstimate.of(result.estimate), hand_mass)
-        show_pairs(
-            [
-                ("centre of mass", f"{hand.com_distance:.4g} ± {hand.com_distance_error:.2g} m"),
-                ("inertia about it", f"{hand.inertia:.4g} ± {hand.inertia_error:.2g} kg m²"),
-            ]
-        )
-        typer.echo(INSEPARABLE)
     if report is not None:
         from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identify.implied import implied
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
@@ -40,8 +41,10 @@ class DataSet:
         What it was read by; None if its logs came from no files.
     input_kind
         What its input commands.
+    told
+        What its owner knows of the robot.
     known
-        What is known of the robot.
+        That, and what it implies of the parameters (see `butterfly.identify.implied`).
     recorded
         The logs as they were recorded.
     logs, health
@@ -56,6 +59,7 @@ class DataSet:
     description: str
     manifest: Manifest | None = None
     input_kind: InputKind
+    told: Knowledge = NOTHING
     known: Knowledge = NOTHING
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
@@ -96,12 +100,14 @@ class DataSet:
         except InputError as error:
             raise with_slips(error, slips_of_still(recorded)) from None
         logs = [log for log, _ in examined]
+        told = _of_joint(recorded[0]).also(known)
         return cls(
             name=name,
             description=description,
             manifest=manifest,
             input_kind=recorded[0].input_kind,
-            known=_of_joint(recorded[0]).also(known),
+            told=told,
+            known=implied(told, recorded[0].input_kind, recorded[0].added_mass.joint),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -160,7 +166,9 @@ class DataSet:
         if not known:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
-        return replace(self, known=self.known.also(known), manifest=manifest)
+        told = self.told.also(known)
+        follows = implied(told, self.input_kind, self.logs[0].added_mass.joint)
+        return replace(self, told=told, known=follows, manifest=manifest)
 
     @property
     def whole(self) -> DataSet:

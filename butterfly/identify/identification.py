@@ -11,6 +11,7 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identify.estimators import Estimator, Suitable
+from butterfly.identify.judgement.contradictions import judge_knowledge
 from butterfly.identify.judgement.following import judge_fit, judge_held_out
 from butterfly.identify.judgement.input_kind import judge_input
 from butterfly.identify.judgement.misfit import Misfit, judge_misfit
@@ -22,6 +23,7 @@ from butterfly.identify.judgement.slips.search import (
     find_slips_of_refused,
 )
 from butterfly.identify.other_parameters import OtherParameters, try_parameters
+from butterfly.identify.physical import PhysicalParameters, physical_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor
 from butterfly.progress import Track, untracked
 
@@ -79,6 +81,14 @@ class Identification:
     def misfit(self) -> Misfit:
         """What the free runs leave over, and whether the sensors explain it."""
         return judge_misfit(self.data, self.estimate)
+
+    @cached_property
+    def physical(self) -> PhysicalParameters:
+        """What the lumped parameters are made of, as far as it can be told."""
+        data = self.data
+        return physical_parameters(
+            self.estimate, data.known, data.input_kind, data.logs[0].added_mass
+        )
 
 
 def identify(
@@ -151,6 +161,7 @@ def judge(
         *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
         *_of_held_out(data, found, fits[counted]),
         *judge_input(found, data.input_kind),
+        *judge_knowledge(found, data),
     )
     return told.with_slips(*find_slips(data, estimator, told))
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing
+from butterfly.identify.physical_formulas import SYMBOLS
 from butterfly.model.terms import TERMS
 from butterfly.report.verdict import SaidVerdict
 
@@ -143,6 +144,10 @@ def _number(finding: Finding) -> float:
     return finding.number
 
 
+def _physical(name: str) -> str:
+    return f"{SYMBOLS[name].symbol} ({SYMBOLS[name].meaning})"
+
+
 def _simulations(finding: Finding, _: Values) -> str:
     how = "converged"
     if finding.severity is Severity.WARNING:
@@ -224,6 +229,15 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.NEGATIVE_GAIN: lambda f, _: (
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
         "the angle or the input counts the other way, say so in the manifest (sign: -1)."
+    ),
+    FindingKind.TOLD_APART: lambda f, _: (
+        f"{_joined(f)} as it is told and as it follows from what is known of motor and hand lie "
+        f"{_number(f):.1f} standard uncertainties apart: check both, and the gear ratio."
+    ),
+    FindingKind.CONTRADICTED: lambda f, _: (
+        "What is known of motor and hand does not go with these values: "
+        f"{' and '.join(_physical(name) for name in f.parameters)} would be {_number(f):.1f} "
+        "standard errors below 0. Check what was told, its units and the gear ratio."
     ),
     FindingKind.PRIOR_APART: lambda f, _: (
         f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "

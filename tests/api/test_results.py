@@ -58,6 +58,27 @@ def test_a_result_is_one_line_a_table_and_sentences(result):
     assert "<p>&lt;b&gt;</p>" in html
 
 
+def test_what_parameters_are_made_of_is_told_of_what_is_known(result, tmp_path):
+    found = result.physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
+    table = found.to_dataframe().set_index("parameter")
+    assert table.loc["com_distance", "value"] == pytest.approx(0.05, rel=0.01)
+    assert table.loc["com_distance", "standard_error"] == pytest.approx(5e-4, rel=0.05)
+    assert table.loc["viscous_friction", "value"] == pytest.approx(2e-4, rel=0.1)
+    assert "k_t from R" in str(found)
+    found.save(tmp_path / "physical.json")
+    assert bf.load(tmp_path / "physical.json").rows() == found.rows()
+    result.save(tmp_path / "r.json")
+    again = bf.load(tmp_path / "r.json").physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
+    assert again.rows() == found.rows()
+    assert result.physical().rows() == []
+    for name in ("p4", "mass"):
+        with pytest.raises(bf.InputError, match=name):
+            result.physical(**{name: 1.0})
+    told = replace(result, origin=result.origin | {"known": {"hand_mass": 0.1}})
+    with pytest.raises(bf.InputError, match=r"hand_mass: got 0\.2; expected what was not known"):
+        told.physical(hand_mass=0.2)
+
+
 def test_what_was_saved_comes_back(result, data, tmp_path):
     result.save(tmp_path / "r.json")
     again = bf.load(tmp_path / "r.json")

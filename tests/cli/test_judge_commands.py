@@ -14,13 +14,19 @@ def test_unseen_masses_and_frequencies_are_predicted(butterfly, quick_data):
         assert "above 90 %" in out
 
 
-def test_a_weighed_hand_and_the_bootstrap(butterfly, quick_data):
-    code, out, err = butterfly("identify", quick_data, "--hand-mass", 0.1)
+def test_a_weighed_hand_and_the_bootstrap(butterfly, quick_data, tmp_path):
+    page = tmp_path / "r.html"
+    told = ("--known", "hand_mass=0.1+-0.001", "--report", page)
+    code, out, err = butterfly("identify", quick_data, *told)
     assert code == 0, err
-    assert "centre of mass" in out
-    distance = float(re.search(r"centre of mass\s+([\d.]+) ±", out).group(1))
-    assert distance == pytest.approx(0.05, rel=0.05)
-    assert "weigh the hand" in out
+    value, error = re.search(r"l_c, pivot to centre of mass +([\d.]+) +([\d.]+)", out).groups()
+    assert float(value) == pytest.approx(0.05, rel=0.01)
+    assert float(error) == pytest.approx(0.0005, rel=0.05)
+    assert "take J_r from the motor's data sheet" in out
+    assert "weigh the hand" not in out
+    assert 'id="physical"' in page.read_text(encoding="utf-8")
+    numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))["physical"]
+    assert numbers["com_distance"]["value"] == pytest.approx(float(value), rel=1e-3)
     code, out, err = butterfly("validate", quick_data, "--bootstrap", 20)
     assert code == 0, err
     assert "bootstrap over logs" in out
