@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -65,6 +65,8 @@ class Identified(Result):
         FIT in per cent of the free run of each log, by its name.
     summary
         What was found, in words.
+    held_out
+        FIT in per cent of each log that was held out, by its name.
     live
         The identification with its logs; None for one that was loaded.
     """
@@ -76,12 +78,14 @@ class Identified(Result):
     origin: dict[str, Any]
     fits: dict[str, float]
     summary: tuple[str, ...]
+    held_out: dict[str, float] = field(default_factory=dict)
     live: Identification | None = None
 
     @classmethod
     def of(cls, found: Identification, estimator: str) -> Identified:
         """Wrap an identification made by an estimator of this label."""
-        data, carrier = found.data, found.data.logs[0].added_mass
+        data, manifest = found.data, found.data.whole_manifest
+        carrier = data.logs[0].added_mass
         return cls(
             estimate=found.estimate,
             estimator=estimator,
@@ -93,10 +97,11 @@ class Identified(Result):
                 "known": data.known.as_told(),
                 "joint": str(carrier.joint),
                 "gravity": carrier.gravity,
-                "manifest": data.manifest and data.manifest.model_dump(mode="json"),
+                "manifest": manifest and manifest.model_dump(mode="json"),
             },
             fits={run.log.name: run.fit for run in found.free_runs},
             summary=tuple(summary(found)),
+            held_out=found.held_out,
             live=found,
         )
 
@@ -111,8 +116,9 @@ class Identified(Result):
             estimate=estimate_of(content["estimate"]),
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
-            fits={str(name): float(or_nan(fit)) for name, fit in content["fits"].items()},
+            fits=_fits(content["fits"]),
             summary=texts(content["summary"]),
+            held_out=_fits(content.get("held_out", {})),
         )
         result.physical()
         return result
@@ -128,6 +134,7 @@ class Identified(Result):
             "parameters": {row.pop("parameter"): row for row in self.rows()},
             "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
             "fits": self.fits,
+            "held_out": self.held_out,
             "data": self.origin,
             "physical": physical_numbers(self._physical()),
             "estimate": estimate_content(self.estimate),
@@ -324,6 +331,10 @@ class Identified(Result):
             expected = "one whose logs came from one source of files, to be read again"
             raise InputError("a result that was loaded", "logs", "none", expected)
         return simulated(read_data_set(Manifest.model_validate(found)), self.estimate)
+
+
+def _fits(content: dict[str, Any]) -> dict[str, float]:
+    return {str(name): float(or_nan(fit)) for name, fit in content.items()}
 
 
 @dataclass(frozen=True)

@@ -113,15 +113,18 @@ def _together(sources: Sequence[Any], name: str, about: Mapping[str, Any]) -> Da
         for each in sources
     ]
     logs: list[Log] = []
+    held: list[Log] = []
     repairs = DEFAULT_REPAIRS
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)
             continue
         logs.extend(part.recorded)
+        held.extend(() if part.held is None else part.held.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
-    return DataSet.of(logs, name=name, repairs=repairs)
+    data = DataSet.of([*logs, *held], name=name, repairs=repairs)
+    return data.holding(range(len(logs), len(data.logs)))
 
 
 def _is_read(source: object) -> bool:

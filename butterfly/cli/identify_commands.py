@@ -14,7 +14,9 @@ from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import (
     DataArgument,
     FiguresOption,
+    HoldoutOption,
     ReportOption,
+    parse_names,
     parse_pairs,
     require_report,
 )
@@ -40,6 +42,7 @@ def identify_command(
             show_default=False,
         ),
     ] = None,
+    holdout: HoldoutOption = None,
     save: Annotated[
         Path | None,
         typer.Option(
@@ -65,7 +68,7 @@ def identify_command(
     others = {
         text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
     }
-    logs = options.read(data)
+    logs = options.read(data).holding_out(parse_names(holdout))
     chosen = estimator.suited(logs)
     result = identify(logs, chosen, against=others, track=show_progress)
     show_identification(result)

@@ -86,6 +86,12 @@ def show_estimates(record: RunRecord) -> None:
     for estimate in record.estimates:
         if estimate.error:
             typer.echo(f"{estimate.estimator}: {estimate.error}")
+        if estimate.holdout is not None:
+            held = estimate.holdout
+            typer.echo(
+                f"{estimate.estimator}: held out, not used for the fit: median FIT "
+                f"{held.median:.1f} % (worst {held.worst:.1f} %)."
+            )
         if estimate.held_out is not None:
             held = estimate.held_out
             typer.echo(

@@ -16,7 +16,7 @@ from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
-from butterfly.logs.log import with_unique_names
+from butterfly.logs.log import numbers_named, with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
@@ -53,6 +53,8 @@ class DataSet:
         The logs, repaired, and the record of what was found in each.
     points
         The steady response of each log, None where the input is no sine.
+    held
+        Logs that are not to be used, only to be foretold; None if there are none.
     """
 
     name: str
@@ -65,6 +67,7 @@ class DataSet:
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
     points: tuple[ResponsePoint | None, ...]
+    held: DataSet | None = None
 
     @classmethod
     def of(
@@ -199,10 +202,64 @@ class DataSet:
             manifest=None if self.manifest is None else self.manifest.with_zero(zero),
             recorded=tuple(replace(log, zero=zero) for log in self.recorded),
             logs=tuple(replace(log, zero=zero) for log in self.logs),
+            held=None if self.held is None else self.held.with_zero(zero),
         )
 
+    @property
+    def whole(self) -> DataSet:
+        """All logs, those that are held out after the others."""
+        if self.held is None:
+            return self
+        both = (self, self.held)
+        return replace(
+            self,
+            manifest=self.whole_manifest,
+            recorded=tuple(log for each in both for log in each.recorded),
+            logs=tuple(log for each in both for log in each.logs),
+            health=tuple(health for each in both for health in each.health),
+            points=tuple(point for each in both for point in each.points),
+            held=None,
+        )
+
+    @property
+    def whole_manifest(self) -> Manifest | None:
+        """The manifest of all logs, which names those that are held out."""
+        held = self.held
+        if self.manifest is None or held is None or held.manifest is None:
+            return self.manifest
+        entries = [*self.manifest.logs, *held.manifest.logs]
+        names = [log.name for log in held.logs]
+        return self.manifest.model_copy(update={"logs": entries, "holdout": names})
+
+    def holding_out(self, names: Sequence[str]) -> DataSet:
+        """Return the data set with some logs, by name or glob pattern, not to be used (`held`).
+
+        Raises
+        ------
+        InputError
+            If there is no such log, or none is left.
+        """
+        return self.holding(numbers_named(self.logs, names, self.name)) if names else self
+
+    def holding(self, rows: Sequence[int]) -> DataSet:
+        """Return the data set with some logs, by their numbers, not to be used (see `held`).
+
+        Raises
+        ------
+        InputError
+            If none is left.
+        """
+        if not rows:
+            return self
+        whole, count = self.whole, len(self.logs)
+        kept = [k for k in range(count) if k not in rows]
+        if not kept:
+            raise InputError(self.name, "holdout", "all logs", "some left to estimate from")
+        held = whole.take([*rows, *range(count, len(whole.logs))])
+        return replace(whole.take(kept), held=held)
+
     def take(self, rows: Sequence[int]) -> DataSet:
-        """Return the data set of some logs, by their numbers."""
+        """Return the data set of some of the logs that are used, by their numbers."""
         return replace(
             self,
             manifest=self._part(rows),
@@ -210,13 +267,14 @@ class DataSet:
             logs=tuple(self.logs[k] for k in rows),
             health=tuple(self.health[k] for k in rows),
             points=tuple(self.points[k] for k in rows),
+            held=None,
         )
 
     def _part(self, rows: Sequence[int]) -> Manifest | None:
         if self.manifest is None:
             return None
         entries = [self.manifest.logs[k] for k in rows]
-        return self.manifest.model_copy(update={"logs": entries})
+        return self.manifest.model_copy(update={"logs": entries, "holdout": []})
 
 
 def _of_joint(log: Log) -> Knowledge:
@@ -257,7 +315,7 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         If a log cannot be read or used.
     """
     recorded = [read_entry(manifest, entry) for entry in track(manifest.logs, "Reading logs")]
-    return DataSet.of(
+    data = DataSet.of(
         recorded,
         name=manifest.name,
         description=manifest.description,
@@ -266,3 +324,4 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         repairs=frozenset(manifest.repair),
         track=track,
     )
+    return data.holding_out(manifest.holdout)

@@ -71,6 +71,8 @@ class ParameterEstimate:
         (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
     known
         What was known of the robot before; what is known exactly is among ``held``.
+    freedom
+        (n,) degrees of freedom of the standard errors; None where they are not known.
     """
 
     method: str
@@ -90,6 +92,7 @@ class ParameterEstimate:
     corrections: tuple[Correction, ...] = ()
     rivals: tuple[NDArray[np.float64], ...] = ()
     known: Knowledge = NOTHING
+    freedom: NDArray[np.float64] | None = None
 
     @classmethod
     def from_rows(
@@ -184,6 +187,7 @@ class ParameterEstimate:
             corrections=corrections(rows, residuals, solved.names, carried if blocks == 1 else {}),
             known=known,
             rivals=tuple(rivals),
+            freedom=freedom[own],
         )
 
     @property

@@ -42,7 +42,7 @@ class FreeRun:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
         with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
             error = float(np.sum((self.simulated - self.log.angle) ** 2))
-        return _fit(error, _spread(self.log))
+        return fit_of(error, _spread(self.log))
 
     @property
     def rms(self) -> float:
@@ -135,7 +135,7 @@ class Predictor:
         """FIT of one log, as that of its free run, without keeping the angles."""
         trajectory = self._trajectory(number, setting.parameters)
         error = trajectory.squared_error(setting.parameters, setting.zero, setting.velocity)
-        return _fit(error, self._spreads[number])
+        return fit_of(error, self._spreads[number])
 
     def _trajectory(self, number: int, parameters: LumpedParameters) -> Trajectory:
         log = self.data.logs[number]
@@ -145,8 +145,16 @@ class Predictor:
         return self._trajectories[key]
 
 
-def _fit(squared_error: float, spread: float) -> float:
-    """FIT in per cent; there is none of an angle that stands still, or of one that diverges."""
+def fit_of(squared_error: float, spread: float) -> float:
+    """Return FIT in per cent; none of an angle that stands still, or of one that diverges.
+
+    Parameters
+    ----------
+    squared_error
+        Sum of squares in rad^2 of simulated less measured angles.
+    spread
+        The same of the measured angles about their mean.
+    """
     if not spread or not math.isfinite(squared_error):
         return -math.inf
     return 100 * (1 - math.sqrt(squared_error / spread))

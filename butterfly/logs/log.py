@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import KW_ONLY, dataclass, replace
+from difflib import get_close_matches
 from enum import StrEnum
+from fnmatch import fnmatchcase
 from pathlib import PurePath
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -235,3 +237,32 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
         names.append(name)
     pairs = zip(logs, names, strict=True)
     return [log if log.name == name else replace(log, name=name) for log, name in pairs]
+
+
+def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
+    """Return the numbers of the logs that bear one of some names.
+
+    Parameters
+    ----------
+    logs
+        With names.
+    names
+        Of logs, of their files, with or without folder and ending; or glob patterns of these.
+    source
+        For the message.
+
+    Raises
+    ------
+    InputError
+        If a name is no log's.
+    """
+    forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
+    chosen = set[int]()
+    for name in names:
+        own = [k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)]
+        if not own:
+            known = [log.name for log in logs]
+            (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]
+            raise InputError(source, "holdout", name, f"the name of a log, such as {close}")
+        chosen.update(own)
+    return sorted(chosen)

@@ -33,6 +33,7 @@ _SELDOM = {  # not written where it is as usual
     "gravity": GRAVITY,
     "known": {},
     "zeros": [],
+    "holdout": [],
 }
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -151,6 +152,8 @@ class Manifest(StrictModel):
         Column map of CSV files.
     repair
         Repairs that may be made (see `butterfly.logs.health.Repair`).
+    holdout
+        Files, or glob patterns of them, that are not used for a fit, only to be foretold by it.
     logs
         The files.
     """
@@ -169,6 +172,7 @@ class Manifest(StrictModel):
     zeros: list[MassZero] = Field(default_factory=list)
     columns: dict[str, str] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
+    holdout: list[str] = Field(default_factory=list)
     logs: Annotated[list[LogEntry], Field(min_length=1)]
 
     @model_validator(mode="after")

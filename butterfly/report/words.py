@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import median
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
@@ -41,9 +42,25 @@ def summary(identification: Identification) -> list[str]:
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        *held_out_sentences(identification.held_out),
         *_known(estimate),
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
+    ]
+
+
+def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
+    """Say how well logs are followed that were not used, by FIT in per cent and name."""
+    if not fits:
+        return []
+    values = sorted(fits.values())
+    if len(fits) == 1:
+        return [
+            f"Held out: {next(iter(fits))}, not used for the fit, has a FIT of {values[0]:.1f} %."
+        ]
+    return [
+        f"Held out: {len(fits)} logs, not used for the fit, have a median FIT of "
+        f"{median(values):.1f} % (worst {values[0]:.1f} %): {listed(list(fits))}."
     ]
 
 
@@ -197,6 +214,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.UNFOLLOWED: lambda f, _: (
         f"The model does not follow {listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
         "what is different there, or leave out what is not this robot."
+    ),
+    FindingKind.UNFORETOLD: lambda f, _: (
+        f"Held out, {listed(f.logs)} {'is' if len(f.logs) == 1 else 'are'} followed far worse than "
+        f"the logs that were used (FIT {_number(f):.1f} % at worst): the values do not hold there."
     ),
     FindingKind.NO_INERTIA: lambda f, _: (
         f"No joint has these values: {_joined(f)} leaves an inertia of {_number(f):.2g} kg m². "

@@ -15,7 +15,8 @@ import butterfly as bf
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identify.design import masses_at_hand
 from butterfly.identify.estimators import HarmonicBalance, OutputError
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.splits import Split
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.logs.mat import write_mat
 
 

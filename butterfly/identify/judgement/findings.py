@@ -31,6 +31,7 @@ class FindingKind(StrEnum):
     SLIP = "slip"  # its name; the factor that undoes it
     POOR_FIT = "poor-fit"  # median FIT in per cent
     UNFOLLOWED = "unfollowed"  # least FIT in per cent of the logs that are named
+    UNFORETOLD = "unforetold"  # the same, of logs that were held out
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # what cannot be
     NEGATIVE_GAIN = "negative-gain"
