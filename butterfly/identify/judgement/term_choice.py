@@ -176,6 +176,11 @@ def choose_terms(
     trials = _all_trials(fits, always, demanded)
     best = min(trials, key=lambda trial: trial.score)
     as_good = [trial for trial in trials if _as_good(trial, best)]
+    if not as_good:
+        raise IdentifiabilityError(
+            "simulations of these logs run away, so that no terms can be chosen by them: the "
+            "method weak-form simulates nothing from the start"
+        )
     chosen = min(as_good, key=lambda trial: (len(trial.terms), trial.score))
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
