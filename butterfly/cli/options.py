@@ -52,6 +52,15 @@ KnownOption = Annotated[
     ),
 ]
 
+ZeroOption = Annotated[
+    str | None,
+    typer.Option(
+        help="What the encoder reads in rad where the hand hangs, in place of what a manifest says "
+        "or the logs tell: 0.1, or 0.1+-0.01 with a standard uncertainty.",
+        show_default=False,
+    ),
+]
+
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
 ]

@@ -13,6 +13,8 @@ from butterfly.errors import InputError
 from butterfly.identify.implied import implied
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
+from butterfly.identify.judgement.term_choice import weightless
+from butterfly.identify.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import numbers_named, with_unique_names
 from butterfly.logs.manifest import Manifest, read_entry
@@ -130,30 +132,53 @@ class DataSet:
         return self.logs[0].added_mass.joint
 
     @cached_property
-    def equilibria(self) -> dict[AddedMass, float]:
-        """Encoder reading in rad of the hand at rest, for each added mass.
+    def zeros(self) -> tuple[Zero, ...]:
+        """Encoder reading where the model's angle is 0, for each log, and how it was found."""
+        return zeros_of(self.logs, self.points)
 
-        It is the median of its logs' mean angles; readings that are whole turns apart are the same.
-        A log in which the hand turns round tells where it began, if there is no other.
+    @cached_property
+    def equilibria(self) -> dict[AddedMass, float]:
+        """Encoder reading in rad where the model's angle is 0, for each added mass.
+
+        It is the median of its logs' zeros; what is told of a log itself goes before it (see
+        `zero_of`).
         """
-        turning = [float(np.ptp(log.angle)) > 2 * np.pi for log in self.logs]
-        middles = [
-            float(log.angle[0]) if turns else _middle(log, point)
-            for log, point, turns in zip(self.logs, self.points, turning, strict=True)
-        ]
-        home = middles[turning.index(False)] if False in turning else middles[0]
-        rests: dict[AddedMass, list[float]] = {}
+        found: dict[AddedMass, float] = {}
         for mass in self.masses:
-            own = [k for k, log in enumerate(self.logs) if log.added_mass == mass]
-            told = [k for k in own if not turning[k]] or own
-            rests[mass] = [home + math.remainder(middles[k] - home, 2 * np.pi) for k in told]
-        return {mass: float(np.median(angles)) for mass, angles in rests.items()}
+            pairs = zip(self.logs, self.zeros, strict=True)
+            own = [zero for log, zero in pairs if log.added_mass == mass]
+            others = [zero for zero in own if zero.kind is not ZeroKind.TOLD] or own
+            readings = [near(zero.value, others[0].value) for zero in others]
+            found[mass] = float(np.median(readings))
+        return found
+
+    def zero_of(self, log: Log) -> float:
+        """Return the encoder reading in rad where the model's angle is 0 in one of the logs."""
+        return reading_of(log, self.equilibria)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether gravity pulls at the joint, so that it has a rest angle, as far as is known."""
+        return not weightless(self.masses, self.known)
+
+    @property
+    def unread(self) -> list[AddedMass]:
+        """Added masses with logs whose zero is not known exactly, if there is any to know."""
+        open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.exact}
+        return sorted(open_) if self.hangs else []
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Names of the logs whose zero is a guess, if there is any to know."""
+        pairs = zip(self.logs, self.zeros, strict=True) if self.hangs else ()
+        return tuple(log.name for log, zero in pairs if zero.kind is ZeroKind.GUESS)
 
     @cached_property
     def calm(self) -> list[int]:
-        """Numbers of the logs in which the hand stays away from the upright."""
-        zeros = self.equilibria
-        return [k for k, log in enumerate(self.logs) if not turns_over(log, zeros[log.added_mass])]
+        """Numbers of the logs in which the hand stays away from the upright, if there is one."""
+        if not self.hangs:
+            return list(range(len(self.logs)))
+        return [k for k, log in enumerate(self.logs) if not turns_over(log, self.zero_of(log))]
 
     def __repr__(self) -> str:
         return (
@@ -169,6 +194,16 @@ class DataSet:
         told = self.told.also(known)
         follows = implied(told, self.input_kind, self.logs[0].added_mass.joint)
         return replace(self, told=told, known=follows, manifest=manifest)
+
+    def with_zero(self, zero: Known) -> DataSet:
+        """Return the data set with what the encoder reads in rad where the hand hangs."""
+        return replace(
+            self,
+            manifest=None if self.manifest is None else self.manifest.with_zero(zero),
+            recorded=tuple(replace(log, zero=zero) for log in self.recorded),
+            logs=tuple(replace(log, zero=zero) for log in self.logs),
+            held=None if self.held is None else self.held.with_zero(zero),
+        )
 
     @property
     def whole(self) -> DataSet:
@@ -245,10 +280,6 @@ class DataSet:
 def _of_joint(log: Log) -> Knowledge:
     """Tell what follows from how a joint moves: across no gravity there is no moment."""
     return NOTHING if log.added_mass.gravity else Knowledge(parameters={"p3": Known(value=0.0)})
-
-
-def _middle(log: Log, point: ResponsePoint | None) -> float:
-    return float(np.mean(log.angle)) if point is None else point.angle.offset
 
 
 def turns_over(log: Log, zero: float) -> bool:

@@ -109,6 +109,7 @@ class ParameterEstimate:
         masses: Sequence[AddedMass] = (),
         blocks: int = 1,
         known: Knowledge = NOTHING,
+        besides: NDArray[np.float64] | None = None,
     ) -> ParameterEstimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
@@ -132,6 +133,8 @@ class ParameterEstimate:
             Clusters of each log.
         known
             What was known of the robot.
+        besides
+            (n, n) covariance of what was taken as given, to be added to that of the equations.
 
         Raises
         ------
@@ -149,6 +152,8 @@ class ParameterEstimate:
         covariance, freedom = cluster_covariance(rows, residuals, solved.prior, considered)
         if solved.bread is not None:
             covariance = robust(covariance, whole.T @ whole, solved.bread)
+        if besides is not None:
+            covariance = covariance + besides
         apart = disagreements(solved.prior, solved.names, solved.values, covariance, whole)
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
@@ -202,10 +207,12 @@ class ParameterEstimate:
         return np.sqrt(np.diag(self.covariance))
 
     def applied(self, log: Log) -> tuple[LumpedParameters, dict[str, float]]:
-        """Return what holds for one log: parameters, and zero and velocity where estimated."""
+        """Return what holds for one log: parameters, and zero and velocity where known."""
         own: dict[str, float] = {}
         for key in (None, log.added_mass, log.name):
             own |= self.local.get(key, {})
+        if log.zero is not None and log.zero.exact:
+            own["zero"] = log.zero.value
         parameters = self.parameters
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
 

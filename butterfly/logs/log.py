@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.model.known import Known
+from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
 if TYPE_CHECKING:
@@ -64,7 +64,6 @@ class Sine:
 _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("added_mass", AddedMass, "an AddedMass"),
     ("excitation", (Sine, NoneType), "a Sine, or None"),
-    ("zero", (Known, NoneType), "a Known, or None"),
 )
 
 
@@ -91,7 +90,8 @@ class Log:
     excitation
         The sinusoid that was commanded, or None for any other input.
     zero
-        The encoder's reading in rad where the model's angle is 0, if it is known.
+        The encoder's reading in rad where the model's angle is 0, if it is known: a number, or a
+        pair of a value and its standard uncertainty.
     source
         File or plant that the log came from, for messages.
     name
@@ -120,6 +120,8 @@ class Log:
         for name, kinds, expected in _KINDS:
             if not isinstance(getattr(self, name), kinds):
                 raise InputError(self.source, name, getattr(self, name), expected)
+        if self.zero is not None:
+            object.__setattr__(self, "zero", known_of(self.zero, self.source, "zero"))
         n = self.time.size
         for name, column in self.columns().items():
             if column.shape != (n,):

@@ -81,7 +81,7 @@ def write_report(
                 "mass": str(mass),
                 "linearised": f"{resonance_frequency(parameters.with_added_mass(mass)):.4f}",
                 "thesis": f"{identification.estimate.resonances.get(mass, np.nan):.4f}",
-                "equilibrium": f"{angle:.4f}",
+                "equilibrium": f"{angle:.4f}" if data.hangs else "–",
             }
             for mass, angle in data.equilibria.items()
         ],

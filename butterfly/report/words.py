@@ -12,6 +12,7 @@ from butterfly.identify.judgement.verdict import Standing
 from butterfly.identify.physical_formulas import SYMBOLS
 from butterfly.model.terms import TERMS
 from butterfly.report.verdict import SaidVerdict
+from butterfly.report.zeros import REMEDY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -252,6 +253,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"The hand rests at angles that differ by {_number(f):.2g} rad from mass to mass, as a "
         "constant torque makes it, and this method takes each for the encoder's zero: the methods "
         "harmonic-balance and output-error find the torque."
+    ),
+    FindingKind.ZERO_GUESSED: lambda f, _: (
+        f"Where the hand hangs is a guess in {listed(f.logs)}, and this method takes it as given: "
+        f"{REMEDY}. The method output-error fits it."
     ),
     FindingKind.UNPREDICTABLE: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand passes the "

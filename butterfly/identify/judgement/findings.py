@@ -40,6 +40,7 @@ class FindingKind(StrEnum):
     PRIOR_APART = "prior-apart"  # standard errors between what was known and what the logs say
     LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
     REST_APART = "rest-apart"  # rad between the rest angles with different masses
+    ZERO_GUESSED = "zero-guessed"  # logs that do not tell where the encoder's angle is 0
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
     MISSING_TERM = "missing-term"  # the first parameter; least share by which it moves the others
     SCANNED = "scanned"  # value of a parameter that was found by trying several
