@@ -12,7 +12,9 @@ from butterfly.cli.options import (
     InputOption,
     IntersampleOption,
     KnownOption,
+    RepairOption,
     RootOption,
+    UnitsOption,
     parse_pairs,
 )
 from butterfly.cli.signature import option, with_options
@@ -20,10 +22,11 @@ from butterfly.logs.log import InputKind, Intersample
 from butterfly.model.known import NOTHING, Knowledge
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from pathlib import Path
 
     from butterfly.identify.data import DataSet
+    from butterfly.logs.health import Repair
     from butterfly.logs.manifest import Manifest
 
 
@@ -36,14 +39,16 @@ class DataOptions:
     input_kind: InputKind = InputKind.VOLTAGE
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     columns: Mapping[str, str] | None = None
+    units: Mapping[str, str] | None = None
+    repair: Collection[Repair] = ()
     known: Knowledge = NOTHING
 
-    def manifest(self, source: Path) -> Manifest:
-        """Describe the data that a user named."""
+    def manifest(self, source: Path, *, loose: bool = False) -> Manifest:
+        """Describe the data that a user named; loose if it may be a folder of any logs."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
         about = {name: value for name, value in vars(self).items() if name != "known"}
-        return manifest_of(source, **about).knowing(self.known)
+        return manifest_of(source, loose=loose, **about).knowing(self.known)
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -61,13 +66,20 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("input_kind", InputOption, silent.input_kind),
         option("intersample", IntersampleOption, silent.intersample),
         option("columns", ColumnsOption, silent.columns),
+        option("units", UnitsOption, None),
+        option("repair", RepairOption, None),
         option("known", KnownOption, None),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
-        columns, known = told.pop("columns"), told.pop("known")
-        pairs = None if columns is None else parse_pairs(columns, "--columns")
-        facts = NOTHING if known is None else Knowledge.told(parse_pairs(known, "--known"), "data")
-        return DataOptions(columns=pairs, known=facts, **told)
+        pairs: dict[str, Any] = {
+            name: None if text is None else parse_pairs(text, f"--{name}")
+            for name in ("columns", "units", "known")
+            for text in [told.pop(name)]
+        }
+        known = pairs.pop("known")
+        facts = NOTHING if known is None else Knowledge.told(known, "data")
+        repair = told.pop("repair") or ()
+        return DataOptions(**pairs, repair=repair, known=facts, **told)
 
     return with_options(command, "options", declared, make)

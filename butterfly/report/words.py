@@ -179,7 +179,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.NEGATIVE_GAIN: lambda f, _: (
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
-        "the angle or the input counts the other way, say so in the manifest (sign: -1)."
+        "the angle or the input counts the other way, say so: sign: -1 in the manifest, or "
+        "--units input=-1."
     ),
     FindingKind.LEFT_OUT: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "

@@ -59,7 +59,7 @@ def test_columns_are_mapped_where_they_may_have_any_names(tmp_path, sine_log):
 
 @pytest.mark.parametrize(("name", "value"), [("log.xls", ".xls"), ("log", "no ending")])
 def test_another_ending_is_refused_with_those_that_are_known(tmp_path, sine_log, name, value):
-    assert ENDINGS == ".mat, .csv or .parquet"
+    assert ENDINGS == ".mat, .csv, .parquet, .tsv, .txt or .dat"
     for attempt in (
         lambda: read_log(tmp_path / name, **KIND),
         lambda: write_log(sine_log, tmp_path / name),

@@ -1,3 +1,5 @@
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -51,11 +53,12 @@ def test_a_missing_file_is_named(tmp_path):
         read_mat(tmp_path / "nowhere.mat", **KIND)
 
 
-def test_the_hdf5_based_format_is_refused_with_a_way_out(tmp_path):
+def test_without_h5py_the_hdf5_based_format_is_refused_with_two_ways_out(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "h5py", None)
     path = tmp_path / "v73.mat"
     header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     path.write_bytes(header + bytes(600))
-    with pytest.raises(InputError, match="'-v7'"):
+    with pytest.raises(InputError, match=r"pip install 'butterfly-testbed\[hdf5\]'.*'-v7'"):
         read_mat(path, **KIND)
 
 
