@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from butterfly.api.identified import Identified
-from butterfly.api.tables import Table, is_table, log_of_table
+from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import named_data
 from butterfly.experiment.reading import read_experiment as experiment_in

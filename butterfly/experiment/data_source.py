@@ -120,8 +120,8 @@ def _described(path: Path, root: Path | None, about: Mapping[str, Any]) -> Manif
         _refuse_sweep(path)
         if about["arm"] is None:
             expected = (
-                "a manifest (`butterfly manifest FOLDER` drafts one), or --arm and files named "
-                "like Data_52__8__002.mat"
+                "a manifest, or --arm and files named like Data_52__8__002.mat "
+                "(`butterfly manifest FOLDER` drafts one)"
             )
             raise InputError(path, MANIFEST_NAME, "no such file", expected)
         return manifest_from_names(path, **about)

@@ -11,6 +11,7 @@ from pyarrow import csv
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
+from butterfly.logs.as_read import AS_WRITTEN, Reading
 from butterfly.logs.column_map import (
     DEFAULT_COLUMNS,
     ColumnMap,
@@ -20,7 +21,6 @@ from butterfly.logs.column_map import (
     unit_in,
 )
 from butterfly.logs.log import Log
-from butterfly.logs.reading import AS_WRITTEN, Reading
 from butterfly.logs.text_table import is_number, read_text_table
 from butterfly.logs.units import AS_IS, Units, known_factor
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.manifest import LogEntry, Manifest
-from butterfly.logs.text_table import holds_table
 from butterfly.logs.units import Units
 from butterfly.model.known import known_of
 
@@ -75,6 +74,8 @@ def manifest_of_files(
     InputError
         If ``folder`` does not exist, or holds no log.
     """
+    from butterfly.logs.text_table import holds_table  # noqa: PLC0415 - slow to import
+
     paths = [path for path in log_files(folder) if not _may_be_other(path) or holds_table(path)]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")

@@ -186,7 +186,8 @@ def _refuse_unless_allowed(
     first = int(np.argmax(faulty))
     field = "time" if repair is not Repair.NON_FINITE else _first_not_finite(log, first)
     value = f"{log.columns()[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
-    hint = f"{expected} (or allow the repair {repair.value!r}, which drops and counts them: {_how(repair)})"
+    hint = f"{expected} (or allow the repair {repair.value!r}, which drops and counts them: "
+    hint += f"{_how(repair)})"
     raise InputError(log.source, field, value, hint)
 
 

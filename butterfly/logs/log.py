@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.reading import AS_WRITTEN, Reading
+from butterfly.logs.as_read import AS_WRITTEN, Reading
 from butterfly.logs.units import Units
 from butterfly.model.known import Known
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass

@@ -81,4 +81,5 @@ def _value(node: Any) -> Any:  # noqa: ANN401 - h5py is an extra
         return MatlabObject()
     if hasattr(node, "items"):
         return {key: _value(below) for key, below in node.items()}
-    return np.asarray(node[()]).T
+    values = np.asarray(node[()])
+    return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T

@@ -13,7 +13,7 @@ import pyarrow
 from pyarrow import csv
 
 from butterfly.errors import InputError
-from butterfly.logs.reading import Reading
+from butterfly.logs.as_read import Reading
 from butterfly.logs.units import UNITS, known_factor
 
 if TYPE_CHECKING:
@@ -245,7 +245,10 @@ def _parsed(
         count = len(line.text.split()) if blanks else line.text.count(delimiter) + 1
         if count != width and len(_cells(line.text, delimiter)) != width:
             found = f"{len(_cells(line.text, delimiter))} values"
-            raise InputError(path, f"line {line.number}", found, f"{width}, as in the first row")
+            expected = f"{width}, as in the first row"
+            if delimiter == ",":
+                expected += " (numbers with decimal commas need another delimiter)"
+            raise InputError(path, f"line {line.number}", found, expected)
     texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
     try:
         table = csv.read_csv(

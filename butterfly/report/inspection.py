@@ -98,15 +98,16 @@ def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
 def _apart(seen: Sequence[Inspected]) -> list[Inspected]:
     """Remark logs that swing whole turns away from where the others do."""
     middles = [each.health.middle for each in seen if _swings(each.health)]
-    home = float(np.median(middles)) if len(middles) > 1 else 0.0
-    return [_away(each, home) for each in seen]
+    middles.sort(key=abs)
+    home = middles[(len(middles) - 1) // 2] if len(middles) > 1 else 0.0
+    where = "the others" if len(middles) > 1 else "the encoder's 0"
+    return [_away(each, home, where) for each in seen]
 
 
-def _away(seen: Inspected, home: float) -> Inspected:
+def _away(seen: Inspected, home: float, where: str) -> Inspected:
     turns = round((seen.health.middle - home) / _TURN) if _swings(seen.health) else 0
     if not turns:
         return seen
-    where = "the others" if home else "the encoder's 0"
     text = f"swings {turns:+d} turn{'s' * (abs(turns) > 1)} from {where}"
     remarks = (*seen.remarks, Remark(Condition.NOTE, text))
     return Inspected(name=seen.name, health=seen.health, remarks=remarks)

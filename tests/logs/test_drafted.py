@@ -1,11 +1,14 @@
+import math
+
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.drafted import manifest_from_names, manifest_of_files, manifest_of_log
+from butterfly.logs.formats import write_log
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.mat import write_mat
 
 HOW = {"arm": 0.104, "input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
 
@@ -47,3 +50,29 @@ def test_any_name_of_the_pattern_is_read_back(tmp_path_factory, grams, omega):
     assert entry.added_mass == pytest.approx(float(grams) / 1e3)
     assert entry.omega == pytest.approx(float(omega))
     assert entry.amplitude == 0.01
+
+
+def test_numbers_in_names_are_written_in_the_units_that_are_told(tmp_path):
+    (tmp_path / "Data_120_5__6__0015.mat").touch()
+    units = {"mass": "g", "omega": "rpm"}
+    manifest = manifest_from_names(tmp_path, units=units, **HOW)
+    (entry,) = manifest.logs
+    assert (entry.added_mass, entry.omega) == (120.5, pytest.approx(6 * 60 / (2 * math.pi)))
+    assert manifest.added_mass(entry).mass == pytest.approx(0.1205)
+    assert manifest.excitation(entry).omega == pytest.approx(6.0)
+    alone = manifest_of_log(tmp_path / "Data_120_5__6__0015.mat", units=units, **HOW)
+    assert alone.logs == manifest.logs
+
+
+def test_all_logs_of_a_folder_are_found_whatever_their_names(tmp_path, sine_log):
+    for name in ("b.mat", "sub/a.csv", "c.dat"):
+        write_log(sine_log.take(np.arange(20)), tmp_path / name)
+    (tmp_path / "notes.txt").write_text("Tuesday, bench 2\n")
+    manifest = manifest_of_files(tmp_path, columns={"time": 0}, **HOW)
+    assert [entry.file for entry in manifest.logs] == ["b.mat", "c.dat", "sub/a.csv"]
+    assert manifest.columns == {"time": 0}
+    with pytest.raises(InputError, match="no such folder"):
+        manifest_of_files(tmp_path / "nowhere", **HOW)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"no .*file with a table"):
+        manifest_of_files(tmp_path / "empty", **HOW)

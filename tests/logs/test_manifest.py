@@ -45,6 +45,38 @@ def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path,
     assert np.array_equal(logs[0].angle, logs[1].angle)
 
 
+def test_units_make_the_projects_own_of_files_and_numbers(tmp_path, sine_log):
+    write_mat(sine_log, tmp_path / "a.mat")
+    entry = "{file: a.mat, added_mass: {value: 52, uncertainty: 1}, omega: 2, amplitude: 300}"
+    units = "{time: ms, input: -mV, angle: counts/4096, mass: g, arm: mm, omega: Hz}"
+    path = tmp_path / "m.yaml"
+    path.write_text(f"name: a\ninput: voltage\narm: 104\nunits: {units}\nlogs: [{entry}]\n")
+    manifest = read_manifest(path)
+    log = read_entry(manifest, manifest.logs[0])
+    np.testing.assert_allclose(log.time, sine_log.time / 1000)
+    np.testing.assert_allclose(log.input, -sine_log.input / 1000)
+    np.testing.assert_allclose(log.angle, sine_log.angle * 2 * np.pi / 4096)
+    mass = log.added_mass
+    assert (mass.mass, mass.arm, mass.mass_uncertainty) == pytest.approx((0.052, 0.104, 0.001))
+    assert log.excitation.omega == pytest.approx(4 * np.pi)
+    assert log.excitation.amplitude == pytest.approx(0.3)
+    write_manifest(manifest, path)
+    assert read_manifest(path) == manifest
+
+
+def test_a_root_that_begins_with_a_variable_is_relative_to_where_the_command_runs(
+    tmp_path, monkeypatch
+):
+    for folder in ("here/logs", "there/logs"):
+        (tmp_path / folder).mkdir(parents=True)
+    path = tmp_path / "there/m.yaml"
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("MY_LOGS", "logs")
+    for root, expected in (("${MY_LOGS}", "here"), ("./${MY_LOGS}", "there"), ("logs", "there")):
+        path.write_text(VALID.replace("name: a", f"name: a\nroot: {root}"))
+        assert read_manifest(path).root == str(tmp_path / expected / "logs")
+
+
 VALID = """\
 name: a
 input: torque
@@ -64,6 +96,7 @@ logs:
         ("torque", "force", "input: got 'force'; expected 'voltage' or 'torque'"),
         ("input: torque\n", "", "input: got nothing"),
         ("name: a", "name: [a", "line 2: got expected"),
+        ("arm: 0.1", "arm: 0.1\nunits: {angle: dge}", "units.angle: got dge; expected one of rad"),
         ("arm: 0.1", "arm: .nan", "arm: got nan; expected a finite number"),
         ("arm: 0.1", "arm: 0.1\nroot: ${NO_SUCH_VARIABLE}", "root: got ${NO_SUCH_VARIABLE}"),
         ("arm: 0.1", "arm: 0.1\nroot: nowhere", "root: got"),
