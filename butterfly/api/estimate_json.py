@@ -9,6 +9,7 @@ import numpy as np
 
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS
 
@@ -29,11 +30,13 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
         "upper": estimate.upper.tolist(),
         "left_out": [[_key(key), each.tolist()] for key, each in estimate.left_out.items()],
         "rivals": [each.tolist() for each in estimate.rivals],
+        "freedom": None if estimate.freedom is None else estimate.freedom.tolist(),
         "condition": estimate.condition,
         "on_bound": list(estimate.on_bound),
         "ending": str(estimate.ending),
         "findings": [asdict(finding) for finding in estimate.findings],
         "held": estimate.held,
+        "known": estimate.known.as_told(),
         "resonances": [[_key(mass), omega] for mass, omega in estimate.resonances.items()],
         "local": [[_key(key), values] for key, values in estimate.local.items()],
     }
@@ -53,6 +56,7 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
     names = tuple(str(name) for name in content["names"])
     columns = {key: _array(content[key]) for key in ("values", "lower", "upper")}
     covariance = _array(content["covariance"])
+    freedom = content.get("freedom")
     rivals = tuple(_array(values) for values in content.get("rivals", ()))
     lengths = [each.shape for each in (*columns.values(), *left_out.values(), *rivals)]
     if covariance.shape != 2 * (len(names),) or any(each != (len(names),) for each in lengths):
@@ -72,6 +76,8 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         upper=columns["upper"],
         left_out=left_out,
         rivals=rivals,
+        known=Knowledge.told(content.get("known", {})),
+        freedom=None if freedom is None else _array(freedom),
         condition=float(_array(content["condition"])),
         on_bound=on_bound,
         ending=Ending(content["ending"]),

@@ -15,12 +15,14 @@ from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.identify.data import DataSet
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.known import Knowledge
+from butterfly.model.known import Knowledge, known_of
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
     from butterfly.logs.column_map import ColumnMap
+
+_OWN: tuple[dict[str, Any], frozenset[Repair]] = ({}, frozenset())  # of logs that are read already
 
 Named: TypeAlias = str | PathLike[str]
 """A path, or the name of something shipped."""
@@ -43,6 +45,7 @@ def read(
     units: Mapping[str, str | float] | None = None,
     repair: Collection[str] = (),
     known: Mapping[str, Any] | None = None,
+    zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
     name: str = "logs",
 ) -> DataSet:
     """Read logs, check them, repair what may be repaired, and fit the steady response of sines.
@@ -71,6 +74,9 @@ def read(
         What is known of the robot besides what manifests say: parameters of the model (``p4``,
         ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
         pair of a value and its standard uncertainty.
+    zero
+        What the encoder reads in rad where the hand hangs, in place of what manifests and logs
+        tell: a number, or a pair of a value and its standard uncertainty.
     name
         Of the data set, where several logs are put together.
 
@@ -88,9 +94,12 @@ def read(
         "units": units,
     }
     repairs = _repairs(repair)
-    if known is not None:
-        more = Knowledge.told(known)
-        return read(source, **about, repair=repairs, name=name).knowing(more)
+    data = _read(source, about, repairs, name).knowing(Knowledge.told(known or {}, "read"))
+    return data if zero is None else data.with_zero(known_of(zero, "read", "zero"))
+
+
+def _read(source: Data, about: Mapping[str, Any], repairs: frozenset[Repair], name: str) -> DataSet:
+    """Read a source, or several, about which something is told (see `read`)."""
     told = {key: value for key, value in about.items() if value is not None}
     if isinstance(source, DataSet | Identified | Log):
         if told:
@@ -142,23 +151,25 @@ def _together(
 ) -> DataSet:
     """Read several sources as one data set; every source's own repairs are made."""
     if len(sources) == 1 and not isinstance(sources[0], Log):
-        return read(sources[0], **about, repair=repairs)
+        return _read(sources[0], about, repairs, name)
+    said = about, repairs
     parts = [
-        each
-        if isinstance(each, Log)
-        else read(each, **({} if _is_read(each) else {**about, "repair": repairs}))
+        each if isinstance(each, Log) else _read(each, *(_OWN if _is_read(each) else said), name)
         for each in sources
     ]
     logs: list[Log] = []
+    held: list[Log] = []
     repairs |= DEFAULT_REPAIRS
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)
             continue
         logs.extend(part.recorded)
+        held.extend(() if part.held is None else part.held.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
-    return DataSet.of(logs, name=name, repairs=repairs)
+    data = DataSet.of([*logs, *held], name=name, repairs=repairs)
+    return data.holding(range(len(logs), len(data.logs)))
 
 
 def _is_read(source: object) -> bool:

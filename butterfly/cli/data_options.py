@@ -15,11 +15,12 @@ from butterfly.cli.options import (
     RepairOption,
     RootOption,
     UnitsOption,
+    ZeroOption,
     parse_pairs,
 )
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.known import NOTHING, Knowledge, Known, known_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.logs.health import Repair
     from butterfly.logs.manifest import Manifest
+
+_OF_ROBOT = {"known", "zero"}  # not of the files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +45,15 @@ class DataOptions:
     units: Mapping[str, str] | None = None
     repair: Collection[Repair] = ()
     known: Knowledge = NOTHING
+    zero: Known | None = None
 
     def manifest(self, source: Path, *, loose: bool = False) -> Manifest:
         """Describe the data that a user named; loose if it may be a folder of any logs."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
-        about = {name: value for name, value in vars(self).items() if name != "known"}
-        return manifest_of(source, loose=loose, **about).knowing(self.known)
+        about = {name: value for name, value in vars(self).items() if name not in _OF_ROBOT}
+        told = manifest_of(source, loose=loose, **about)
+        return told.knowing(self.known).with_zero(self.zero)
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -69,6 +74,7 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("units", UnitsOption, None),
         option("repair", RepairOption, None),
         option("known", KnownOption, None),
+        option("zero", ZeroOption, None),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
@@ -77,9 +83,10 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
             for name in ("columns", "units", "known")
             for text in [told.pop(name)]
         }
-        known = pairs.pop("known")
+        known, zero = pairs.pop("known"), told.pop("zero")
         facts = NOTHING if known is None else Knowledge.told(known, "data")
+        reading = None if zero is None else known_of(zero, "data", "--zero")
         repair = told.pop("repair") or ()
-        return DataOptions(**pairs, repair=repair, known=facts, **told)
+        return DataOptions(**pairs, repair=repair, known=facts, zero=reading, **told)
 
     return with_options(command, "options", declared, make)

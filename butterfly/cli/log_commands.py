@@ -32,6 +32,8 @@ from butterfly.report.inspection import health_rows, hints, inspect_logs, write_
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from butterfly.logs.log import Log
+    from butterfly.logs.manifest import Manifest
     from butterfly.logs.remarks import Remark
     from butterfly.report.inspection import Inspected
 
@@ -79,12 +81,15 @@ def inspect_command(
     if len(chosen) > 1:
         seen = inspect_logs(part)
         _show_all(data, seen)
+        _say_zeros([each.log for each in seen if each.log is not None], manifest)
+        _show_hints(remark for each in seen for remark in each.remarks)
         _refuse_unusable(data, seen)
         return
     log, health = examine(read_entry(manifest, chosen[0]), manifest.repair)
     is_log = data.suffix.lower() in FORMATS
     typer.echo(data if is_log else Path(manifest.root) / chosen[0].file)
     show_pairs(health_rows(log, health))
+    _say_zeros([log], manifest)
     _show_hints(health.remarks)
     if plot is not None:
         write_inspection(log, health, plot)
@@ -155,7 +160,13 @@ def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
         table.add_row(each.name, each.condition, *numbers, each.findings)
     CONSOLE.print(table)
-    _show_hints(remark for each in seen for remark in each.remarks)
+
+
+def _say_zeros(logs: list[Log], manifest: Manifest) -> None:
+    from butterfly.report.zeros import zeros_said  # noqa: PLC0415 - slow to import
+
+    for said in zeros_said(logs, manifest.knowledge):
+        typer.echo(said)
 
 
 def _show_hints(remarks: Iterable[Remark]) -> None:

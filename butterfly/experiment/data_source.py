@@ -14,7 +14,7 @@ from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME, Manifest, read_manifest
 from butterfly.logs.units import Units
-from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
 from butterfly.yaml_input import load_yaml
@@ -42,6 +42,7 @@ def named_data(
     units: Mapping[str, str | float] | None = None,
     repair: Collection[Repair] = (),
     known: Knowledge = NOTHING,
+    zero: Known | None = None,
     track: Track = untracked,
 ) -> DataSet:
     """Read the data that a user named (see `manifest_of`), of a robot of which more is known."""
@@ -55,7 +56,7 @@ def named_data(
         units=units,
         repair=repair,
     )
-    return read_data_set(manifest.knowing(known), track)
+    return read_data_set(manifest.knowing(known).with_zero(zero), track)
 
 
 def manifest_of(

@@ -133,7 +133,8 @@ class Phasors:
         )
         matrix, target = model.equations(parameters.delay)
         values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
-        remainder = np.where(told, matrix @ np.array(values) - target, 0.0)
+        left = matrix @ np.array(values) - target
+        remainder = np.where(told, left, 0.0)
         return replace(self, remainder=remainder, doubt=doubt)
 
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard
@@ -37,6 +37,8 @@ class Inspected:
     ----------
     name
         Of the log.
+    log
+        The log, repaired; None if it cannot be used.
     health
         Its record; None if it cannot be used.
     remarks
@@ -44,7 +46,8 @@ class Inspected:
     """
 
     name: str
-    health: Health | None
+    log: Log | None = None
+    health: Health | None = None
     remarks: tuple[Remark, ...]
 
     @property
@@ -85,14 +88,12 @@ def hints(remarks: Iterable[Remark]) -> list[str]:
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
     try:
-        _, health = examine(read_entry(manifest, entry), manifest.repair)
+        log, health = examine(read_entry(manifest, entry), manifest.repair)
     except InputError as error:
         why = f"{error.field}: {error.value}"
         hint = f"{error.field}: expected {error.expected}"
-        return Inspected(
-            name=entry.file, health=None, remarks=(Remark(Condition.UNUSABLE, why, hint),)
-        )
-    return Inspected(name=entry.file, health=health, remarks=tuple(health.remarks))
+        return Inspected(name=entry.file, remarks=(Remark(Condition.UNUSABLE, why, hint),))
+    return Inspected(name=entry.file, log=log, health=health, remarks=tuple(health.remarks))
 
 
 def _apart(seen: Sequence[Inspected]) -> list[Inspected]:
@@ -110,7 +111,7 @@ def _away(seen: Inspected, home: float, where: str) -> Inspected:
         return seen
     text = f"swings {turns:+d} turn{'s' * (abs(turns) > 1)} from {where}"
     remarks = (*seen.remarks, Remark(Condition.NOTE, text))
-    return Inspected(name=seen.name, health=seen.health, remarks=remarks)
+    return replace(seen, remarks=remarks)
 
 
 def _swings(health: Health | None) -> TypeGuard[Health]:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+from statistics import median
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing
+from butterfly.identify.physical_formulas import SYMBOLS
 from butterfly.model.terms import TERMS
 from butterfly.report.verdict import SaidVerdict
+from butterfly.report.zeros import REMEDY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from butterfly.experiment.estimate_record import EstimateRecord
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
@@ -27,21 +31,59 @@ _LEAST_MASSES = 3  # of which one can be left out
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
-    fit, data = identification.summary, identification.data
+    fit, data, estimate = identification.summary, identification.data, identification.estimate
     flagged = sum(bool(health.findings) for health in data.health)
     voltage = data.input_kind == "voltage"
-    verdict, *others = sentences(identification.estimate)
+    verdict, *others = sentences(estimate)
     return [
         verdict,
-        f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
-        f"{'voltage' if voltage else 'torque command'}, "
-        f"method: {identification.estimate.method}.",
+        f"{_logs(data)}, driven by {'voltage' if voltage else 'torque command'}, "
+        f"method: {estimate.method}.",
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        *held_out_sentences(identification.held_out),
+        *_known(estimate),
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
+
+
+def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
+    """Say how well logs are followed that were not used, by FIT in per cent and name."""
+    if not fits:
+        return []
+    values = sorted(fits.values())
+    if len(fits) == 1:
+        return [
+            f"Held out: {next(iter(fits))}, not used for the fit, has a FIT of {values[0]:.1f} %."
+        ]
+    return [
+        f"Held out: {len(fits)} logs, not used for the fit, have a median FIT of "
+        f"{median(values):.1f} % (worst {values[0]:.1f} %): {listed(list(fits))}."
+    ]
+
+
+def _logs(data: DataSet) -> str:
+    """Say how many logs there are, and what the hand carried."""
+    logs = counted(len(data.logs), "log")
+    if len(data.masses) == 1:
+        return f"{logs} with {data.masses[0] if data.masses[0].mass else 'no added mass'}"
+    return f"{logs} with {len(data.masses)} added masses"
+
+
+def counted(number: float, thing: str) -> str:
+    """Return a number of things."""
+    return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
+
+
+def _known(estimate: ParameterEstimate) -> list[str]:
+    """Say what was not found out, but told."""
+    told = {**estimate.known.parameters, **estimate.known.physical}
+    if not told:
+        return []
+    said = ", ".join(f"{name} = {each}" for name, each in told.items())
+    return [f"Known beforehand: {said}."]
 
 
 def sentences(estimate: ParameterEstimate) -> list[str]:
@@ -87,7 +129,7 @@ def verdict_in_words(verdict: Verdict, values: Values) -> SaidVerdict:
 
 
 def _values(estimate: ParameterEstimate) -> dict[str, float]:
-    return dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    return estimate.held | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
 def _joined(finding: Finding, link: str = ", ") -> str:
@@ -101,6 +143,10 @@ def _joined_after(finding: Finding) -> str:
 def _number(finding: Finding) -> float:
     assert finding.number is not None  # noqa: S101 - kinds whose sentence asks for one have one
     return finding.number
+
+
+def _physical(name: str) -> str:
+    return f"{SYMBOLS[name].symbol} ({SYMBOLS[name].meaning})"
 
 
 def _simulations(finding: Finding, _: Values) -> str:
@@ -169,6 +215,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"The model does not follow {listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
         "what is different there, or leave out what is not this robot."
     ),
+    FindingKind.UNFORETOLD: lambda f, _: (
+        f"Held out, {listed(f.logs)} {'is' if len(f.logs) == 1 else 'are'} followed far worse than "
+        f"the logs that were used (FIT {_number(f):.1f} % at worst): the values do not hold there."
+    ),
     FindingKind.NO_INERTIA: lambda f, _: (
         f"No joint has these values: {_joined(f)} leaves an inertia of {_number(f):.2g} kg m². "
         "Check units, signs and the added masses."
@@ -182,6 +232,19 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         "the angle or the input counts the other way, say so: sign: -1 in the manifest, or "
         "--units input=-1."
     ),
+    FindingKind.TOLD_APART: lambda f, _: (
+        f"{_joined(f)} as it is told and as it follows from what is known of motor and hand lie "
+        f"{_number(f):.1f} standard uncertainties apart: check both, and the gear ratio."
+    ),
+    FindingKind.CONTRADICTED: lambda f, _: (
+        "What is known of motor and hand does not go with these values: "
+        f"{' and '.join(_physical(name) for name in f.parameters)} would be {_number(f):.1f} "
+        "standard errors below 0. Check what was told, its units and the gear ratio."
+    ),
+    FindingKind.PRIOR_APART: lambda f, _: (
+        f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "
+        "one of the two is wrong, and the values lie between them."
+    ),
     FindingKind.LEFT_OUT: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
         "rests elsewhere or never settles, and the steady response to a sine says nothing there. "
@@ -191,6 +254,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"The hand rests at angles that differ by {_number(f):.2g} rad from mass to mass, as a "
         "constant torque makes it, and this method takes each for the encoder's zero: the methods "
         "harmonic-balance and output-error find the torque."
+    ),
+    FindingKind.ZERO_GUESSED: lambda f, _: (
+        f"Where the hand hangs is a guess in {listed(f.logs)}, and this method takes it as given: "
+        f"{REMEDY}. The method output-error fits it."
     ),
     FindingKind.UNPREDICTABLE: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand passes the "
@@ -226,8 +293,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: lambda f, _: (
-        f"With {_number(f):.0f} logs the intervals come from stretches of these, and hold nothing "
-        "of how the robot differs from run to run: record more."
+        f"With {counted(_number(f), 'log')} the intervals come from stretches of time, and hold "
+        "nothing of how the robot differs from run to run: record more."
     ),
     FindingKind.UNCHECKED: lambda _f, _v: (
         "The intervals were not checked by leaving an added mass out, as asked."

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from butterfly.errors import IdentifiabilityError
+from butterfly.identify.judgement.covariance import split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
-from butterfly.identify.judgement.term_choice import NEGLIGIBLE
+from butterfly.identify.judgement.term_choice import NEGLIGIBLE, stretches_of
 from butterfly.identify.prior import Prior
 from butterfly.identify.regression import Regression
 from butterfly.identify.solved import Solved
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 _ROUNDS = 8  # about the delay
 _SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
+_LATEST = 0.25  # of the shortest log, for a delay
 _SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
@@ -145,8 +148,8 @@ class WeakFit:
     ) -> WeakFit:
         """Solve about a delay, and about the delay found, until it no longer moves.
 
-        What is known with an uncertainty is first held, so that the scatter of the rows tells how
-        much it weighs beside them.
+        What is known with an uncertainty is first left aside, so that the scatter of the rows
+        tells how much it weighs beside them.
         """
         exact = known.exact
         about = About(
@@ -158,10 +161,7 @@ class WeakFit:
         )
         if not known.uncertain:
             return cls._solved(windows, about)
-        held = known.held
-        told = held.exact
-        first = replace(about, names=held.open(names), known=held, delay=told.get("delay", delay))
-        rough = cls._solved(windows, replace(first, gain=told.get("p4", 0.0)))
+        rough = cls._solved(windows, replace(about, variance=0.0))
         return cls._solved(windows, replace(about, variance=rough.solved.realised_variance))
 
     @classmethod
@@ -171,6 +171,7 @@ class WeakFit:
             regression = about.regression(windows)
             solution = regression.solve()
             before, about = about, about.moved(solution.values)
+            _refuse_late(about.delay, windows)
             settled = bool(abs(about.delay - before.delay) < _SETTLED)
             if settled:
                 break
@@ -203,9 +204,11 @@ class WeakFit:
     ) -> Nested:
         """Return the equations with other terms, or another Stribeck velocity, about this end."""
         regression = replace(self.about, names=names, slow=slow).regression(windows)
+        stretches = stretches_of(len(windows))
+        cluster = split(regression.cluster, stretches)
         values = np.array([self.values.get(name, 0.0) for name in names])
         jacobian, residuals = regression.jacobian(values), regression.residuals(values)
-        ends = np.cumsum(np.bincount(regression.cluster, minlength=len(windows)))[:-1]
+        ends = np.cumsum(np.bincount(cluster, minlength=len(windows) * stretches))[:-1]
         parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
         return Nested(
             names=names,
@@ -214,7 +217,17 @@ class WeakFit:
             curvature=np.array([rows.T @ rows for rows, _ in parts]),
             gradient=np.array([rows.T @ left for rows, left in parts]),
             cost=np.array([float(left @ left) for _, left in parts]),
-            folds=folds,
+            folds=folds if stretches == 1 else np.arange(len(parts)),
             negligible=NEGLIGIBLE,
             prior=regression.prior,
+        )
+
+
+def _refuse_late(delay: float, windows: Sequence[Windows]) -> None:
+    """Refuse a delay of which a log would hardly see the end."""
+    shortest = min(each.averaging.duration for each in windows)
+    if not abs(delay) < _LATEST * shortest:
+        raise IdentifiabilityError(
+            f"no joint's equation balances these logs: it would take a delay of {delay:.3g} s; "
+            "check signs and units, and what is said to be known"
         )
