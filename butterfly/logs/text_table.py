@@ -14,6 +14,8 @@ from pyarrow import csv
 
 from butterfly.errors import InputError
 from butterfly.logs.as_read import Reading
+from butterfly.logs.column_map import DEFAULT_COLUMNS
+from butterfly.logs.log import MIN_SAMPLES
 from butterfly.logs.units import UNITS, known_factor
 
 if TYPE_CHECKING:
@@ -109,12 +111,12 @@ def read_text_table(path: Path) -> TextTable:
 
 
 def holds_table(path: Path) -> bool:
-    """Whether a file holds rows of numbers."""
+    """Whether a file holds as many numbers as a log does at least."""
     try:
-        read_text_table(path)
+        table = read_text_table(path)
     except InputError:
         return False
-    return True
+    return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= len(DEFAULT_COLUMNS)
 
 
 def is_number(text: str) -> bool:

@@ -68,6 +68,7 @@ def test_all_logs_of_a_folder_are_found_whatever_their_names(tmp_path, sine_log)
     for name in ("b.mat", "sub/a.csv", "c.dat"):
         write_log(sine_log.take(np.arange(20)), tmp_path / name)
     (tmp_path / "notes.txt").write_text("Tuesday, bench 2\n")
+    (tmp_path / "scales.txt").write_text("52 53 54\n" * 15)
     manifest = manifest_of_files(tmp_path, columns={"time": 0}, **HOW)
     assert [entry.file for entry in manifest.logs] == ["b.mat", "c.dat", "sub/a.csv"]
     assert manifest.columns == {"time": 0}
