@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
+from butterfly.logs.as_read import AS_WRITTEN, Reading
+from butterfly.logs.units import Units
 from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
@@ -96,6 +98,8 @@ class Log:
         File or plant that the log came from, for messages.
     name
         What tells the log from the others of its data set (see `with_unique_names`).
+    reading
+        How its file was read.
     """
 
     time: NDArray[np.float64]
@@ -110,6 +114,7 @@ class Log:
     zero: Known | None = None
     source: str = "log"
     name: str = ""
+    reading: Reading = AS_WRITTEN
 
     def __post_init__(self) -> None:
         for name in SAMPLED:
@@ -138,6 +143,7 @@ class Log:
         input: str = "input",  # noqa: A002 - the column's name in a log
         angle: str = "angle",
         velocity: str | None = None,
+        units: Mapping[str, str | float] | None = None,
         **properties: Any,  # noqa: ANN401 - the other fields of the class
     ) -> Log:
         """Make a log of the columns of a pandas frame, or of anything that has columns by name.
@@ -148,13 +154,15 @@ class Log:
             The table.
         time, input, angle, velocity
             Names of its columns; the last may be None.
+        units
+            Of the columns (see `butterfly.logs.units`); s, rad and the input's own if not given.
         properties
             The other fields.
 
         Raises
         ------
         InputError
-            If there is no such column, or one holds no numbers.
+            If there is no such column, one holds no numbers, or a unit is none of its column.
         """
         named = {"time": time, "input": input, "angle": angle, "velocity": velocity}
         columns = {}
@@ -165,7 +173,16 @@ class Log:
                 columns[field] = frame[name]
             except (KeyError, IndexError, ValueError, TypeError):
                 raise InputError("frame", field, name, "the name of a column") from None
-        return cls(**columns, **properties)
+        return cls(**columns, **properties).converted(Units.told(units, "frame"))
+
+    def converted(self, units: Units) -> Log:
+        """Return the log of columns that were recorded in other units."""
+        changed: dict[str, Any] = {
+            name: column
+            for name, column in units.applied(self.columns()).items()
+            if column is not getattr(self, name)
+        }
+        return replace(self, **changed) if changed else self
 
     def _column(self, name: str) -> NDArray[np.float64]:
         try:
