@@ -9,8 +9,10 @@ from butterfly.cli.console import show_progress
 from butterfly.cli.options import (
     ArmOption,
     ColumnsOption,
+    GravityOption,
     InputOption,
     IntersampleOption,
+    JointOption,
     KnownOption,
     RepairOption,
     RootOption,
@@ -29,8 +31,9 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.logs.health import Repair
     from butterfly.logs.manifest import Manifest
+    from butterfly.model.parameters import JointKind
 
-_OF_ROBOT = {"known", "zero"}  # not of the files
+_OF_ROBOT = {"known", "zero", "joint", "gravity"}  # not of the files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +49,8 @@ class DataOptions:
     repair: Collection[Repair] = ()
     known: Knowledge = NOTHING
     zero: Known | None = None
+    joint: JointKind | None = None
+    gravity: float | None = None
 
     def manifest(self, source: Path, *, loose: bool = False) -> Manifest:
         """Describe the data that a user named; loose if it may be a folder of any logs."""
@@ -53,7 +58,8 @@ class DataOptions:
 
         about = {name: value for name, value in vars(self).items() if name not in _OF_ROBOT}
         told = manifest_of(source, loose=loose, **about)
-        return told.knowing(self.known).with_zero(self.zero)
+        moving = told.moving(self.joint, self.gravity)
+        return moving.knowing(self.known).with_zero(self.zero)
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -75,6 +81,8 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("repair", RepairOption, None),
         option("known", KnownOption, None),
         option("zero", ZeroOption, None),
+        option("joint", JointOption, None),
+        option("gravity", GravityOption, None),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:

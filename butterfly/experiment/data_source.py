@@ -43,6 +43,8 @@ def named_data(
     repair: Collection[Repair] = (),
     known: Knowledge = NOTHING,
     zero: Known | None = None,
+    joint: JointKind | None = None,
+    gravity: float | None = None,
     track: Track = untracked,
 ) -> DataSet:
     """Read the data that a user named (see `manifest_of`), of a robot of which more is known."""
@@ -56,7 +58,8 @@ def named_data(
         units=units,
         repair=repair,
     )
-    return read_data_set(manifest.knowing(known).with_zero(zero), track)
+    told = manifest.moving(joint, gravity).knowing(known).with_zero(zero)
+    return read_data_set(told, track)
 
 
 def manifest_of(
