@@ -21,6 +21,16 @@ MOST_FRICTION = 0.3  # Coulomb torque over the drive's amplitude, in every log
 
 _LEAST_MOTION = 1e-3  # rad rms in the second half of a driven log, and three steps of the encoder
 
+_NAMES = {
+    "p1": "inertia",
+    "p2": "viscous",
+    "p3": "gravity",
+    "p4": "gain",
+    "coulomb": "coulomb",
+    "drag": "drag",
+    "delay": "delay",
+}
+
 
 class Mass(NamedTuple):
     """What a joint carries: kg, and m from its axis."""
@@ -86,11 +96,7 @@ class Body:
 
     def truth(self) -> dict[str, float]:
         """Return the parameters by the names that the program gives them."""
-        names = "p1 p2 p3 p4 coulomb drag delay".split()
-        own = "inertia viscous gravity gain coulomb drag delay".split()
-        return {
-            name: float(getattr(self.joint, each)) for name, each in zip(names, own, strict=True)
-        }
+        return {name: float(getattr(self.joint, each)) for name, each in _NAMES.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +129,7 @@ class Recording:
     time: NDArray[np.float64]
     input: NDArray[np.float64]
     angle: NDArray[np.float64]
-    mass: Mass = Mass()
+    mass: Mass
     omega: float | None = None
     amplitude: float | None = None
 
@@ -197,7 +203,7 @@ def dry(rng, body: Body, sizes) -> Body:
     )
 
 
-def record(rng, body: Body, run: Run, encoder: Encoder, ticks, duration) -> Recording:
+def record(rng, body: Body, run: Run, encoder: Encoder, *, ticks, duration) -> Recording:
     """Return what is seen of a run; ``ticks`` are mean cycle in s and its relative spread."""
     stamps, joint = clock(rng, duration, *ticks), body.carrying(run.mass)
     offsets = encoder.zero + encoder.spread * rng.standard_normal(stamps.size)

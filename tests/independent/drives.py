@@ -54,6 +54,13 @@ def steps(pace, size, rng):
     return torque, size
 
 
+def stairs(pace, size, rng):
+    """Levels of one sign, as somebody makes them who turns a knob up and down."""
+    torque, most = steps(pace, rng.uniform(0.5, 1.0) * size, rng)
+    sign = float(rng.choice([-1.0, 1.0]))
+    return lambda time: sign * np.abs(torque(time)), most
+
+
 def still(_, size, rng):  # noqa: ARG001 - as its neighbours
     """Return no torque at all."""
     return np.zeros_like, size

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tests.independent.bodies import Body, Encoder, Recording, Run, dry, hinge, moves, record, slide
-from tests.independent.drives import chirp, log_uniform, multisine, steps, still
+from tests.independent.drives import chirp, log_uniform, multisine, stairs, steps, still
 from tests.independent.integrator import Law
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ class RobotOfKind:
     Parameters
     ----------
     truth
-        Parameters by name, in the units of the owner.
+        Parameters by name, in SI units.
+    zero
+        Of the encoder in rad or m, but for whole turns.
     heaviest
         Largest added gravity moment in N m, as the size of p3's errors.
     owner
@@ -46,6 +48,7 @@ class RobotOfKind:
     number: int
     seed: int
     truth: dict[str, float]
+    zero: float
     heaviest: float
     owner: dict[str, Any]
     recordings: tuple[Recording, ...]
@@ -126,6 +129,7 @@ def _told(kind, number, seed, drawn):
         number=number,
         seed=seed,
         truth=body.truth(),
+        zero=float(drawn.encoder.zero),
         heaviest=max(each.mass * body.gravity * each.arm for each in body.masses),
         owner={"input": "torque"} | drawn.owner,
         recordings=tuple(drawn.recordings),
@@ -221,7 +225,7 @@ def _recorded(rng, body, runs, encoder):
         period = 2.0 * np.pi / (run.omega or body.pace_of(run.mass))
         least = rng.uniform(30.0, 40.0) if run.omega else rng.uniform(8.0, 16.0)
         duration = min(max(least, 6.0 * period), 60.0)
-        found.append(record(rng, body, run, encoder, ticks, duration))
+        found.append(record(rng, body, run, encoder, ticks=ticks, duration=duration))
     return found
 
 
@@ -270,7 +274,7 @@ def _pieces(rng, number):
     """One long log of a mass, of which pieces are files, parts of a file, or restarts in it."""
     masses = 3 if number % 2 else 1
     body = hinge(rng, masses)
-    body, runs, sizes = _driven(rng, body, [[multisine, steps][int(rng.integers(2))]], 1)
+    body, runs, sizes = _driven(rng, body, [[multisine, stairs][int(rng.integers(2))]], 1)
     known = {}
     if masses == 1:
         body, known = _known_gain(rng, body, sizes, 2 * number // 4)
@@ -278,7 +282,10 @@ def _pieces(rng, number):
         body = _gain_of(rng, body, sizes)
     encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
     ticks = float(log_uniform(rng, 2e-3, 8e-3)), rng.uniform(0.0, 0.3)
-    whole = [record(rng, body, run, encoder, ticks, rng.uniform(40.0, 60.0)) for run in runs]
+    whole = [
+        record(rng, body, run, encoder, ticks=ticks, duration=rng.uniform(40.0, 60.0))
+        for run in runs
+    ]
     cuts = [_cuts(rng, log.time[-1], 9 // masses) for log in whole]
     owner, files, parts = {"known": known} if known else {}, whole, None
     way = number // 2 % 3
@@ -449,9 +456,9 @@ def _units(rng, number):
 def _three_masses(rng, number, zero, *, swings):
     """A robot of unknown gain; each mass swings up once where ``swings`` are wanted."""
     body = hinge(rng, 3)
-    pool = [steps, chirp, multisine, still]
+    pool = [stairs, chirp, multisine, steps, still]
     first = number % 3
-    inputs = [pool[first], pool[(first + 1) % 3], pool[int(rng.integers(4))]]
+    inputs = [pool[first], pool[(first + 1) % 4], pool[int(rng.integers(5))]]
     body, runs, sizes = _driven(rng, body, inputs, 3)
     if swings:
         runs[2::3] = [_swing_up(rng, body, run) for run in runs[2::3]]
