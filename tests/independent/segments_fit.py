@@ -6,6 +6,7 @@ start enters the parameters. Nothing of the program is used.
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ def segments(time, torque, angle, length):
     """Cut a log into whole segments of ``length`` s."""
     count = int((time[-1] - time[0]) / length)
     edges = np.searchsorted(time, time[0] + length * np.arange(count + 1))
-    cuts = [slice(a, b + 1) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    cuts = [slice(a, b + 1) for a, b in itertools.pairwise(edges)]
     return [Segment(time[cut] - time[cut][0], torque[cut], angle[cut]) for cut in cuts]
 
 
