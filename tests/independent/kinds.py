@@ -13,7 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tests.independent.bodies import Body, Encoder, Recording, Run, dry, hinge, moves, record, slide
+from tests.independent.bodies import (
+    Body,
+    Encoder,
+    Mass,
+    Recording,
+    Run,
+    dry,
+    hinge,
+    moves,
+    record,
+    slide,
+)
 from tests.independent.drives import chirp, log_uniform, multisine, stairs, steps, still
 from tests.independent.integrator import Law
 
@@ -420,11 +431,12 @@ def _wrapped(rng, number):
         recordings=wrapped,
         widest=np.inf,
         accepted=within and jumps,
+        owner={"repair": ["unwrap"]},
     )
 
 
 def _units(rng, number):
-    """Degrees and ms; torque in mN m of a known gain 1, or mV and three masses."""
+    """Degrees and ms; torque in mN m of a known gain 1, or mV and three masses in g at mm."""
     if number % 2:
         body, runs, encoder = _three_masses(rng, number, 0.5, swings=False)
         unit, known = "mV", {}
@@ -432,11 +444,17 @@ def _units(rng, number):
         body = hinge(rng, 1)
         body, runs, _ = _driven(rng, body, [steps, multisine], 4)
         encoder = Encoder.drawn(rng, rng.uniform(-0.5, 0.5))
-        unit, known = "mN m", {"known": {"p4": 1.0}}
+        unit, known = "mNm", {"known": {"p4": 1.0}}
     recordings = _recorded(rng, body, runs, encoder)
     accepted = all(moves(body, each, encoder, _SWING) for each in recordings)
     recordings = [
-        replace(log, time=1e3 * log.time, input=1e3 * log.input, angle=np.degrees(log.angle))
+        replace(
+            log,
+            time=1e3 * log.time,
+            input=1e3 * log.input,
+            angle=np.degrees(log.angle),
+            mass=Mass(1e3 * log.mass.mass, 1e3 * log.mass.arm),
+        )
         for log in recordings
     ]
     return _Drawn(
@@ -447,7 +465,7 @@ def _units(rng, number):
         accepted=accepted,
         owner={
             "input": "torque" if known else "voltage",
-            "units": {"time": "ms", "input": unit, "angle": "deg"},
+            "units": {"time": "ms", "input": unit, "angle": "deg", "mass": "g", "arm": "mm"},
             **known,
         },
     )

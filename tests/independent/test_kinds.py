@@ -12,7 +12,7 @@ from tests.independent.kinds import KINDS, draw
 
 SEED = 3
 ROBOTS = [(kind, 1) for kind in KINDS] + [("slide", 2), ("pieces", 2), ("pieces", 4), ("units", 0)]
-TO_SI = {"ms": 1e-3, "deg": math.pi / 180.0, "mV": 1e-3, "mN m": 1e-3}
+TO_SI = {"ms": 1e-3, "deg": math.pi / 180.0, "mV": 1e-3, "mNm": 1e-3, "g": 1e-3, "mm": 1e-3}
 WINDOW = 0.7
 """Length in s of the windows over which torques are averaged."""
 
@@ -22,11 +22,12 @@ def _stretches(folder):
     told = json.loads((folder / "manifest.yaml").read_text())
     slides, units = told.get("joint") == "slide", told.get("units", {})
     weight = 0.0 if slides else told.get("gravity", 9.81)
-    factors = [TO_SI.get(units.get(name), 1.0) for name in ("time", "input", "angle")]
+    names = ("time", "input", "angle", "mass", "arm")
+    *factors, kilo, metre = [TO_SI.get(units.get(name), 1.0) for name in names]
     for entry in told["logs"]:
         columns = np.loadtxt(folder / entry["file"], delimiter=",", skiprows=1) * factors
         restarts = np.flatnonzero(np.diff(columns[:, 0]) < 0.0) + 1
-        mass, arm = entry.get("added_mass", 0.0), entry.get("arm", 0.0)
+        mass, arm = kilo * entry.get("added_mass", 0.0), metre * entry.get("arm", 0.0)
         added = mass * (1.0 if slides else arm**2), mass * weight * arm
         for stretch in np.split(columns, restarts):
             begin, end = entry.get("from", -np.inf), entry.get("to", np.inf)
