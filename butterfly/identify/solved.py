@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from butterfly.identify.prior import Prior
     from butterfly.identify.regression import Regression, Solution
 
+_TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
 _WELL = 3.0  # standard errors
 
 
@@ -103,9 +104,14 @@ class Solved:
         fewer rows, which is a larger variance of each.
         """
         rows, residuals = self.by_cluster()
-        covariance, _ = cluster_covariance(rows, residuals)
         flat = rows.reshape(-1, rows.shape[2])
-        return float(np.sum(covariance * (flat.T @ flat))) / len(self.names)
+        size = np.linalg.norm(flat, axis=0)
+        basis, singular, _ = np.linalg.svd(
+            flat / np.where(size > 0, size, 1.0), full_matrices=False
+        )
+        told = basis[:, singular > _TOLD * singular[0]]
+        covariance, _ = cluster_covariance(told.reshape(*rows.shape[:2], -1), residuals)
+        return float(np.mean(np.diag(covariance)))
 
     def with_prior(
         self, rows: NDArray[np.float64], residuals: NDArray[np.float64]
