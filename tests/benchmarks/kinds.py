@@ -106,8 +106,9 @@ def counts(scores: list[Score]) -> str:
         }
         found = [covered for name in PARAMETERS for covered in held[name]]
         cells = [f"{sum(each)}/{len(each)}" if each else "" for each in held.values()]
-        counted = [sum(each) for each in held.values() if each]
-        enough = bool(counted) and min(counted) >= ENOUGH * len(rows)
+        refused = sum(bool(each.refused) for each in rows)
+        shares = [sum(each) / (len(each) + refused) for each in held.values() if each]
+        enough = bool(shares) and min(shares) >= ENOUGH
         pooled = f"{100 * np.mean(found):.1f}" if found else ""
         lines.append(f"| {kind} {method} | {' | '.join([*cells, pooled, str(enough)])} |")
     return "\n".join(lines)
