@@ -9,6 +9,7 @@ import numpy as np
 
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS
 
@@ -34,6 +35,7 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
         "ending": str(estimate.ending),
         "findings": [asdict(finding) for finding in estimate.findings],
         "held": estimate.held,
+        "known": estimate.known.as_told(),
         "resonances": [[_key(mass), omega] for mass, omega in estimate.resonances.items()],
         "local": [[_key(key), values] for key, values in estimate.local.items()],
     }
@@ -79,6 +81,7 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         held=held,
         resonances={_mass(key): float(_array(omega)) for key, omega in content["resonances"]},
         local={_keyed(key): dict(each) for key, each in content["local"]},
+        known=Knowledge.told(content.get("known", {})),
     )
 
 

@@ -27,21 +27,31 @@ _LEAST_MASSES = 3  # of which one can be left out
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
-    fit, data = identification.summary, identification.data
+    fit, data, estimate = identification.summary, identification.data, identification.estimate
     flagged = sum(bool(health.findings) for health in data.health)
     voltage = data.input_kind == "voltage"
-    verdict, *others = sentences(identification.estimate)
+    verdict, *others = sentences(estimate)
     return [
         verdict,
         f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
         f"{'voltage' if voltage else 'torque command'}, "
-        f"method: {identification.estimate.method}.",
+        f"method: {estimate.method}.",
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        *_known(estimate),
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
+
+
+def _known(estimate: ParameterEstimate) -> list[str]:
+    """Say what was not found out, but told."""
+    told = {**estimate.known.parameters, **estimate.known.physical}
+    if not told:
+        return []
+    said = ", ".join(f"{name} = {each}" for name, each in told.items())
+    return [f"Known beforehand: {said}."]
 
 
 def sentences(estimate: ParameterEstimate) -> list[str]:
@@ -87,7 +97,7 @@ def verdict_in_words(verdict: Verdict, values: Values) -> SaidVerdict:
 
 
 def _values(estimate: ParameterEstimate) -> dict[str, float]:
-    return dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    return estimate.held | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
 def _joined(finding: Finding, link: str = ", ") -> str:
@@ -180,6 +190,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.NEGATIVE_GAIN: lambda f, _: (
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
         "the angle or the input counts the other way, say so in the manifest (sign: -1)."
+    ),
+    FindingKind.PRIOR_APART: lambda f, _: (
+        f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "
+        "one of the two is wrong, and the values lie between them."
     ),
     FindingKind.LEFT_OUT: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
