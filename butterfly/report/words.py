@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from butterfly.experiment.estimate_record import EstimateRecord
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
@@ -33,8 +34,7 @@ def summary(identification: Identification) -> list[str]:
     verdict, *others = sentences(estimate)
     return [
         verdict,
-        f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
-        f"{'voltage' if voltage else 'torque command'}, "
+        f"{_logs(data)}, driven by {'voltage' if voltage else 'torque command'}, "
         f"method: {estimate.method}.",
         f"Simulated from the first sample on with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
@@ -43,6 +43,19 @@ def summary(identification: Identification) -> list[str]:
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
+
+
+def _logs(data: DataSet) -> str:
+    """Say how many logs there are, and what the hand carried."""
+    logs = counted(len(data.logs), "log")
+    if len(data.masses) == 1:
+        return f"{logs} with {data.masses[0] if data.masses[0].mass else 'no added mass'}"
+    return f"{logs} with {len(data.masses)} added masses"
+
+
+def counted(number: float, thing: str) -> str:
+    """Return a number of things."""
+    return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
 
 
 def _known(estimate: ParameterEstimate) -> list[str]:
@@ -239,8 +252,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: lambda f, _: (
-        f"With {_number(f):.0f} logs the intervals come from stretches of these, and hold nothing "
-        "of how the robot differs from run to run: record more."
+        f"With {counted(_number(f), 'log')} the intervals come from stretches of time, and hold "
+        "nothing of how the robot differs from run to run: record more."
     ),
     FindingKind.UNCHECKED: lambda _f, _v: (
         "The intervals were not checked by leaving an added mass out, as asked."
