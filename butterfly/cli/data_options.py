@@ -13,11 +13,12 @@ from butterfly.cli.options import (
     IntersampleOption,
     KnownOption,
     RootOption,
+    ZeroOption,
     parse_pairs,
 )
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.known import NOTHING, Knowledge, Known, known_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.logs.manifest import Manifest
+
+_OF_ROBOT = {"known", "zero"}  # not of the files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +40,14 @@ class DataOptions:
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     columns: Mapping[str, str] | None = None
     known: Knowledge = NOTHING
+    zero: Known | None = None
 
     def manifest(self, source: Path) -> Manifest:
         """Describe the data that a user named."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
-        about = {name: value for name, value in vars(self).items() if name != "known"}
-        return manifest_of(source, **about).knowing(self.known)
+        about = {name: value for name, value in vars(self).items() if name not in _OF_ROBOT}
+        return manifest_of(source, **about).knowing(self.known).with_zero(self.zero)
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -62,12 +66,14 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("intersample", IntersampleOption, silent.intersample),
         option("columns", ColumnsOption, silent.columns),
         option("known", KnownOption, None),
+        option("zero", ZeroOption, None),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
-        columns, known = told.pop("columns"), told.pop("known")
+        columns, known, zero = (told.pop(name) for name in ("columns", "known", "zero"))
         pairs = None if columns is None else parse_pairs(columns, "--columns")
         facts = NOTHING if known is None else Knowledge.told(parse_pairs(known, "--known"), "data")
-        return DataOptions(columns=pairs, known=facts, **told)
+        reading = None if zero is None else known_of(zero, "data", "--zero")
+        return DataOptions(columns=pairs, known=facts, zero=reading, **told)
 
     return with_options(command, "options", declared, make)
