@@ -259,7 +259,10 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
     forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
     chosen = set[int]()
     for name in names:
-        own = [k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)]
+        exact = [k for k, form in enumerate(forms) if name in form]
+        own = exact or [
+            k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)
+        ]
         if not own:
             known = [log.name for log in logs]
             (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]

@@ -11,7 +11,11 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.covariance import split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
-from butterfly.identify.judgement.term_choice import NEGLIGIBLE, stretches_of
+from butterfly.identify.judgement.term_choice import (
+    NEGLIGIBLE,
+    SLACK_OF_STRETCHES,
+    stretches_of,
+)
 from butterfly.identify.prior import Prior
 from butterfly.identify.regression import Regression
 from butterfly.identify.solved import Solved
@@ -148,8 +152,8 @@ class WeakFit:
     ) -> WeakFit:
         """Solve about a delay, and about the delay found, until it no longer moves.
 
-        What is known with an uncertainty is first held, so that the scatter of the rows tells how
-        much it weighs beside them.
+        What is known with an uncertainty is first left aside, so that the scatter of the rows
+        tells how much it weighs beside them.
         """
         exact = known.exact
         about = About(
@@ -161,10 +165,7 @@ class WeakFit:
         )
         if not known.uncertain:
             return cls._solved(windows, about)
-        held = known.held
-        told = held.exact
-        first = replace(about, names=held.open(names), known=held, delay=told.get("delay", delay))
-        rough = cls._solved(windows, replace(first, gain=told.get("p4", 0.0)))
+        rough = cls._solved(windows, replace(about, variance=0.0))
         return cls._solved(windows, replace(about, variance=rough.solved.realised_variance))
 
     @classmethod
@@ -222,6 +223,7 @@ class WeakFit:
             cost=np.array([float(left @ left) for _, left in parts]),
             folds=folds if stretches == 1 else np.arange(len(parts)),
             negligible=NEGLIGIBLE,
+            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
             prior=regression.prior,
         )
 
