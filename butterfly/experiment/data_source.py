@@ -22,6 +22,7 @@ from butterfly.yaml_input import load_yaml
 if TYPE_CHECKING:
     from butterfly.logs.column_map import ColumnMap
     from butterfly.logs.health import Repair
+    from butterfly.model.parameters import JointKind
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 
