@@ -56,7 +56,7 @@ COMMANDS = {
     "select": Command(
         "judge_commands",
         "select_command",
-        "Choose friction terms by how well they predict logs that were left out.",
+        "Choose friction terms by how well they predict what was left out: added masses, or logs.",
     ),
     "residual": Command(
         "judge_commands",

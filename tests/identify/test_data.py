@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from butterfly.errors import InputError
@@ -35,12 +34,12 @@ def test_logs_get_names_of_their_own_and_can_be_taken_by_number(sine_log):
     assert part.points[1] is data.points[1]
 
 
-def test_the_rest_angle_of_a_mass_is_the_median_of_its_logs_means(sine_log):
+def test_the_rest_angle_of_a_mass_is_the_median_of_its_swings_middles(sine_log):
     logs = [replace(sine_log, angle=sine_log.angle + zero) for zero in (0.1, 0.2, 0.9)]
     logs.append(replace(sine_log, excitation=None, added_mass=MASSES[0], angle=sine_log.angle - 1))
     data = DataSet.of(logs)
     assert data.equilibria[MASSES[1]] == pytest.approx(0.2, abs=1e-6)
-    assert data.equilibria[MASSES[0]] == pytest.approx(np.mean(sine_log.angle) - 1, abs=1e-12)
+    assert data.equilibria[MASSES[0]] == data.equilibria[MASSES[1]]  # a guess: the others' zero
     assert len(data.sines) == 3
 
 

@@ -32,6 +32,7 @@ NUMBERS = {
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
+    FindingKind.UNFORETOLD: (41.2, "41.2 %"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
@@ -39,11 +40,13 @@ NUMBERS = {
 OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
 """Physical parameters instead of the model's."""
 OF_LOGS = {FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE}
+OF_LOGS |= {FindingKind.UNFORETOLD, FindingKind.ZERO_GUESSED}
 NAMELESS = {
     *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
     *(FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT),
     *(FindingKind.UNPREDICTABLE, FindingKind.FEW_LOGS, FindingKind.REST_APART),
     *(FindingKind.UNCHECKED, FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
+    *(FindingKind.UNFORETOLD, FindingKind.ZERO_GUESSED),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
 

@@ -18,6 +18,7 @@ from butterfly.identify.judgement.term_choice import (
     missing_terms,
     stribeck_velocities,
 )
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass
 from tests.conftest import MASSES
 
@@ -110,10 +111,18 @@ def test_the_setting_that_predicts_best_is_chosen_among_several():
 
 
 def test_load_is_tried_with_three_different_masses_only():
-    assert candidates(("drag", "load"), MASSES) == ("drag", "load")
-    assert candidates(("drag", "load"), MASSES[:2] * 3) == ("drag",)
+    assert candidates(("drag", "load"), MASSES, NOTHING) == ("drag", "load")
+    assert candidates(("drag", "load"), MASSES[:2] * 3, NOTHING) == ("drag",)
     same = AddedMass(mass=0.1, arm=0.104), AddedMass(mass=0.1, arm=0.104)
-    assert candidates(("load",), (*same, AddedMass())) == ()
+    assert candidates(("load",), (*same, AddedMass()), NOTHING) == ()
+
+
+def test_what_is_known_is_not_tried_nor_what_no_gravity_moves():
+    drag = Knowledge.told({"drag": 0, "p3": 0})
+    assert candidates(("drag", "bias", "p3_offset"), [AddedMass()], drag) == ("bias",)
+    assert candidates(("p3_offset",), MASSES, drag) == ("p3_offset",)
+    assert stribeck_velocities(2.0, Knowledge.told({"stribeck": 0})) == []
+    assert stribeck_velocities(2.0, Knowledge.told({"stribeck_velocity": 0.3})) == [0.3]
 
 
 def test_three_parts_are_left_out_as_such_and_of_fewer_each_log():
@@ -122,7 +131,7 @@ def test_three_parts_are_left_out_as_such_and_of_fewer_each_log():
 
 
 def test_stribeck_velocities_are_shares_of_the_largest_speed():
-    speeds = np.array(stribeck_velocities(2.0))
+    speeds = np.array(stribeck_velocities(2.0, NOTHING))
     assert (speeds[0], speeds[-1]) == pytest.approx((0.06, 1.0))
     assert np.ptp(np.diff(np.log(speeds))) < 1e-12
 
