@@ -67,6 +67,9 @@ class ParameterEstimate:
         none where that was not asked.
     rivals
         (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
+    horizon
+        Longest stretch in s over which logs are simulated with it, infinite for whole logs; None
+        where the method has none, so that it is chosen for the logs.
     """
 
     method: str
@@ -85,6 +88,7 @@ class ParameterEstimate:
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     corrections: tuple[Correction, ...] = ()
     rivals: tuple[NDArray[np.float64], ...] = ()
+    horizon: float | None = None
 
     @classmethod
     def from_rows(
@@ -99,6 +103,7 @@ class ParameterEstimate:
         held: dict[str, float] | None = None,
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
         masses: Sequence[AddedMass] = (),
+        horizon: float | None = None,
     ) -> ParameterEstimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
@@ -114,7 +119,7 @@ class ParameterEstimate:
             (n,) values of other fits that predict as well, which widen them too.
         shared
             How many values, from the first on, are parameters of the robot; all if not given.
-        findings, held, local
+        findings, held, local, horizon
             As the estimate has them; the findings come after those on the values.
         masses
             What the log of each cluster carried, where the clusters are logs.
@@ -161,6 +166,7 @@ class ParameterEstimate:
             local=local or {},
             corrections=_corrections(solved, rows, residuals, masses),
             rivals=tuple(rivals),
+            horizon=horizon,
         )
 
     @property

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import Trajectory, grid_step
+from butterfly.identify.divergence import horizon_of
+from butterfly.identify.free_run import grid_step
+from butterfly.identify.segments import simulation
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -18,13 +20,15 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.free_run import Trajectory
+    from butterfly.identify.segments import Segments
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRun:
-    """A log and its simulation from the first sample on with the recorded input.
+    """A log and its simulation with the recorded input, from the first sample on or in segments.
 
     Parameters
     ----------
@@ -32,10 +36,13 @@ class FreeRun:
         The log.
     simulated
         (n,) simulated angle in rad at the log's stamps, from the encoder's zero.
+    horizon
+        Longest segment in s, each from a start of its own; infinite for none.
     """
 
     log: Log
     simulated: NDArray[np.float64]
+    horizon: float = math.inf
 
     @cached_property
     def fit(self) -> float:
@@ -75,12 +82,16 @@ class Setting:
     zero
         Reading of the encoder in rad where the model's angle is 0.
     velocity
-        At the first sample, in rad/s.
+        At the first sample, in rad/s; None where the log's own beginning tells it.
+    horizon
+        Longest stretch in s that is simulated at a time, infinite for the whole log (see
+        `butterfly.identify.segments`).
     """
 
     parameters: LumpedParameters
     zero: float
-    velocity: float = 0.0
+    velocity: float | None = None
+    horizon: float = math.inf
 
 
 class Predictor:
@@ -97,7 +108,8 @@ class Predictor:
 
     def __init__(self, data: DataSet) -> None:
         self.data = data
-        self._trajectories: dict[tuple[int, float], Trajectory] = {}
+        self._trajectories: dict[tuple[int, float, float], Trajectory | Segments] = {}
+        self._horizon: float | None = None
         self._spreads = [_spread(log) for log in data.logs]
 
     @cached_property
@@ -110,17 +122,36 @@ class Predictor:
         log = self.data.logs[number]
         parameters, own = estimate.applied(log)
         zero = own["zero"] if "zero" in own else self.equilibria[log.added_mass]
-        return Setting(parameters=parameters, zero=zero, velocity=own.get("velocity", 0.0))
+        return Setting(
+            parameters=parameters,
+            zero=zero,
+            velocity=own.get("velocity"),
+            horizon=self.horizon(estimate),
+        )
+
+    def horizon(self, estimate: ParameterEstimate) -> float:
+        """Return the longest stretch in s over which logs are simulated with an estimate.
+
+        A method that says none has the one for the logs in which the hand stays away from the
+        upright, where there are any.
+        """
+        if estimate.horizon is not None:
+            return estimate.horizon
+        if self._horizon is None:
+            counted = self.data.calm or range(len(self.data.logs))
+            logs = [self.data.logs[k] for k in counted]
+            self._horizon = horizon_of(logs, estimate.parameters, self.equilibria)
+        return self._horizon
 
     def run(self, number: int, estimate: ParameterEstimate) -> FreeRun:
         """Simulate one log, by its number, with an estimate."""
         return self.run_with(number, self.setting(number, estimate))
 
     def run_with(self, number: int, setting: Setting) -> FreeRun:
-        """Simulate one log, by its number, from its first sample with the recorded input."""
-        trajectory = self._trajectory(number, setting.parameters)
+        """Simulate one log, by its number, with the recorded input."""
+        trajectory = self._trajectory(number, setting)
         simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-        return FreeRun(log=self.data.logs[number], simulated=simulated)
+        return FreeRun(log=self.data.logs[number], simulated=simulated, horizon=setting.horizon)
 
     def fits(
         self, estimate: ParameterEstimate, numbers: Iterable[int] | None = None
@@ -129,25 +160,27 @@ class Predictor:
         chosen = range(len(self.data.logs)) if numbers is None else numbers
         return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
 
-    def fits_with(self, parameters: LumpedParameters) -> NDArray[np.float64]:
-        """(n,) FIT in per cent of all logs with parameters of the bare hand."""
+    def fits_with(
+        self, parameters: LumpedParameters, horizon: float = math.inf
+    ) -> NDArray[np.float64]:
+        """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
         settings = [
-            Setting(parameters=parameters, zero=self.equilibria[log.added_mass])
+            Setting(parameters=parameters, zero=self.equilibria[log.added_mass], horizon=horizon)
             for log in self.data.logs
         ]
         return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
 
     def _fit_of(self, number: int, setting: Setting) -> float:
         """FIT of one log, as that of its free run, without keeping the angles."""
-        trajectory = self._trajectory(number, setting.parameters)
+        trajectory = self._trajectory(number, setting)
         error = trajectory.squared_error(setting.parameters, setting.zero, setting.velocity)
         return _fit(error, self._spreads[number])
 
-    def _trajectory(self, number: int, parameters: LumpedParameters) -> Trajectory:
-        log = self.data.logs[number]
-        key = (number, grid_step(log, parameters))
+    def _trajectory(self, number: int, setting: Setting) -> Trajectory | Segments:
+        log, parameters = self.data.logs[number], setting.parameters
+        key = (number, grid_step(log, parameters), setting.horizon)
         if key not in self._trajectories:
-            self._trajectories[key] = Trajectory(log, parameters)
+            self._trajectories[key] = simulation(log, parameters, setting.horizon)
         return self._trajectories[key]
 
 
@@ -173,6 +206,6 @@ def free_run(log: Log, setting: Setting) -> FreeRun:
     setting
         Parameters of the bare hand (the log's added mass is put on here (78)), and its start.
     """
-    trajectory = Trajectory(log, setting.parameters)
+    trajectory = simulation(log, setting.parameters, setting.horizon)
     simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-    return FreeRun(log=log, simulated=simulated)
+    return FreeRun(log=log, simulated=simulated, horizon=setting.horizon)

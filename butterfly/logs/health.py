@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import reduce
 from typing import TYPE_CHECKING
@@ -11,6 +11,7 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
+from butterfly.logs.log import Lead
 from butterfly.logs.stamps import increasing, repeated
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     backward = ~(kept | repeats)
     _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, "stamps in ascending order")
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
-    clean = _only(sound, kept)
+    clean = _with_sound_lead(_only(sound, kept))
     _refuse_constant(clean)
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
@@ -144,6 +145,16 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
 def _only(log: Log, kept: NDArray[np.bool_]) -> Log:
     """Return the log of some samples, itself if that is all of them: copies of long logs cost."""
     return log if kept.all() else log.take(kept)
+
+
+def _with_sound_lead(log: Log) -> Log:
+    """Return a piece with what of the command before it has finite values and rising stamps."""
+    if log.lead is None:
+        return log
+    time, inputs = log.lead.time, log.lead.input
+    sound = np.isfinite(time) & np.isfinite(inputs) & (time < log.time[0])
+    sound[sound] = increasing(time[sound]) if sound.any() else False
+    return replace(log, lead=Lead(time=time[sound], input=inputs[sound]))
 
 
 def _refuse_unless_allowed(

@@ -59,10 +59,29 @@ class Sine:
         return np.asarray(self.amplitude * np.sin(self.omega * time))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lead:
+    """What was commanded before a log begins, which is then a piece of a longer recording.
+
+    Parameters
+    ----------
+    time, input
+        (n,) increasing stamps in s, before the log's first one, and the command at each; none where
+        the recording has no such samples.
+    """
+
+    time: NDArray[np.float64]
+    input: NDArray[np.float64]
+
+
+LONGEST_LEAD = 2.0
+"""Of what was commanded before a log, in s: longer than any delay."""
+
 _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("added_mass", AddedMass, "an AddedMass"),
     ("excitation", (Sine, NoneType), "a Sine, or None"),
     ("zero", (Known, NoneType), "a Known, or None"),
+    ("lead", (Lead, NoneType), "a Lead, or None"),
 )
 
 
@@ -90,6 +109,9 @@ class Log:
         The sinusoid that was commanded, or None for any other input.
     zero
         The encoder's reading in rad where the model's angle is 0, if it is known.
+    lead
+        What was commanded before, of a piece of a longer recording, which begins in motion; None
+        for a recording from its own beginning, at rest unless its first samples say otherwise.
     source
         File or plant that the log came from, for messages.
     name
@@ -106,6 +128,7 @@ class Log:
     added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
     zero: Known | None = None
+    lead: Lead | None = None
     source: str = "log"
     name: str = ""
 
@@ -199,6 +222,28 @@ class Log:
         time, inputs, angle = self.time[rows], self.input[rows], self.angle[rows]
         velocity = None if self.velocity is None else self.velocity[rows]
         return replace(self, time=time, input=inputs, angle=angle, velocity=velocity)
+
+    def piece(self, first: int, last: int) -> Log:
+        """Return the log of the samples from number ``first`` to before number ``last``.
+
+        Unless it is the beginning, it begins in motion, with what was commanded before.
+        """
+        cut = self.take(np.arange(first, last))
+        if first == 0:
+            return cut
+        time, inputs = self.command
+        begin = time.size - self.time.size + first
+        earliest = int(np.searchsorted(time, self.time[first] - LONGEST_LEAD))
+        own = slice(min(earliest, begin), begin)
+        return replace(cut, lead=Lead(time=time[own], input=inputs[own]))
+
+    @property
+    def command(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n,) stamps in s and commands, those before the first sample included."""
+        if self.lead is None:
+            return self.time, self.input
+        time = np.concatenate([self.lead.time, self.time])
+        return time, np.concatenate([self.lead.input, self.input])
 
     @property
     def mean_step(self) -> float:

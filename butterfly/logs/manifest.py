@@ -5,10 +5,18 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    field_validator,
+    model_validator,
+)
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
@@ -47,8 +55,14 @@ Size = (
 """The same, not negative."""
 
 
+class Split(StrEnum):
+    """Where a file is cut into several logs."""
+
+    RESTARTS = "restarts"
+
+
 class LogEntry(StrictModel):
-    """One file of a data set.
+    """One file of a data set, or a piece of one.
 
     Parameters
     ----------
@@ -61,13 +75,29 @@ class LogEntry(StrictModel):
     omega, amplitude
         Of the sine that was commanded, in rad/s and in units of the input; neither for any other
         input.
+    begin, end
+        Called ``from`` and ``to``: first and last instant in s of the piece that is meant, by the
+        file's own clock.
+    part
+        Which of the recordings that were put together in the file is meant, from 1 on: one ends
+        where the clock falls back.
+    split
+        ``restarts``: each of these recordings is a log.
     """
+
+    model_config = ConfigDict(
+        validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
+    )
 
     file: str
     added_mass: Size = 0.0
     arm: Size | None = None
     omega: Annotated[float, Field(gt=0)] | None = None
     amplitude: Annotated[float, Field(gt=0)] | None = None
+    begin: Annotated[float | None, Field(alias="from")] = None
+    end: Annotated[float | None, Field(alias="to")] = None
+    part: Annotated[int, Field(ge=1)] | None = None
+    split: Split | None = None
 
     @field_validator("file")
     @classmethod
@@ -80,6 +110,14 @@ class LogEntry(StrictModel):
     def _a_whole_sine(self) -> LogEntry:
         if (self.omega is None) != (self.amplitude is None):
             raise ValueError("omega and amplitude together, or neither")
+        return self
+
+    @model_validator(mode="after")
+    def _a_piece(self) -> LogEntry:
+        if self.split and (self.part, self.begin, self.end) != (None, None, None):
+            raise ValueError("split, or from, to and part, not both")
+        if self.begin is not None and self.end is not None and not self.begin < self.end:
+            raise ValueError("from before to")
         return self
 
     @property
@@ -120,6 +158,9 @@ class Manifest(StrictModel):
         Column map of CSV files.
     repair
         Repairs that may be made (see `butterfly.logs.health.Repair`).
+    split
+        ``restarts``: files in which the clock falls back are several recordings put together, and
+        each is a log, unless an entry says which piece is meant.
     logs
         The files.
     """
@@ -136,6 +177,7 @@ class Manifest(StrictModel):
     known: dict[str, Told] = Field(default_factory=dict)
     columns: dict[str, str] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
+    split: Split | None = None
     logs: Annotated[list[LogEntry], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -287,7 +329,7 @@ def write_manifest(manifest: Manifest, path: Path) -> None:
 
 
 def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
-    """Read one log of a data set.
+    """Read the whole file of a log (see `butterfly.logs.pieces` for pieces of it).
 
     Raises
     ------

@@ -10,7 +10,7 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
-from butterfly.identify.free_run import Trajectory
+from butterfly.identify.segments import Segments, simulation
 from butterfly.model.kinematics import Motion
 from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.free_run import Trajectory
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
@@ -42,6 +43,8 @@ class Choice:
     ----------
     terms, fixed, per_mass, per_log, window
         See `butterfly.identify.estimators.output_error.OutputError`.
+    horizon
+        Longest stretch in s that is simulated at a time.
     workers
         Threads.
     """
@@ -51,6 +54,7 @@ class Choice:
     per_mass: tuple[str, ...]
     per_log: tuple[str, ...]
     window: float
+    horizon: float
     workers: int
 
     @property
@@ -88,7 +92,7 @@ class FreeRunResiduals:
     scale: Samples
     lower: Samples
     initial: Samples
-    trajectories: tuple[Trajectory, ...]
+    trajectories: tuple[Trajectory | Segments, ...]
     motion: tuple[float, ...]
     workers: int
 
@@ -132,7 +136,8 @@ class FreeRunResiduals:
             lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
             initial=np.array(guesses) / scale,
             trajectories=tuple(
-                Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)
+                simulation(log, start, choice.horizon, k)
+                for log, k in zip(logs, first, strict=True)
             ),
             motion=motion,
             workers=choice.workers,
@@ -199,7 +204,7 @@ class FreeRunResiduals:
         if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
         errors, rows, mixture = trajectory.linearised(
-            list(own), parameters, own["zero"], own.get("velocity", 0.0)
+            list(own), parameters, own["zero"], own.get("velocity")
         )
         unit = 1 / (self.motion[index] * errors.size**0.5)
         scaled = np.zeros((mixture.shape[0], len(self.keys)))

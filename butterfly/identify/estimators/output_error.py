@@ -9,6 +9,7 @@ Numerical Data Fitting in Dynamical Systems, 2002).
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.identify.divergence import horizon_of
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, require_names
 from butterfly.identify.estimators.ends import Ends
@@ -71,6 +73,10 @@ class OutputError(Estimator):
     window
         Length in s, at the end of a sine's log, whose errors count: how a joint starts from rest
         depends on how it came to rest. Logs of other inputs count from their start.
+    horizon
+        Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
+        that no error at the start of one grows more than 20-fold: whole logs, where the hand stays
+        away from the upright. The start of each stretch is fitted to it.
     loss
         How residuals count; all but linear are robust.
     cogging_periods
@@ -87,6 +93,7 @@ class OutputError(Estimator):
     per_mass: tuple[str, ...] = ()
     per_log: tuple[str, ...] = ()
     window: float = STEADY_SECONDS
+    horizon: float | None = None
     loss: Loss = Loss.LINEAR
     cogging_periods: float = 1.0
     check: bool = True
@@ -101,6 +108,8 @@ class OutputError(Estimator):
         require_names(self.method, "per_mass", self.per_mass, LOCAL)
         require_names(self.method, "per_log", self.per_log, LOCAL)
         require_number(self.method, positive=True, unit="s", window=self.window)
+        if self.horizon is not None and self.horizon != math.inf:
+            require_number(self.method, unit="s", horizon=self.horizon)
         require_periods(self.method, self.cogging_periods)
         if self.workers < 0:
             raise InputError(self.method, "workers", self.workers, "0 or more")
@@ -141,6 +150,9 @@ class OutputError(Estimator):
             If the logs cannot determine the parameters, or no first guess is a joint's.
         """
         refuse_one_mass(log.added_mass for log in logs)
+        if self.horizon is None:
+            horizon = horizon_of(logs, first[0].parameters, first[0].zeros)
+            return replace(self, horizon=horizon).of_starts(logs, first)
         ends = Ends.of([self.problem(logs, each.parameters, each.zeros) for each in first], self)
         problem, end = ends.problem, ends.end
         rivals: tuple[NDArray[np.float64], ...] = ()
@@ -177,6 +189,7 @@ class OutputError(Estimator):
             held=self._held(problem),
             local=local_of(list(known)[problem.shared :]),
             masses=masses if len(logs) > FEW else (),
+            horizon=self.horizon or math.inf,
         )
         return found.with_findings(*self._missing(logs, found))
 
@@ -218,12 +231,14 @@ class OutputError(Estimator):
         self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised (see `of_logs`)."""
+        horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
         choice = Choice(
             terms=self._names(log.added_mass for log in logs),
             fixed=self.fixed,
             per_mass=self.per_mass,
             per_log=self.per_log,
             window=self.window,
+            horizon=horizon or math.inf,
             workers=self.workers or os.cpu_count() or 1,
         )
         turning = replace(start, cogging_periods=self.cogging_periods)

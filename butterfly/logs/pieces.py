@@ -1,0 +1,105 @@
+"""Pieces of logs: from one instant to another, and recordings that were put together in a file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.logs.log import MIN_SAMPLES
+from butterfly.logs.manifest import read_entry
+from butterfly.logs.stamps import restarts
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from butterfly.logs.log import Log
+    from butterfly.logs.manifest import LogEntry, Manifest
+
+
+def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
+    """Read all logs of a manifest, as recorded; return the manifest with an entry for each.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or has no such piece.
+    """
+    entries: list[LogEntry] = []
+    logs: list[Log] = []
+    for entry in track(manifest.logs, "Reading logs"):
+        for own, log in read_pieces(manifest, entry):
+            entries.append(own)
+            logs.append(log)
+    return manifest.model_copy(update={"logs": entries}), logs
+
+
+def read_pieces(manifest: Manifest, entry: LogEntry) -> list[tuple[LogEntry, Log]]:
+    """Read the logs that an entry stands for, each with an entry of its own (see `read_logs`)."""
+    whole = read_entry(manifest, entry)
+    meant = (entry.part, entry.begin, entry.end) != (None, None, None)
+    if meant:
+        return [(entry, _piece(whole, entry))]
+    parts = _parts(whole) if entry.split or manifest.split else [whole]
+    if len(parts) == 1:
+        return [(entry, whole)]
+    entries = [
+        entry.model_copy(update={"part": number, "split": None})
+        for number in range(1, len(parts) + 1)
+    ]
+    return [(own, _named(part, own, whole.name)) for own, part in zip(entries, parts, strict=True)]
+
+
+def _parts(whole: Log) -> list[Log]:
+    """Return the recordings that were put together in a file, each with a clock of its own."""
+    edges = list(pairwise([0, *restarts(whole.time), whole.time.size]))
+    for first, last in edges:
+        if last - first < MIN_SAMPLES:
+            found = f"{last - first} samples from sample {first} on, where the clock falls back"
+            raise InputError(whole.source, "time", found, f"at least {MIN_SAMPLES} in each part")
+    return [whole.take(np.arange(first, last)) for first, last in edges]
+
+
+def _piece(whole: Log, entry: LogEntry) -> Log:
+    """Cut the piece that an entry means out of its file."""
+    if entry.part is None:
+        part = whole
+    else:
+        parts = _parts(whole)
+        if entry.part > len(parts):
+            found = f"{len(parts)} recordings in this file"
+            raise InputError(whole.source, "part", entry.part, found)
+        part = parts[entry.part - 1]
+    if entry.begin is None and entry.end is None:
+        return _named(part, entry, whole.name)
+    begin, end = entry.begin, entry.end
+    inside = (part.time >= (-math.inf if begin is None else begin)) & (
+        part.time <= (math.inf if end is None else end)
+    )
+    numbers = np.flatnonzero(inside)
+    if numbers.size < MIN_SAMPLES:
+        span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
+        said = f"{_span(entry)}: {numbers.size} samples"
+        raise InputError(
+            whole.source, "from, to", said, f"{MIN_SAMPLES} samples or more, of {span}"
+        )
+    first, last = int(numbers[0]), int(numbers[-1]) + 1
+    return _named(part.piece(first, last), entry, whole.name)
+
+
+def _named(log: Log, entry: LogEntry, file: str) -> Log:
+    told = [f"part {entry.part}"] if entry.part is not None else []
+    span = _span(entry)
+    told += [span] if span else []
+    return replace(log, name=f"{file} [{', '.join(told)}]")
+
+
+def _span(entry: LogEntry) -> str:
+    if entry.begin is None and entry.end is None:
+        return ""
+    begin = "start" if entry.begin is None else f"{entry.begin:g} s"
+    end = "end" if entry.end is None else f"{entry.end:g} s"
+    return f"{begin} to {end}"
