@@ -14,6 +14,7 @@ from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.identify.data import DataSet
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.known import Knowledge
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def read(
     input_kind: str | None = None,
     intersample: str | None = None,
     columns: Mapping[str, str] | None = None,
+    known: Mapping[str, Any] | None = None,
     name: str = "logs",
 ) -> DataSet:
     """Read logs, check them, repair what may be repaired, and fit the steady response of sines.
@@ -52,6 +54,10 @@ def read(
         What the input commands (``voltage``, if not given, or ``torque``), how it is held
         (``zero_order_hold``, if not given, or ``first_order_hold``), and the columns of a .csv file
         (``time``, ``input``, ``angle``), where no manifest says so.
+    known
+        What is known of the robot besides what manifests say: parameters of the model (``p4``,
+        ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
+        pair of a value and its standard uncertainty.
     name
         Of the data set, where several logs are put together.
 
@@ -67,6 +73,9 @@ def read(
         "intersample": intersample,
         "columns": columns,
     }
+    if known is not None:
+        more = Knowledge.told(known)
+        return read(source, **about, name=name).knowing(more)
     told = {key: value for key, value in about.items() if value is not None}
     if isinstance(source, DataSet | Identified | Log):
         if told:

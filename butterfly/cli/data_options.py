@@ -11,11 +11,13 @@ from butterfly.cli.options import (
     ColumnsOption,
     InputOption,
     IntersampleOption,
+    KnownOption,
     RootOption,
     parse_pairs,
 )
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
+from butterfly.model.known import NOTHING, Knowledge
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -34,12 +36,14 @@ class DataOptions:
     input_kind: InputKind = InputKind.VOLTAGE
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     columns: Mapping[str, str] | None = None
+    known: Knowledge = NOTHING
 
     def manifest(self, source: Path) -> Manifest:
         """Describe the data that a user named."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
-        return manifest_of(source, **vars(self))
+        about = {name: value for name, value in vars(self).items() if name != "known"}
+        return manifest_of(source, **about).knowing(self.known)
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -57,11 +61,13 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("input_kind", InputOption, silent.input_kind),
         option("intersample", IntersampleOption, silent.intersample),
         option("columns", ColumnsOption, silent.columns),
+        option("known", KnownOption, None),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
-        columns = told.pop("columns")
+        columns, known = told.pop("columns"), told.pop("known")
         pairs = None if columns is None else parse_pairs(columns, "--columns")
-        return DataOptions(columns=pairs, **told)
+        facts = NOTHING if known is None else Knowledge.told(parse_pairs(known, "--known"), "data")
+        return DataOptions(columns=pairs, known=facts, **told)
 
     return with_options(command, "options", declared, make)

@@ -43,6 +43,15 @@ ColumnsOption = Annotated[
     ),
 ]
 
+KnownOption = Annotated[
+    str | None,
+    typer.Option(
+        help="What is known of the robot, by commas: parameters (p4=1, p3=0.05+-0.001 with a "
+        "standard uncertainty), or motor and hand (resistance, torque_constant, hand_mass, ...).",
+        show_default=False,
+    ),
+]
+
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
 ]

@@ -17,6 +17,7 @@ from butterfly.logs.manifest import (
     manifest_of_log,
     read_manifest,
 )
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
 from butterfly.yaml_input import load_yaml
@@ -37,12 +38,13 @@ def named_data(
     input_kind: InputKind = InputKind.VOLTAGE,
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD,
     columns: Mapping[str, str] | None = None,
+    known: Knowledge = NOTHING,
     track: Track = untracked,
 ) -> DataSet:
-    """Read the data that a user named (see `manifest_of`)."""
+    """Read the data that a user named (see `manifest_of`), of a robot of which more is known."""
     about = {"arm": arm, "input_kind": input_kind, "intersample": intersample, "columns": columns}
     manifest = manifest_of(source, root=root, **about)  # type: ignore[arg-type]
-    return read_data_set(manifest, track)
+    return read_data_set(manifest.knowing(known), track)
 
 
 def manifest_of(

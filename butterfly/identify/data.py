@@ -150,7 +150,10 @@ class DataSet:
 
     def knowing(self, known: Knowledge) -> DataSet:
         """Return the data set of a robot of which more is known."""
-        return replace(self, known=self.known.also(known)) if known else self
+        if not known:
+            return self
+        manifest = None if self.manifest is None else self.manifest.knowing(known)
+        return replace(self, known=self.known.also(known), manifest=manifest)
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some logs, by their numbers."""

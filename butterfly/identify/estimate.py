@@ -11,9 +11,11 @@ from butterfly.identify.judgement.covariance import cluster_covariance, robust
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import Conditioning, sort_by_precision
 from butterfly.identify.judgement.intervals import honest_limits
+from butterfly.identify.judgement.knowledge import disagreements, moved_by_masses
 from butterfly.identify.judgement.mass_consistency import Correction, corrections
 from butterfly.identify.judgement.verdict import Verdict
 from butterfly.identify.solved import pulled_below
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 
@@ -70,6 +72,8 @@ class ParameterEstimate:
     horizon
         Longest stretch in s over which logs are simulated with it, infinite for whole logs; None
         where the method has none, so that it is chosen for the logs.
+    known
+        What was known of the robot before; what is known exactly is among ``held``.
     """
 
     method: str
@@ -89,6 +93,7 @@ class ParameterEstimate:
     corrections: tuple[Correction, ...] = ()
     rivals: tuple[NDArray[np.float64], ...] = ()
     horizon: float | None = None
+    known: Knowledge = NOTHING
 
     @classmethod
     def from_rows(
@@ -104,6 +109,8 @@ class ParameterEstimate:
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
         masses: Sequence[AddedMass] = (),
         horizon: float | None = None,
+        blocks: int = 1,
+        known: Knowledge = NOTHING,
     ) -> ParameterEstimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
@@ -122,7 +129,11 @@ class ParameterEstimate:
         findings, held, local, horizon
             As the estimate has them; the findings come after those on the values.
         masses
-            What the log of each cluster carried, where the clusters are logs.
+            What each log carried, where the clusters are logs, or blocks of them.
+        blocks
+            Clusters of each log.
+        known
+            What was known of the robot.
 
         Raises
         ------
@@ -130,19 +141,23 @@ class ParameterEstimate:
             If the equations are singular for every practical purpose.
         """
         rows, residuals = solved.by_cluster()
-        conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names)
+        whole, left = solved.with_prior(rows, residuals)
+        conditioning = Conditioning.of(whole, solved.names)
         conditioning.refuse_singular()
-        covariance, freedom = cluster_covariance(rows, residuals)
+        numbers = np.unique(solved.cluster).tolist() if masses else []
+        carried = {number: masses[number // blocks] for number in numbers}
+        considered = moved_by_masses(rows, solved.names, carried)
+        covariance, freedom = cluster_covariance(rows, residuals, solved.prior, considered)
         if solved.bread is not None:
-            weighted = solved.jacobian.T @ solved.jacobian
-            covariance = robust(covariance, weighted, solved.bread)
+            covariance = robust(covariance, whole.T @ whole, solved.bread)
+        apart = disagreements(solved.prior, solved.names, solved.values, covariance, whole)
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
         scatter = covariance[own, own]
         limits = honest_limits(values, scatter, freedom[own], left_out.values(), rivals)
         lower = np.maximum(limits[0], solved.lower[own])
         on_bound = tuple(np.array(names)[solved.on_bound[own]].tolist())
-        pulled = set(np.array(names)[pulled_below(rows, residuals, covariance)[own]].tolist())
+        pulled = set(np.array(names)[pulled_below(whole, left, covariance)[own]].tolist())
         return cls(
             method=method,
             names=names,
@@ -160,11 +175,13 @@ class ParameterEstimate:
                 *solved.findings,
                 *_of_bounds(on_bound, pulled),
                 *_of_signs(names),
+                *apart,
                 *findings,
             ),
-            held=held or {},
+            held=known.exact | (held or {}),
             local=local or {},
-            corrections=_corrections(solved, rows, residuals, masses),
+            corrections=corrections(rows, residuals, solved.names, carried if blocks == 1 else {}),
+            known=known,
             rivals=tuple(rivals),
             horizon=horizon,
         )
@@ -223,19 +240,6 @@ class ParameterEstimate:
             return self
         rest = (each for each in self.findings if each.kind is not FindingKind.TORQUE_DRIVEN)
         return replace(self, findings=(*slips, *rest))
-
-
-def _corrections(
-    solved: Solved,
-    rows: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    masses: Sequence[AddedMass],
-) -> tuple[Correction, ...]:
-    """Return what added masses would have to be; logs that gave no equations have none."""
-    if not masses:
-        return ()
-    carried = {number: masses[number] for number in np.unique(solved.cluster).tolist()}
-    return corrections(rows, residuals, solved.names, carried)
 
 
 def _of_bounds(on_bound: tuple[str, ...], pulled: set[str]) -> list[Finding]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.kinematics import Motion
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS, FrictionTerms
 
@@ -44,10 +45,13 @@ class Phasors:
     swing
         In rad, at which the describing functions are taken.
     remainder
-        Torque in N m that the motion of the model leaves over in the balance of its fundamentals:
-        what describing functions neglect, transients that still ring, stamps that are not regular.
+        What the motion of the model leaves over in the balance of its fundamentals, as an input in
+        its unit, since it grows with all torques: what describing functions neglect, transients
+        that still ring, stamps that are not regular.
     doubt
         Further variance in rad^2, of logs in which the model does not move like the robot.
+    known
+        What is known of the robot; what is known exactly is not among the names.
     stribeck_velocity
         In rad/s, at which Stribeck friction is described.
     """
@@ -61,10 +65,18 @@ class Phasors:
     swing: NDArray[np.float64]
     remainder: NDArray[np.complex128]
     doubt: NDArray[np.float64]
+    known: Knowledge = NOTHING
     stribeck_velocity: float = FrictionTerms.stribeck_velocity
 
     @classmethod
-    def of(cls, points: Sequence[ResponsePoint], names: tuple[str, ...], *, small: bool) -> Phasors:
+    def of(
+        cls,
+        points: Sequence[ResponsePoint],
+        names: tuple[str, ...],
+        *,
+        small: bool,
+        known: Knowledge = NOTHING,
+    ) -> Phasors:
         """Collect them from steady responses; with ``small``, sin th counts as th."""
         angle = np.array([p.angle.fundamental for p in points])
         return cls(
@@ -79,6 +91,8 @@ class Phasors:
             swing=np.full(angle.size, _SMALL_SWING) if small else np.abs(angle),
             remainder=np.zeros(angle.size, dtype=np.complex128),
             doubt=np.zeros(angle.size),
+            known=known,
+            stribeck_velocity=known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
         )
 
     def take(self, rows: NDArray[np.bool_]) -> Phasors:
@@ -120,20 +134,27 @@ class Phasors:
         )
         matrix, target = model.equations(parameters.delay)
         values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
-        remainder = np.where(told, matrix @ np.array(values) - target, 0.0)
+        left = matrix @ np.array(values) - target
+        remainder = np.where(told, left, 0.0) / (parameters.p4 or np.inf)
         return replace(self, remainder=remainder, doubt=doubt)
 
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
         late = self.input * np.exp(-1j * self.omega * delay)
-        driven = {"p4": -late, "delay": 1j * self.omega * late}
+        driven = {"p4": -late - self.remainder, "delay": 1j * self.omega * late}
         columns = [driven[name] if name in driven else self._columns[name] for name in self.names]
-        return np.column_stack(columns), self._target
+        gain = self.known.exact.get("p4", 0.0)
+        return np.column_stack(columns), self._target - gain * driven["p4"]
+
+    def described(self, values: NDArray[np.float64]) -> LumpedParameters:
+        """Return the model's parameters: (n,) values of the names, and what is known exactly."""
+        found = dict(zip(self.names, values.tolist(), strict=True))
+        told = self.known.exact | {"stribeck_velocity": self.stribeck_velocity}
+        return LumpedParameters(**told | found)
 
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
-        known = dict(zip(self.names, values.tolist(), strict=True)) | {"delay": 0.0}
-        hand = LumpedParameters(stribeck_velocity=self.stribeck_velocity, **known)
+        hand = replace(self.described(values), delay=0.0)
         slopes = np.empty(self.omega.size)
         largest = max(mass.inertia for mass in self.masses)
         for mass, rows in self._of_mass.items():
@@ -159,16 +180,23 @@ class Phasors:
         return {
             row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
             for row in TERMS.values()
-            if row.describing is not None and row.name in {*self.names, "p1", "p3"}
+            if row.describing is not None
+            and row.name in {*self.names, *self.known.exact, "p1", "p3"}
         }
 
     @cached_property
     def _target(self) -> NDArray[np.complex128]:
-        """(n,) torques that the known masses and the remainder leave to the parameters."""
+        """(n,) torques that the known masses leave to the parameters.
+
+        So do the parameters that are known exactly, but for the motor's.
+        """
         inertia = np.array([mass.inertia for mass in self.masses])
         moment = np.array([mass.gravity_moment for mass in self.masses])
         carried = inertia * self._columns["p1"] + moment * self._columns["p3"]
-        return np.asarray(self.remainder - carried)
+        for name, value in self.known.exact.items():
+            if name in self._columns:
+                carried = carried + value * self._columns[name]
+        return np.asarray(-carried)
 
 
 def _slope(

@@ -15,6 +15,8 @@ from butterfly.model.terms import TERMS, lower_bounds
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from butterfly.identify.prior import Prior
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
@@ -44,6 +46,11 @@ class Regression:
         Values of the parameters of the product kind about which the rows hold; 0 if not given.
     least
         Least values, where they are not those of the table of terms.
+    gain
+        p4, where it is known, and no unknown; a guess of it otherwise, by which what is known of
+        products is turned.
+    prior
+        What is known of the values with an uncertainty.
     """
 
     names: tuple[str, ...]
@@ -52,6 +59,8 @@ class Regression:
     cluster: NDArray[np.intp]
     about: dict[str, float] = field(default_factory=dict)
     least: dict[str, float] = field(default_factory=dict)
+    gain: float = 0.0
+    prior: Prior | None = None
 
     def solve(self, use: NDArray[np.bool_] | slice = slice(None)) -> Solution:
         """Return the values that fit the rows to use best, within their bounds.
@@ -63,7 +72,9 @@ class Regression:
         """
         if "p4" in self.names and not self.rows[use, self.names.index("p4")].any():
             raise IdentifiabilityError("the input is zero throughout: add logs of a driven joint")
-        rows, target = self.rows[use], self.target[use]
+        more, wanted = self.known_rows
+        rows = np.concatenate([self.rows[use], more])
+        target = np.concatenate([self.target[use], wanted])
         scale = np.linalg.norm(rows, axis=0)
         scale[scale == 0] = 1.0  # a column of zeros stays without effect
         moved = self._products & (self._shift != 0)
@@ -90,6 +101,21 @@ class Regression:
         """(m, n) derivatives of the residuals by the values, about (n,) values."""
         return self.rows * self._slopes(values)
 
+    @property
+    def known_rows(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(k, n) rows and (k,) targets that the prior adds; none of products without a gain."""
+        known = self.turned_prior
+        return (np.empty((0, len(self.names))), np.empty(0)) if known is None else known.rows()
+
+    @property
+    def turned_prior(self) -> Prior | None:
+        """The prior, of what the rows multiply."""
+        if self.prior is None:
+            return None
+        if not self.gain:
+            return self.prior.without(self._products)
+        return self.prior.turned(np.where(self._products, self.gain, 1.0), self._shift)
+
     @cached_property
     def lower(self) -> NDArray[np.float64]:
         """(n,) least values."""
@@ -108,5 +134,6 @@ class Regression:
         """p4 for the parameters that it multiplies, 1 for the others."""
         if not self._products.any():
             return np.ones(len(self.names))
-        gain = float(values[self.names.index("p4")]) or np.finfo(float).tiny
+        own = values[self.names.index("p4")] if "p4" in self.names else self.gain
+        gain = float(own) or np.finfo(float).tiny
         return np.where(self._products, gain, 1.0)

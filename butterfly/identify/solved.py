@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.judgement.covariance import compress_all
+from butterfly.identify.judgement.covariance import cluster_covariance, compress_all
 from butterfly.identify.judgement.findings import Ending, Finding
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from butterfly.identify.prior import Prior
     from butterfly.identify.regression import Regression, Solution
 
+_TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
 _WELL = 3.0  # standard errors
 
 
@@ -42,6 +44,8 @@ class Solved:
         What it has to say besides.
     bread
         (n, n) derivatives of the gradient, where the weights depend on the residuals.
+    prior
+        What was known of the values with an uncertainty.
     """
 
     names: tuple[str, ...]
@@ -54,6 +58,7 @@ class Solved:
     ending: Ending = Ending.CONVERGED
     findings: tuple[Finding, ...] = ()
     bread: NDArray[np.float64] | None = None
+    prior: Prior | None = None
 
     @classmethod
     def of(
@@ -70,6 +75,7 @@ class Solved:
             lower=regression.lower,
             ending=Ending.STOPPED if unsettled else Ending.CONVERGED,
             findings=(unsettled,) if unsettled else (),
+            prior=regression.prior,
         )
 
     def beside(self, other: Solved) -> Solved:
@@ -87,7 +93,35 @@ class Solved:
             cluster=np.append(self.cluster, other.cluster),
             on_bound=np.append(self.on_bound, other.on_bound),
             lower=np.append(self.lower, other.lower),
+            prior=None if self.prior is None else self.prior.padded(further),
         )
+
+    @property
+    def realised_variance(self) -> float:
+        """Variance of a row as the scatter of the clusters realises it: 1 per parameter if right.
+
+        Of independent equal errors it is theirs; errors that are alike within a cluster count for
+        fewer rows, which is a larger variance of each.
+        """
+        rows, residuals = self.by_cluster()
+        flat = rows.reshape(-1, rows.shape[2])
+        size = np.linalg.norm(flat, axis=0)
+        basis, singular, _ = np.linalg.svd(
+            flat / np.where(size > 0, size, 1.0), full_matrices=False
+        )
+        told = basis[:, singular > _TOLD * singular[0]]
+        covariance, _ = cluster_covariance(told.reshape(*rows.shape[:2], -1), residuals)
+        return float(np.mean(np.diag(covariance)))
+
+    def with_prior(
+        self, rows: NDArray[np.float64], residuals: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (m, n) rows and (m,) residuals of all clusters, and of what was known besides."""
+        flat, left = rows.reshape(-1, rows.shape[2]), residuals.reshape(-1)
+        if self.prior is None:
+            return flat, left
+        more, target = self.prior.rows()
+        return np.concatenate([flat, more]), np.append(left, more @ self.values - target)
 
     def by_cluster(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (k, n, n) rows and (k, n) residuals that say of k clusters what these do."""
@@ -100,8 +134,13 @@ class Solved:
 def pulled_below(
     rows: NDArray[np.float64], residuals: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """(n,) which parameters the data would have well below their values, were there no bound."""
-    flat, left = rows.reshape(-1, rows.shape[2]), residuals.reshape(-1)
-    scale = np.linalg.norm(flat, axis=0)
-    step = np.linalg.lstsq(flat / scale, -left, rcond=None)[0] / scale
+    """(n,) which parameters (m,) equations would have well below their values, were there no bound.
+
+    Parameters
+    ----------
+    rows, residuals, covariance
+        (m, n), (m,) and (n, n).
+    """
+    scale = np.linalg.norm(rows, axis=0)
+    step = np.linalg.lstsq(rows / scale, -residuals, rcond=None)[0] / scale
     return np.asarray(step < -_WELL * np.sqrt(np.diag(covariance)))

@@ -198,6 +198,12 @@ class Manifest(StrictModel):
         """What is known of the robot."""
         return Knowledge.told(self.known)
 
+    def knowing(self, known: Knowledge) -> Manifest:
+        """Return the manifest of a robot of which more is known."""
+        if not known:
+            return self
+        return self.model_copy(update={"known": self.knowledge.also(known).as_told()})
+
     def added_mass(self, entry: LogEntry) -> AddedMass:
         """Return what the hand carried in a log."""
         mass = known_of(entry.added_mass)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -101,6 +101,12 @@ class Knowledge:
         return {name: each for name, each in self.parameters.items() if not each.exact}
 
     @property
+    def held(self) -> Knowledge:
+        """The same values, each taken to be exact."""
+        sure = {n: replace(each, uncertainty=0.0) for n, each in self.parameters.items()}
+        return replace(self, parameters=sure)
+
+    @property
     def scale(self) -> tuple[str, ...]:
         """Names of the parameters that say how large all of them are."""
         known = self.parameters
@@ -110,6 +116,18 @@ class Knowledge:
         """Return those of some names whose values are not known exactly."""
         exact = self.exact
         return tuple(name for name in names if name not in exact)
+
+    def fitted(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return those of some names that are to be found, and what else is not known exactly."""
+        found = self.open(names)
+        return (*found, *(name for name in self.uncertain if name not in found))
+
+    def within(self, names: Iterable[str]) -> Knowledge:
+        """Return what is known of some parameters."""
+        wanted = set(names)
+        return replace(
+            self, parameters={n: each for n, each in self.parameters.items() if n in wanted}
+        )
 
     def also(self, other: Knowledge) -> Knowledge:
         """Return this and other knowledge, which goes before where both say something."""

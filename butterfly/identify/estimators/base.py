@@ -6,13 +6,14 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.errors import InputError, nearest
-from butterfly.model.terms import PARAMETERS, offered
+from butterfly.model.terms import PARAMETERS, TERMS, offered
 
 if TYPE_CHECKING:
     from typing import Self
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.model.known import Knowledge, Known
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +78,39 @@ class Estimator:
 
     def _with(self, **options: Any) -> Self:  # noqa: ANN401 - any option that the estimator has
         return replace(self, **options)
+
+
+_SETTINGS = {"stribeck_velocity", "cogging_periods"}
+
+TAKES = {
+    "harmonic-balance": {row.name for row in TERMS.values() if row.describing}
+    | {"p4", "delay", *_SETTINGS},
+    "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative}
+    - {"compression"}
+    | {"delay", *_SETTINGS},
+    "output-error": set(TERMS),
+}
+"""What may be known beforehand, by the methods that make use of it."""
+
+
+def usable(method: str, known: Knowledge) -> Knowledge:
+    """Return what a method can make use of; that a term is absent any method can."""
+    return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
+
+
+def require_usable(method: str, known: Knowledge) -> None:
+    """Raise InputError for knowledge that a method cannot make use of (see `usable`)."""
+    for name in known.parameters.keys() - usable(method, known).parameters.keys():
+        each = known.parameters[name]
+        others = " or ".join(other for other in TAKES if _can_use(other, name, each))
+        expected = f"the method {others}" if others else "an exact value"
+        raise InputError(method, f"known.{name}", each, expected)
+
+
+def _can_use(method: str, name: str, known: Known) -> bool:
+    if not known.exact:
+        return name in TAKES[method] & {*PARAMETERS, *offered(method)}
+    return known.value == 0 or name in TAKES[method]
 
 
 def names_of(method: str, terms: tuple[str, ...]) -> tuple[str, ...]:

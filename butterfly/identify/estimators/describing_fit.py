@@ -12,15 +12,16 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import NEGLIGIBLE
+from butterfly.identify.prior import Prior
 from butterfly.identify.regression import Regression
 from butterfly.identify.solved import Solved
-from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS, lower_bounds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.identify.phasors import Phasors
+    from butterfly.model.parameters import LumpedParameters
 
 _MAX_ITERATIONS = 60
 _TOLERANCE = 1e-10  # relative change of the predicted angles
@@ -56,10 +57,12 @@ class DescribingFit:
             If no solution is a number.
         """
         count = len(phasors.names)
-        values, weights, delay = np.zeros(count), np.ones(phasors.omega.size), 0.0
+        known = phasors.known.exact
+        values, weights = np.zeros(count), np.ones(phasors.omega.size)
+        delay, gain = known.get("delay", 0.0), known.get("p4", 0.0)
         for _ in range(_MAX_ITERATIONS):
             matrix, target = phasors.equations(delay)
-            regression = _regression(phasors, weights, delay)
+            regression = _regression(phasors, weights, delay, gain)
             solution = regression.solve()
             before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
             values = solution.values
@@ -75,6 +78,8 @@ class DescribingFit:
             weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))
             if "delay" in phasors.names:
                 delay = float(values[phasors.names.index("delay")])
+            if "p4" in phasors.names:
+                gain = float(values[phasors.names.index("p4")])
             change = np.linalg.norm(regression.rows @ (unknowns - before))
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
@@ -86,14 +91,14 @@ class DescribingFit:
     @property
     def parameters(self) -> LumpedParameters:
         """The solution as parameters of the model."""
-        found = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
-        return LumpedParameters(stribeck_velocity=self.phasors.stribeck_velocity, **found)
+        return self.phasors.described(self.solved.values)
 
     @property
     def idle(self) -> tuple[str, ...]:
         """Terms that a bound holds at nothing."""
         names = zip(self.phasors.names, self.solved.on_bound.tolist(), strict=True)
-        return tuple(name for name, held in names if held and name not in PARAMETERS)
+        kept = {*PARAMETERS, *self.phasors.known.parameters}
+        return tuple(name for name, held in names if held and name not in kept)
 
     def without(self, terms: tuple[str, ...]) -> DescribingFit:
         """Return the fit without some terms."""
@@ -113,7 +118,7 @@ class DescribingFit:
         Their unknowns are the parameters, but for the delay: of that, p4 (delay - this one's).
         """
         known = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
-        regression = _regression(phasors, self.weights, known["delay"])
+        regression = _regression(phasors, self.weights, self._delay, self.parameters.p4)
         unknowns = np.array([0.0 if n == "delay" else known.get(n, 0.0) for n in phasors.names])
         residuals = regression.rows @ unknowns - regression.target
         count = phasors.omega.size
@@ -126,16 +131,29 @@ class DescribingFit:
             lower=lower_bounds(phasors.names),
             folds=folds,
         )
-        return replace(nested, negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)))
+        prior = regression.turned_prior
+        return replace(
+            nested,
+            prior=prior,
+            negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)),
+        )
 
     def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
         """Return the values of parameters from unknowns of `nested`; 0 if there is none."""
-        delay = self.solved.values[self.phasors.names.index("delay")]
-        found = unknowns | {"delay": delay + unknowns["delay"] / (unknowns["p4"] or np.inf)}
+        found = unknowns
+        if "delay" in unknowns:
+            gain = unknowns.get("p4", self.parameters.p4) or np.inf
+            found = unknowns | {"delay": self._delay + unknowns["delay"] / gain}
         return np.array([found.get(name, 0.0) for name in names])
 
+    @property
+    def _delay(self) -> float:
+        return self.parameters.delay
 
-def _regression(phasors: Phasors, weights: NDArray[np.float64], delay: float) -> Regression:
+
+def _regression(
+    phasors: Phasors, weights: NDArray[np.float64], delay: float, gain: float
+) -> Regression:
     matrix, target = phasors.equations(delay)
     return Regression(
         names=phasors.names,
@@ -143,6 +161,8 @@ def _regression(phasors: Phasors, weights: NDArray[np.float64], delay: float) ->
         target=_real(target * weights),
         cluster=np.tile(np.arange(phasors.omega.size), 2),
         about={"delay": delay},
+        gain=gain,
+        prior=Prior.of(phasors.names, phasors.known.parameters),
     )
 
 

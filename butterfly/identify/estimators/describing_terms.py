@@ -9,8 +9,14 @@ import numpy as np
 
 from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.scanned_terms import SCANNED, ScannedTerms
-from butterfly.identify.judgement.term_choice import candidates, folds_of, missing_terms
-from butterfly.model.terms import PARAMETERS, offered
+from butterfly.identify.judgement.term_choice import (
+    candidates,
+    folds_of,
+    missing_terms,
+    stribeck_velocities,
+    told_terms,
+)
+from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,11 +69,12 @@ class DescribingTerms:
             Whether to say which terms would help that were not told.
         """
         offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
-        every = candidates(offers, fit.phasors.masses)
-        told = None if terms is None else tuple(name for name in terms if name != _OF_REST)
+        known = fit.phasors.known
+        every = candidates(offers, fit.phasors.masses, known)
+        told = None if terms is None else told_terms(terms, {_OF_REST, *known.parameters})
         found = ScannedTerms.of(_Balances(fit), every, told, check=check)
         chosen, free = found.chosen, found.free
-        names = (*PARAMETERS, *chosen.terms)
+        names = chosen.names
         speed = chosen.settings.get("stribeck_velocity", fit.phasors.stribeck_velocity)
         best = fit.values_of(free.names, free.values).tolist() if free else []
         return cls(
@@ -100,15 +107,17 @@ class _Balances:
     """The equations of a fit with more terms."""
 
     def __init__(self, fit: DescribingFit) -> None:
+        self.always = fit.phasors.names
         self._fit, self._folds = fit, folds_of(fit.phasors.masses)
 
     @property
-    def fastest(self) -> float:
+    def speeds(self) -> list[float]:
         phasors = self._fit.phasors
-        return float(np.max(np.abs(phasors.angle) * phasors.omega))
+        fastest = float(np.max(np.abs(phasors.angle) * phasors.omega))
+        return stribeck_velocities(fastest, phasors.known)
 
     def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
-        phasors = replace(self._fit.phasors, names=(*PARAMETERS, *terms))
+        phasors = replace(self._fit.phasors, names=(*self.always, *terms))
         if speed is not None:
             phasors = replace(phasors, stribeck_velocity=speed)
         return self._fit.nested(phasors, self._folds)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.prior import Prior
+
     Samples = NDArray[np.float64]
 
 
@@ -69,16 +71,21 @@ class Equations:
         One for each.
     loss, scale
         How their residuals count.
+    known
+        What is known of the parameters besides, and the (n,) values that these equations are about.
     """
 
     logs: tuple[LogEquations, ...]
     loss: Loss = Loss.LINEAR
     scale: float = 1.0
+    known: tuple[Prior, Samples] | None = None
 
     def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:
         """Return the equations of some logs in some of the parameters."""
         logs = [self.logs[k] for k in numbers]
-        return replace(self, logs=tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs))
+        known = None if self.known is None else (self.known[0].take(kept), self.known[1][kept])
+        mixed = tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs)
+        return replace(self, logs=mixed, known=known)
 
     def moved(self, step: Samples) -> Equations:
         """Return what these equations say of the parameters a step away."""
@@ -86,7 +93,8 @@ class Equations:
             replace(log, residuals=log.residuals + log.rows @ (log.mixture @ step))
             for log in self.logs
         )
-        return replace(self, logs=tuple(logs))
+        known = None if self.known is None else (self.known[0], self.known[1] + step)
+        return replace(self, logs=tuple(logs), known=known)
 
     @property
     def count(self) -> int:
@@ -98,17 +106,20 @@ class Equations:
         """Half of what the residuals count; infinite or NaN if a simulation diverged."""
         with np.errstate(over="ignore", invalid="ignore"):
             counted = [self.loss.values(log.residuals, self.scale) for log in self.logs]
-            return 0.5 * float(sum(np.sum(each) for each in counted))
+            of_logs = 0.5 * float(sum(np.sum(each) for each in counted))
+        return of_logs if self.known is None else of_logs + self.known[0].cost(self.known[1])
 
     @property
     def gradient(self) -> Samples:
         """(n,) derivatives of the cost."""
-        return np.asarray(self.gradients.sum(axis=0))
+        of_logs = np.asarray(self.gradients.sum(axis=0))
+        return of_logs if self.known is None else of_logs + self.known[0].gradient(self.known[1])
 
     @property
     def curvature(self) -> Samples:
         """(n, n) second derivatives of the cost, but for those of the residuals."""
-        return np.asarray(self.curvatures.sum(axis=0))
+        of_logs = np.asarray(self.curvatures.sum(axis=0))
+        return of_logs if self.known is None else of_logs + self.known[0].curvature
 
     @property
     def gradients(self) -> Samples:
@@ -142,9 +153,10 @@ class Equations:
             (log.rows * self.loss.slopes(log.residuals, self.scale)[:, None], log)
             for log in self.logs
         )
-        return np.asarray(
+        of_logs = np.asarray(
             sum(log.mixture.T @ (sloped.T @ log.rows) @ log.mixture for sloped, log in parts)
         )
+        return of_logs if self.known is None else of_logs + self.known[0].curvature
 
     def _weighted(self) -> Iterator[LogEquations]:
         for log in self.logs:

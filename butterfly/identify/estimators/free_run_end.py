@@ -39,6 +39,7 @@ def solved_of(problem: FreeRunResiduals, end: Minimum[Equations]) -> Solved:
         lower=problem.lower * problem.scale,
         ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
         findings=(took,),
+        prior=None if problem.prior is None else problem.prior.turned(scale, np.zeros(scale.size)),
         bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
     )
 

@@ -10,8 +10,11 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
+from butterfly.identify.judgement.term_choice import weightless
+from butterfly.identify.prior import Prior
 from butterfly.identify.segments import Segments, simulation
 from butterfly.model.kinematics import Motion
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.window import first_counted
@@ -47,6 +50,10 @@ class Choice:
         Longest stretch in s that is simulated at a time.
     workers
         Threads.
+    known
+        What is known of the robot.
+    variance
+        Of a residual, beside which what is known with an uncertainty is weighed.
     """
 
     terms: tuple[str, ...]
@@ -56,12 +63,15 @@ class Choice:
     window: float
     horizon: float
     workers: int
+    known: Knowledge = NOTHING
+    variance: float = 1.0
 
     @property
     def shared(self) -> tuple[str, ...]:
         """Names of the parameters that all logs share, the encoder's zero aside."""
         owned = {*self.fixed, *self.per_mass, *self.per_log}
-        return tuple(name for name in (*PARAMETERS, *self.terms) if name not in owned)
+        every = self.known.fitted((*PARAMETERS, *self.terms))
+        return tuple(name for name in every if name not in owned)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,6 +88,10 @@ class FreeRunResiduals:
         How many of them, the first ones, all logs share, the encoder's zero aside.
     scale, lower, initial
         (n,) sizes, and least values and first guesses in units of them.
+    zeros
+        Reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted.
+    prior
+        What is known of the scaled parameters with an uncertainty.
     trajectories
         The logs.
     motion
@@ -92,6 +106,8 @@ class FreeRunResiduals:
     scale: Samples
     lower: Samples
     initial: Samples
+    zeros: Mapping[AddedMass, float]
+    prior: Prior | None
     trajectories: tuple[Trajectory | Segments, ...]
     motion: tuple[float, ...]
     workers: int
@@ -122,12 +138,18 @@ class FreeRunResiduals:
         InputError
             If a joint stands still where its errors would count.
         """
+        start = replace(start, **choice.known.exact)
         first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
-        keys = (*((name, None) for name in choice.shared), *_local_keys(logs, choice))
+        trajectories = tuple(
+            simulation(log, start, choice.horizon, k) for log, k in zip(logs, first, strict=True)
+        )
+        keys = (*((name, None) for name in choice.shared), *_local_keys(trajectories, choice))
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
+        shared = [name if whose is None else "" for name, whose in keys]
+        prior = Prior.of(shared, choice.known.parameters, choice.variance)
         return cls(
             start=start,
             keys=keys,
@@ -135,10 +157,9 @@ class FreeRunResiduals:
             scale=scale,
             lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
             initial=np.array(guesses) / scale,
-            trajectories=tuple(
-                simulation(log, start, choice.horizon, k)
-                for log, k in zip(logs, first, strict=True)
-            ),
+            zeros=zeros,
+            prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
+            trajectories=trajectories,
             motion=motion,
             workers=choice.workers,
         )
@@ -146,11 +167,13 @@ class FreeRunResiduals:
     def equations(self, scaled: Samples) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
         values = scaled * self.scale
+        known = None if self.prior is None else (self.prior, scaled)
+        numbers = range(len(self.motion))
         if self.workers == 1:
-            return Equations(logs=tuple(self._of_log(k, values) for k in range(len(self.motion))))
+            return Equations(logs=tuple(self._of_log(k, values) for k in numbers), known=known)
         with ThreadPoolExecutor(self.workers) as pool:
-            work = pool.map(lambda k: self._of_log(k, values), range(len(self.motion)))
-            return Equations(logs=tuple(work))
+            work = pool.map(lambda k: self._of_log(k, values), numbers)
+            return Equations(logs=tuple(work), known=known)
 
     def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
         """Return the residuals of some logs, and the numbers of the parameters they depend on."""
@@ -164,6 +187,7 @@ class FreeRunResiduals:
                 scale=self.scale[kept],
                 lower=self.lower[kept],
                 initial=self.initial[kept],
+                prior=None if self.prior is None else self.prior.take(kept),
                 trajectories=tuple(chosen),
                 motion=tuple(self.motion[k] for k in numbers),
             ),
@@ -193,6 +217,7 @@ class FreeRunResiduals:
             scale=self.scale[kept],
             lower=self.lower[kept],
             initial=initial,
+            prior=None if self.prior is None else self.prior.take(kept),
         )
 
     def _of_log(self, index: int, values: Samples) -> LogEquations:
@@ -203,8 +228,9 @@ class FreeRunResiduals:
         parameters = replace(self.start, **moved)
         if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
+        zero = own["zero"] if "zero" in own else self.zeros[trajectory.log.added_mass]
         errors, rows, mixture = trajectory.linearised(
-            list(own), parameters, own["zero"], own.get("velocity")
+            list(own), parameters, zero, own.get("velocity")
         )
         unit = 1 / (self.motion[index] * errors.size**0.5)
         scaled = np.zeros((mixture.shape[0], len(self.keys)))
@@ -255,12 +281,19 @@ def _first_guess(
     return sizes[name] if lost else guess
 
 
-def _local_keys(logs: Sequence[Log], choice: Choice) -> list[Key]:
-    masses = sorted({log.added_mass for log in logs})
-    keys: list[Key] = [(name, mass) for name in choice.per_mass for mass in masses]
-    different = list(dict.fromkeys(log.name for log in logs))
-    keys += [(name, log) for name in choice.per_log for log in different]
-    if "zero" not in {*choice.per_mass, *choice.per_log}:
+def _local_keys(trajectories: Sequence[Trajectory | Segments], choice: Choice) -> list[Key]:
+    """Return what has an owner, and the zero; a velocity only where no start is fitted anyway."""
+    logs = [each.log for each in trajectories]
+    anchored = [each.log for each in trajectories if not isinstance(each, Segments)]
+    keys: list[Key] = []
+    for name in choice.per_mass:
+        own = anchored if name == "velocity" else logs
+        keys += [(name, mass) for mass in sorted({log.added_mass for log in own})]
+    for name in choice.per_log:
+        own = anchored if name == "velocity" else logs
+        keys += [(name, log) for log in dict.fromkeys(log.name for log in own)]
+    masses = {log.added_mass for log in logs}
+    if "zero" not in {*choice.per_mass, *choice.per_log} and not weightless(masses, choice.known):
         keys.append(("zero", None))
     return keys
 

@@ -73,6 +73,7 @@ class FreeRunTerms:
             cost=at.squares,
             folds=folds_of(masses),
             negligible=NEGLIGIBLE,
+            prior=problem.prior,
         )
         kept = tuple(label for label in labels if label not in optional)
         return cls(problem=problem, labels=labels, choice=choose_terms([nested], always=kept))

@@ -29,16 +29,17 @@ import numpy as np
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.estimators.base import Estimator, names_of
+from butterfly.identify.estimators.base import Estimator, names_of, require_usable
 from butterfly.identify.estimators.describing_fit import DescribingFit
 from butterfly.identify.estimators.describing_terms import DescribingTerms
 from butterfly.identify.estimators.steady_model import ROUGHLY, SteadyModel
 from butterfly.identify.free_run import Trajectory
-from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import without_each_mass
+from butterfly.identify.judgement.knowledge import refuse_without_scale
 from butterfly.identify.phasors import Phasors
 from butterfly.identify.rest_angles import RestAngles
 from butterfly.identify.steady import steady_sines
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.terms import PARAMETERS
 
 if TYPE_CHECKING:
@@ -61,10 +62,10 @@ _NAME = "harmonic balance"
 class HarmonicBalance(Estimator):
     """p1..p4, Coulomb torque, delay and terms from the steady responses of all sines.
 
-    At least four logs, with at least two different added masses (none counts as one). The
-    covariance is the cluster-robust one over logs; the intervals are widened to hold the estimates
-    that leave one added mass out, and those with other terms that predict as well. Stribeck
-    velocity is scanned.
+    At least four logs, of two different added masses (none counts as one) or of a robot of which
+    enough is known. The covariance is the cluster-robust one over logs; the intervals are widened
+    to hold the estimates that leave one added mass out, and those with other terms that predict as
+    well. Stribeck velocity is scanned.
 
     Parameters
     ----------
@@ -86,10 +87,11 @@ class HarmonicBalance(Estimator):
 
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
+        require_usable(self.method, data.known)
         numbers, said = steady_sines(data)
         points = [point for k in numbers if (point := data.points[k]) is not None]
         _refuse_unsteady(len(data.sines), len(points))
-        fit = _without_terms(points)
+        fit = _without_terms(points, data.known)
         wanted = None if self.terms is None else "bias" in self.terms
         rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
         logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
@@ -103,9 +105,11 @@ class HarmonicBalance(Estimator):
         known = robot.rest if robot.rest.bias is not None else None
         return _judged(points, fit, _NAME, said, chosen=chosen, rest=known, check=self.check)
 
-    def of_points(self, points: Sequence[ResponsePoint]) -> ParameterEstimate:
+    def of_points(
+        self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
+    ) -> ParameterEstimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
-        chosen = DescribingTerms.of(_without_terms(points), self.terms, check=self.check)
+        chosen = DescribingTerms.of(_without_terms(points, known), self.terms, check=self.check)
         fit = DescribingFit.of(chosen.phasors)
         return _judged(points, fit, _NAME, [], chosen=chosen, check=self.check)
 
@@ -131,19 +135,23 @@ class Linear(Estimator):
 
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
-        return self.of_points(data.sines)
+        return self.of_points(data.sines, data.known)
 
-    def of_points(self, points: Sequence[ResponsePoint]) -> ParameterEstimate:
+    def of_points(
+        self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
+    ) -> ParameterEstimate:
         """Estimate from steady responses (see `Estimator`)."""
-        _refuse_too_few(points, LINEAR)
-        fit = DescribingFit.of(Phasors.of(points, LINEAR, small=True))
+        require_usable(HarmonicBalance.method, known)
+        names = known.fitted(LINEAR)
+        _refuse_too_few(points, names, known)
+        fit = DescribingFit.of(Phasors.of(points, names, small=True, known=known))
         return _judged(points, fit, "joint linear complex fit", [], check=self.check)
 
 
-def _without_terms(points: Sequence[ResponsePoint]) -> DescribingFit:
-    names = names_of(HarmonicBalance.method, ())
-    _refuse_too_few(points, names)
-    return DescribingFit.of(Phasors.of(points, names, small=False))
+def _without_terms(points: Sequence[ResponsePoint], known: Knowledge) -> DescribingFit:
+    names = known.fitted(PARAMETERS)
+    _refuse_too_few(points, names, known)
+    return DescribingFit.of(Phasors.of(points, names, small=False, known=known))
 
 
 def _judged(
@@ -163,11 +171,12 @@ def _judged(
 
     def without(mass: AddedMass) -> NDArray[np.float64]:
         kept = np.array([each != mass for each in masses])
-        _refuse_too_few([point for point in points if point.added_mass != mass], fit.phasors.names)
+        rest_of_points = [point for point in points if point.added_mass != mass]
+        _refuse_too_few(rest_of_points, fit.phasors.names, fit.phasors.known)
         values = DescribingFit.of(fit.phasors.take(kept)).solved.values
         return values if rest is None else np.append(values, rest.of_part(kept))
 
-    left_out, few = without_each_mass(masses, without, asked=check)
+    left_out, few = without_each_mass(masses, without, fit.phasors.known, asked=check)
     found = ParameterEstimate.from_rows(
         solved,
         method=method,
@@ -176,6 +185,7 @@ def _judged(
         findings=[*few, *said],
         held=chosen.held if chosen else None,
         masses=masses,
+        known=fit.phasors.known,
         local=None if rest is None else {None: {"zero": float(rest.zeros[0])}},
     )
     return chosen.judge(found) if chosen else found
@@ -190,13 +200,15 @@ def _refuse_unsteady(sines: int, steady: int) -> None:
         )
 
 
-def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str]) -> None:
+def _refuse_too_few(
+    points: Sequence[ResponsePoint], names: Sequence[str], known: Knowledge
+) -> None:
     if not points:
         raise IdentifiabilityError(
             "no log says that its input was a sine: give omega and amplitude in the manifest; the "
             "methods weak-form and output-error take any input"
         )
-    refuse_one_mass(point.added_mass for point in points)
+    refuse_without_scale((point.added_mass for point in points), known)
     if 2 * len(points) <= len(names):
         raise IdentifiabilityError(
             f"{len(points)} logs give {2 * len(points)} equations for {len(names)} "

@@ -73,11 +73,14 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     """Return the fit of some logs through their instruments; what a bound holds stays there."""
     names = fit.solved.names
     moving = [
-        windows.moving(fit.delay) & instruments.moving(fit.delay) for windows, instruments in pairs
+        windows.moving(fit.about.delay) & instruments.moving(fit.about.delay)
+        for windows, instruments in pairs
     ]
-    regression = fit.about([each.windows for each in pairs], moving)
-    through = fit.about([each.instruments for each in pairs], moving)
-    rows, target, multiplied = regression.rows, regression.target, through.rows
+    regression = fit.about.regression([each.windows for each in pairs], moving)
+    through = fit.about.regression([each.instruments for each in pairs], moving)
+    more, wanted = regression.known_rows
+    rows, target = np.concatenate([regression.rows, more]), np.append(regression.target, wanted)
+    multiplied = np.concatenate([through.rows, more])
     free = ~fit.solved.on_bound
     held = np.zeros(len(names), dtype=bool)
     while True:

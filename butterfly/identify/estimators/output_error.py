@@ -19,7 +19,7 @@ import numpy as np
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identify.divergence import horizon_of
 from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.estimators.base import Estimator, require_names
+from butterfly.identify.estimators.base import Estimator, require_names, require_usable
 from butterfly.identify.estimators.ends import Ends
 from butterfly.identify.estimators.free_run_end import local_of, solved_of
 from butterfly.identify.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
@@ -27,12 +27,13 @@ from butterfly.identify.estimators.free_run_terms import CANDIDATES, FreeRunTerm
 from butterfly.identify.estimators.gauss_newton import MOST, minimise
 from butterfly.identify.estimators.loss import Loss, outlying
 from butterfly.identify.estimators.starts import Start, starts
-from butterfly.identify.judgement.covariance import FEW
+from butterfly.identify.judgement.covariance import FEW, blocks_of
 from butterfly.identify.judgement.findings import Finding, FindingKind
-from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
-from butterfly.identify.judgement.term_choice import candidates, missing_terms
+from butterfly.identify.judgement.knowledge import is_driven, refuse_without_scale
+from butterfly.identify.judgement.term_choice import candidates, missing_terms, told_terms
 from butterfly.model.friction import require_periods
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
 
@@ -54,7 +55,8 @@ _LEAST_MASSES = 2
 class OutputError(Estimator):
     """The parameters whose free-run simulation follows all logs best.
 
-    Of at least two different added masses (none counts as one). The covariance is the
+    Of two different added masses at least (none counts as one), or of a robot of which enough is
+    known. The covariance is the
     cluster-robust one over logs, of weighted residuals where the loss is robust; the intervals are
     widened to hold the estimates that leave one added mass out.
 
@@ -120,13 +122,17 @@ class OutputError(Estimator):
         calm = data.take(data.calm)
         few = len(calm.masses) < _LEAST_MASSES or len(calm.logs) <= FEW
         if few or len(calm.logs) == len(data.logs):
-            return self.of_starts(data.logs, first)
+            return self.of_starts(data.logs, first, data.known)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
         left_out = Finding(kind=FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
-        return self.of_starts(calm.logs, first).with_findings(left_out)
+        return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
-        self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
+        self,
+        logs: Sequence[Log],
+        start: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
     ) -> ParameterEstimate:
         """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
@@ -138,10 +144,14 @@ class OutputError(Estimator):
             First guess; a poor one may stall the fit, so take a closed form's.
         zeros
             First guess of the encoder's reading in rad of the hand at rest, per added mass.
+        known
+            What is known of the robot.
         """
-        return self.of_starts(logs, [Start(parameters=start, zeros=zeros)])
+        return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
 
-    def of_starts(self, logs: Sequence[Log], first: Sequence[Start]) -> ParameterEstimate:
+    def of_starts(
+        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
+    ) -> ParameterEstimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses.
 
         Raises
@@ -149,11 +159,14 @@ class OutputError(Estimator):
         IdentifiabilityError
             If the logs cannot determine the parameters, or no first guess is a joint's.
         """
-        refuse_one_mass(log.added_mass for log in logs)
         if self.horizon is None:
             horizon = horizon_of(logs, first[0].parameters, first[0].zeros)
-            return replace(self, horizon=horizon).of_starts(logs, first)
-        ends = Ends.of([self.problem(logs, each.parameters, each.zeros) for each in first], self)
+            return replace(self, horizon=horizon).of_starts(logs, first, known)
+        require_usable(self.method, known)
+        masses = [log.added_mass for log in logs]
+        refuse_without_scale(masses, known, driven=is_driven(logs))
+        variance = self._variance(logs, first, known)
+        ends = self._ends(logs, first, known, variance)
         problem, end = ends.problem, ends.end
         rivals: tuple[NDArray[np.float64], ...] = ()
         said = list(ends.findings)
@@ -176,32 +189,51 @@ class OutputError(Estimator):
             end_of_part = self.descend(part, end.point[kept], end.at.part(rest, kept))
             return np.asarray((end_of_part.point * part.scale)[: problem.shared])
 
-        masses = [log.added_mass for log in logs]
-        left_out, few = without_each_mass(masses, without, asked=self.check)
-        known = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        left_out, few = without_each_mass(masses, without, known, asked=self.check)
+        ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        solved = solved_of(problem, end)
         found = ParameterEstimate.from_rows(
-            solved_of(problem, end),
+            solved,
             method="output error",
             left_out=left_out,
             rivals=rivals,
             shared=problem.shared,
             findings=[*few, *of_few_logs(len(logs)), *said],
             held=self._held(problem),
-            local=local_of(list(known)[problem.shared :]),
-            masses=masses if len(logs) > FEW else (),
+            local=local_of(list(ended)[problem.shared :]),
+            masses=masses,
+            blocks=blocks_of(len(logs), len(problem.keys)),
+            known=known,
             horizon=self.horizon or math.inf,
         )
-        return found.with_findings(*self._missing(logs, found))
+        return found.with_findings(*self._missing(logs, found, problem.zeros))
 
-    def _missing(self, logs: Sequence[Log], found: ParameterEstimate) -> list[Finding]:
+    def _ends(
+        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge, variance: float = 1.0
+    ) -> Ends:
+        problems = [
+            self.problem(logs, each.parameters, each.zeros, known, variance) for each in first
+        ]
+        return Ends.of(problems, self)
+
+    def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
+        """Return that of a residual, as a fit shows that takes all that is known to be exact."""
+        if not known.uncertain:
+            return 1.0
+        ends = self._ends(logs, first, known.held)
+        return solved_of(ends.problem, ends.end).realised_variance
+
+    def _missing(
+        self, logs: Sequence[Log], found: ParameterEstimate, zeros: Mapping[AddedMass, float]
+    ) -> list[Finding]:
         """Tell which terms that were not asked for would help, by one expansion with them all."""
         if self.terms is None or not self.check or self.per_mass or self.per_log:
             return []
-        zero = found.local[None]["zero"]
-        zeros = {log.added_mass: zero for log in logs}
-        more = candidates(CANDIDATES, zeros)
+        if "zero" in found.local.get(None, {}):
+            zeros = dict.fromkeys(zeros, found.local[None]["zero"])
+        more = candidates(CANDIDATES, zeros, found.known)
         every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
-        problem = every.problem(logs, found.parameters, zeros)
+        problem = every.problem(logs, found.parameters, zeros, found.known)
         at = self._counted(problem.equations(problem.initial))
         try:
             best = FreeRunTerms.of(problem, problem.initial, at, found.names)
@@ -210,16 +242,20 @@ class OutputError(Estimator):
         return missing_terms(found, best.values)
 
     def minimum(
-        self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
+        self,
+        logs: Sequence[Log],
+        start: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
     ) -> float:
         """Return the least sum of squares, each log's being its mean square relative error.
 
         Parameters
         ----------
-        logs, start, zeros
+        logs, start, zeros, known
             As `of_logs` takes them.
         """
-        problem = self.problem(logs, start, zeros)
+        problem = self.problem(logs, start, zeros, known)
         end = self.descend(problem, problem.initial)
         return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
 
@@ -228,26 +264,47 @@ class OutputError(Estimator):
         return replace(self, fixed=(*self.fixed, name))
 
     def problem(
-        self, logs: Sequence[Log], start: LumpedParameters, zeros: Mapping[AddedMass, float]
+        self,
+        logs: Sequence[Log],
+        start: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
+        variance: float = 1.0,
     ) -> FreeRunResiduals:
-        """Return the residuals that are minimised (see `of_logs`)."""
+        """Return the residuals that are minimised.
+
+        Parameters
+        ----------
+        logs, start, zeros, known
+            As `of_logs` takes them.
+        variance
+            Of a residual, beside which what is known with an uncertainty is weighed.
+        """
         horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
         choice = Choice(
-            terms=self._names(log.added_mass for log in logs),
+            terms=self._names((log.added_mass for log in logs), known),
             fixed=self.fixed,
             per_mass=self.per_mass,
             per_log=self.per_log,
             window=self.window,
             horizon=horizon or math.inf,
             workers=self.workers or os.cpu_count() or 1,
+            known=known,
+            variance=variance,
         )
         turning = replace(start, cogging_periods=self.cogging_periods)
         return FreeRunResiduals.of(logs, turning, zeros, choice)
 
-    def _names(self, masses: Iterable[AddedMass]) -> tuple[str, ...]:
+    def _names(self, masses: Iterable[AddedMass], known: Knowledge) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
-        terms = candidates(CANDIDATES, masses) if self.terms is None else self.terms
-        brought = {COMPANIONS[name] for name in terms if name in COMPANIONS} - {*terms, *self.fixed}
+        terms = self.terms
+        if terms is None:
+            terms = candidates(CANDIDATES, masses, known)
+        else:
+            terms = told_terms(terms, known.uncertain)
+        leaders = {*terms, *known.uncertain} & COMPANIONS.keys()
+        settled = {*terms, *self.fixed, *known.parameters}
+        brought = {COMPANIONS[name] for name in leaders} - settled
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
     def descend(

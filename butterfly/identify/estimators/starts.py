@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from butterfly.errors import ButterflyError
+from butterfly.identify.estimators.base import usable
 from butterfly.identify.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identify.estimators.weak_form import WeakForm
+from butterfly.identify.judgement.term_choice import weightless
 from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
@@ -66,7 +68,8 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
 
 
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
-    found = HarmonicBalance(terms=_known(HarmonicBalance, terms), check=False)(data)
+    closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms), check=False)
+    found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
     zero = found.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
     return Start(parameters=found.parameters, zeros=zeros)
@@ -80,9 +83,11 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     """
     zeros = data.equilibria
     wanted = _known(WeakForm, terms)
-    if wanted is not None and "p3_offset" not in wanted:
+    tilted = not weightless(data.masses, data.known)
+    if tilted and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
-    found = WeakForm(terms=wanted, check=False)(data).parameters
+    closed_form = WeakForm(terms=wanted, check=False)
+    found = closed_form(replace(data, known=usable(closed_form.method, data.known))).parameters
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
     turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
     corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}

@@ -10,19 +10,22 @@ import numpy as np
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import NEGLIGIBLE
+from butterfly.identify.prior import Prior
 from butterfly.identify.regression import Regression
 from butterfly.identify.solved import Solved
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.identify.regression import Solution
     from butterfly.identify.weak_signals import Averaging
+    from butterfly.model.known import Knowledge
     from butterfly.model.parameters import AddedMass
 
 _ROUNDS = 8  # about the delay
+_SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
 _SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
@@ -41,19 +44,78 @@ class Windows(NamedTuple):
         names: tuple[str, ...],
         delay: float,
         slow: float,
+        known: Mapping[str, float],
         use: NDArray[np.bool_] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
 
-        Of the test functions in which the joint moves, or of those that are to be used.
+        Of the test functions in which the joint moves, or of those that are to be used; what is
+        known exactly goes to the targets.
         """
-        signals = self.averaging.signals(names, delay=delay, stribeck_velocity=slow)
-        rows = np.column_stack([signals.mean[name] for name in names])
-        rows = rows[signals.moving if use is None else use]
-        inertia, gravity = rows[:, names.index("p1")], rows[:, names.index("p3")]
+        told = {name: known[name] for name in known if name not in _SETTINGS}
+        every = (*names, *told, "p1", "p3")
+        signals = self.averaging.signals(every, delay=delay, stribeck_velocity=slow)
+        used = signals.moving if use is None else use
+        mean = {name: signals.mean[name][used] for name in every}
+        inertia, gravity = mean["p1"], mean["p3"]
         size = float(np.linalg.norm(inertia)) or 1.0
         carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
-        return rows / size, -carried / size
+        for name, value in told.items():
+            carried = carried + value * mean[name]
+        return np.column_stack([mean[name] for name in names]) / size, -carried / size
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class About:
+    """What the equations of windows are about.
+
+    Parameters
+    ----------
+    names
+        Of the parameters to be found.
+    known
+        What is known of the robot; what is known exactly is not among the names.
+    slow
+        Stribeck velocity in rad/s.
+    delay
+        From input to torque, in s.
+    gain
+        p4, as far as it is known.
+    variance
+        Of a row, beside which what is known with an uncertainty is weighed.
+    """
+
+    names: tuple[str, ...]
+    known: Knowledge
+    slow: float
+    delay: float
+    gain: float
+    variance: float = 1.0
+
+    def regression(
+        self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_] | None] | None = None
+    ) -> Regression:
+        """Put the windows of all logs together, each log weighing the same."""
+        pairs = zip(windows, use or [None] * len(windows), strict=True)
+        exact = self.known.exact
+        equations = [
+            each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
+        ]
+        rows, targets = zip(*equations, strict=True)
+        return Regression(
+            names=self.names,
+            rows=np.concatenate(rows),
+            target=np.concatenate(targets),
+            cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
+            about={"delay": self.delay},
+            gain=self.gain,
+            prior=Prior.of(self.names, self.known.parameters, self.variance),
+        )
+
+    def moved(self, values: NDArray[np.float64]) -> About:
+        """Return what equations about (n,) values of the names are about."""
+        found = self.known.exact | dict(zip(self.names, values.tolist(), strict=True))
+        return replace(self, delay=found["delay"], gain=found["p4"])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,46 +124,65 @@ class WeakFit:
 
     Parameters
     ----------
+    about
+        What the equations are about.
     regression, solved
         The equations, and the solution.
-    slow
-        Stribeck velocity in rad/s.
     """
 
+    about: About
     regression: Regression
     solved: Solved
-    slow: float
 
     @classmethod
     def of(
-        cls, windows: Sequence[Windows], names: tuple[str, ...], slow: float, delay: float = 0.0
+        cls,
+        windows: Sequence[Windows],
+        names: tuple[str, ...],
+        slow: float,
+        known: Knowledge,
+        delay: float = 0.0,
     ) -> WeakFit:
-        """Solve about a delay, and about the delay found, until it no longer moves."""
-        late, settled = names.index("delay"), False
+        """Solve about a delay, and about the delay found, until it no longer moves.
+
+        What is known with an uncertainty is first held, so that the scatter of the rows tells how
+        much it weighs beside them.
+        """
+        exact = known.exact
+        about = About(
+            names=names,
+            known=known,
+            slow=slow,
+            delay=exact.get("delay", delay),
+            gain=exact.get("p4", 0.0),
+        )
+        if not known.uncertain:
+            return cls._solved(windows, about)
+        held = known.held
+        told = held.exact
+        first = replace(about, names=held.open(names), known=held, delay=told.get("delay", delay))
+        rough = cls._solved(windows, replace(first, gain=told.get("p4", 0.0)))
+        return cls._solved(windows, replace(about, variance=rough.solved.realised_variance))
+
+    @classmethod
+    def _solved(cls, windows: Sequence[Windows], about: About) -> WeakFit:
+        settled = False
         for _ in range(_ROUNDS):
-            regression = _regression(windows, names, delay, slow)
+            regression = about.regression(windows)
             solution = regression.solve()
-            step, delay = solution.values[late] - delay, float(solution.values[late])
-            settled = bool(abs(step) < _SETTLED)
+            before, about = about, about.moved(solution.values)
+            settled = bool(abs(about.delay - before.delay) < _SETTLED)
             if settled:
                 break
         rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Severity.WARNING)
         solved = Solved.of(regression, solution, unsettled=None if settled else rounds)
-        return cls(regression=regression, solved=solved, slow=slow)
+        return cls(about=about, regression=regression, solved=solved)
 
     @property
-    def known(self) -> dict[str, float]:
-        """Values by name."""
-        return dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
-
-    @property
-    def delay(self) -> float:
-        """From input to torque, in s."""
-        return self.known["delay"]
-
-    def about(self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_]]) -> Regression:
-        """Return the equations of windows about this end, of test functions that are to be used."""
-        return _regression(windows, self.solved.names, self.delay, self.slow, use)
+    def values(self) -> dict[str, float]:
+        """Values by name, what is known exactly among them."""
+        found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
+        return self.about.known.exact | found
 
     def solved_by(self, regression: Regression, through: Regression, solution: Solution) -> WeakFit:
         """Return a fit of some equations through instruments, whose rows stand for its own."""
@@ -121,8 +202,8 @@ class WeakFit:
         folds: NDArray[np.intp],
     ) -> Nested:
         """Return the equations with other terms, or another Stribeck velocity, about this end."""
-        regression = _regression(windows, names, self.delay, slow)
-        values = np.array([self.known.get(name, 0.0) for name in names])
+        regression = replace(self.about, names=names, slow=slow).regression(windows)
+        values = np.array([self.values.get(name, 0.0) for name in names])
         jacobian, residuals = regression.jacobian(values), regression.residuals(values)
         ends = np.cumsum(np.bincount(regression.cluster, minlength=len(windows)))[:-1]
         parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
@@ -135,24 +216,5 @@ class WeakFit:
             cost=np.array([float(left @ left) for _, left in parts]),
             folds=folds,
             negligible=NEGLIGIBLE,
+            prior=regression.prior,
         )
-
-
-def _regression(
-    windows: Sequence[Windows],
-    names: tuple[str, ...],
-    delay: float,
-    slow: float,
-    use: Sequence[NDArray[np.bool_] | None] | None = None,
-) -> Regression:
-    """Put the windows of all logs together, each log weighing the same."""
-    pairs = zip(windows, use or [None] * len(windows), strict=True)
-    equations = [each.equations(names, delay, slow, used) for each, used in pairs]
-    rows, targets = zip(*equations, strict=True)
-    return Regression(
-        names=names,
-        rows=np.concatenate(rows),
-        target=np.concatenate(targets),
-        cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
-        about={"delay": delay},
-    )

@@ -21,17 +21,18 @@ import numpy as np
 
 from butterfly.errors import require_number
 from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.estimators.base import Estimator, names_of
+from butterfly.identify.estimators.base import Estimator, names_of, require_usable
 from butterfly.identify.estimators.instruments import refined, seen
 from butterfly.identify.estimators.weak_fit import Windows
 from butterfly.identify.estimators.weak_terms import WeakTerms
 from butterfly.identify.judgement.covariance import blocks_of, split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identify.judgement.identifiability import refuse_one_mass
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
+from butterfly.identify.judgement.knowledge import is_driven, refuse_without_scale
 from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
 from butterfly.model.friction import require_periods
+from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import FrictionTerms
 
@@ -51,7 +52,8 @@ _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousan
 class WeakForm(Estimator):
     """p1..p4, Coulomb torque, delay and terms by linear least squares, from any input.
 
-    Of at least two different added masses (none counts as one). The covariance is the
+    Of two different added masses at least (none counts as one), or of a robot of which enough is
+    known. The covariance is the
     cluster-robust one over logs; the intervals are widened to hold the estimates that leave one
     added mass out, and those with other terms that predict as well. Stribeck velocity is scanned.
 
@@ -84,15 +86,27 @@ class WeakForm(Estimator):
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
         zeros = data.equilibria
-        found = self.of_logs(data.logs, zeros)
+        found = self.of_logs(data.logs, zeros, data.known)
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
         care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Severity.CARE)
         return found.with_findings(care)
 
-    def of_logs(self, logs: Sequence[Log], zeros: Mapping[AddedMass, float]) -> ParameterEstimate:
+    def of_logs(
+        self,
+        logs: Sequence[Log],
+        zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
+    ) -> ParameterEstimate:
         """Estimate from logs, given the encoder's reading in rad at rest for each added mass.
+
+        Parameters
+        ----------
+        logs, zeros
+            The logs, and the readings.
+        known
+            What is known of the robot.
 
         Raises
         ------
@@ -101,10 +115,11 @@ class WeakForm(Estimator):
         InputError
             If a log is shorter than a test function.
         """
-        refuse_one_mass(log.added_mass for log in logs)
+        require_usable(self.method, known)
+        refuse_without_scale((log.added_mass for log in logs), known, driven=is_driven(logs))
         windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
-        chosen = WeakTerms.of(windows, self.terms, check=self.check)
-        parameters = LumpedParameters(**chosen.held | chosen.fit.known)
+        chosen = WeakTerms.of(windows, self.terms, known, check=self.check)
+        parameters = LumpedParameters(**chosen.held | chosen.fit.values)
         pairs = seen(logs, windows, parameters, zeros, self._windows)
         fit = refined(chosen.fit, pairs)
 
@@ -113,7 +128,7 @@ class WeakForm(Estimator):
             return refined(chosen.fit, rest).solved.values
 
         masses = [log.added_mass for log in logs]
-        left_out, few = without_each_mass(masses, without, asked=self.check)
+        left_out, few = without_each_mass(masses, without, known, asked=self.check)
         blocks = blocks_of(len(logs), len(fit.solved.names))
         found = ParameterEstimate.from_rows(
             replace(fit.solved, cluster=split(fit.solved.cluster, blocks)),
@@ -122,7 +137,9 @@ class WeakForm(Estimator):
             rivals=[each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals],
             findings=[*few, *of_few_logs(len(logs)), *chosen.said],
             held=chosen.held | {"cogging_periods": self.cogging_periods},
-            masses=masses if blocks == 1 else (),
+            masses=masses,
+            blocks=blocks,
+            known=known,
         )
         return found.with_findings(*missing_terms(found, chosen.best))
 

@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 
 from butterfly.identify.estimators.weak_fit import WeakFit
 from butterfly.identify.judgement.scanned_terms import ScannedTerms
-from butterfly.identify.judgement.term_choice import candidates, folds_of
+from butterfly.identify.judgement.term_choice import (
+    candidates,
+    folds_of,
+    stribeck_velocities,
+    told_terms,
+)
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 
 if TYPE_CHECKING:
@@ -19,6 +24,7 @@ if TYPE_CHECKING:
     from butterfly.identify.estimators.weak_fit import Windows
     from butterfly.identify.judgement.findings import Finding
     from butterfly.identify.judgement.nested import Nested
+    from butterfly.model.known import Knowledge
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset")
 """Terms that are tried where none are told, besides Stribeck friction."""
@@ -50,7 +56,12 @@ class WeakTerms:
 
     @classmethod
     def of(
-        cls, windows: Sequence[Windows], terms: tuple[str, ...] | None, *, check: bool
+        cls,
+        windows: Sequence[Windows],
+        terms: tuple[str, ...] | None,
+        known: Knowledge,
+        *,
+        check: bool,
     ) -> WeakTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity.
 
@@ -60,19 +71,23 @@ class WeakTerms:
             Of the logs.
         terms
             Told, or None.
+        known
+            Of the robot.
         check
             Whether to say which terms would help that were not told; Stribeck friction is not
             looked for then, since its scan costs more than the fit.
         """
-        usual = FrictionTerms.stribeck_velocity
-        tried = candidates(CANDIDATES, (each.added for each in windows))
-        names = (*PARAMETERS, *(tried if terms is None else ()))
-        first = WeakFit.of(windows, names, usual)
-        found = ScannedTerms.of(_Averages(first, windows), tried, terms, check=check, scan=False)
+        usual = known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
+        always = known.fitted(PARAMETERS)
+        tried = candidates(CANDIDATES, (each.added for each in windows), known)
+        told = None if terms is None else told_terms(terms, known.parameters)
+        first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
+        equations = _Averages(first, windows, always)
+        found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
         chosen = found.chosen
         slow = chosen.settings.get("stribeck_velocity", usual)
         return cls(
-            fit=WeakFit.of(windows, chosen.names, slow, first.delay),
+            fit=WeakFit.of(windows, chosen.names, slow, known, first.about.delay),
             held=chosen.settings,
             rivals=chosen.rival_values,
             said=chosen.findings,
@@ -83,14 +98,16 @@ class WeakTerms:
 class _Averages:
     """The equations of a fit with other terms."""
 
-    def __init__(self, fit: WeakFit, windows: Sequence[Windows]) -> None:
+    def __init__(self, fit: WeakFit, windows: Sequence[Windows], always: tuple[str, ...]) -> None:
+        self.always = always
         self._fit, self._windows = fit, windows
         self._folds = folds_of([each.added for each in windows])
 
     @property
-    def fastest(self) -> float:
-        return max(each.averaging.fastest for each in self._windows)
+    def speeds(self) -> list[float]:
+        fastest = max(each.averaging.fastest for each in self._windows)
+        return stribeck_velocities(fastest, self._fit.about.known)
 
     def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
-        slow = self._fit.slow if speed is None else speed
-        return self._fit.nested(self._windows, (*PARAMETERS, *terms), slow, self._folds)
+        slow = self._fit.about.slow if speed is None else speed
+        return self._fit.nested(self._windows, (*self.always, *terms), slow, self._folds)

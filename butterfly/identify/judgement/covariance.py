@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.prior import Prior
+
 _LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
 
 
@@ -83,14 +85,18 @@ def compress_all(
 
 
 def cluster_covariance(
-    rows: NDArray[np.float64], residuals: NDArray[np.float64]
+    rows: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    prior: Prior | None = None,
+    considered: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the bias-reduced cluster-robust covariance (CR2) and its degrees of freedom.
 
     Unbiased when the weights are right, and consistent when they are not; few and unequal clusters
     are accounted for by Satterthwaite degrees of freedom, one number per parameter (Bell &
-    McCaffrey, Survey Methodology 28, 2002). With X_g the rows of cluster g, N = (X^T X)^-1 and
-    A_g = (I - X_g N X_g^T)^(-1/2), the influence of a cluster is A_g X_g N.
+    McCaffrey, Survey Methodology 28, 2002). With X_g the rows of cluster g, N = (X^T X + W)^-1, W
+    the weights of a prior, and A_g = (I - X_g N X_g^T)^(-1/2), the influence of a cluster is
+    A_g X_g N. What is uncertain by itself adds its share, of degrees of freedom without end.
 
     Parameters
     ----------
@@ -98,24 +104,43 @@ def cluster_covariance(
         (n, m, p) weighted regressors of n clusters of m equations each.
     residuals
         (n, m) weighted residuals.
+    prior
+        Of the p parameters.
+    considered
+        (n, m, k) derivatives of the residuals by k quantities that are not estimated, each times
+        its standard uncertainty (Schmidt's considered parameters).
 
     Returns
     -------
     covariance, freedom
         (p, p), and (p,) degrees of freedom for Student's t.
     """
-    scale = np.linalg.norm(rows, axis=(0, 1))
-    rows = np.asarray(rows / scale)
+    weight = np.zeros(rows.shape[2]) if prior is None else prior.weight
+    scale = np.sqrt(np.sum(rows**2, axis=(0, 1)) + weight)
+    rows, weight = np.asarray(rows / scale), weight / scale**2
     flat = rows.reshape(-1, rows.shape[2])
-    normal = np.linalg.inv(flat.T @ flat)
+    normal = np.linalg.inv(flat.T @ flat + np.diag(weight))
     residual_maker = np.eye(rows.shape[1]) - rows @ normal @ np.swapaxes(rows, 1, 2)
     eigenvalues, axes = np.linalg.eigh(residual_maker)
     roots = np.maximum(eigenvalues, _LEAST_EIGENVALUE) ** -0.5
     inverse_root = np.einsum("nij,nj,nkj->nik", axes, roots, axes)
     influence = inverse_root @ rows @ normal
     scores = np.einsum("nip,ni->np", influence, residuals)
-    covariance = scores.T @ scores / np.outer(scale, scale)
-    return covariance, _satterthwaite(rows, np.asarray(normal), influence)
+    covariance = np.asarray(scores.T @ scores)
+    freedom = _satterthwaite(rows, np.asarray(normal), influence)
+    sure = np.zeros_like(covariance)
+    if prior is not None:
+        sure += prior.variance * (normal * weight) @ normal
+    if considered is not None:
+        moved = normal @ np.einsum("nip,nik->pk", rows, considered)
+        sure += moved @ moved.T
+    if sure.any():
+        scatter = np.diag(covariance)
+        share = np.divide(
+            scatter, scatter + np.diag(sure), out=np.ones_like(scatter), where=scatter > 0
+        )
+        covariance, freedom = covariance + sure, freedom / share**2
+    return covariance / np.outer(scale, scale), freedom
 
 
 def _satterthwaite(

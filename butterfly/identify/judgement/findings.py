@@ -34,6 +34,7 @@ class FindingKind(StrEnum):
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # what cannot be
     NEGATIVE_GAIN = "negative-gain"
+    PRIOR_APART = "prior-apart"  # standard errors between what was known and what the logs say
     LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
     REST_APART = "rest-apart"  # rad between the rest angles with different masses
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow

@@ -11,11 +11,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from numpy.typing import NDArray
-
-    from butterfly.model.parameters import AddedMass
 
 WEAK_CONDITION = 1e3
 """Above this condition number of the scaled regression one combination is poorly known."""
@@ -76,15 +72,6 @@ class Conditioning:
                 severity=Severity.CARE,
             )
         ]
-
-
-def refuse_one_mass(masses: Iterable[AddedMass]) -> None:
-    """Raise IdentifiabilityError if all masses add the same inertia and gravity moment."""
-    if len({mass.effect for mass in masses}) < 2:  # noqa: PLR2004
-        raise IdentifiabilityError(
-            "all logs carry the same added mass, so p1..p4 are known only up to a common factor: "
-            "add a run with another known mass (none counts as one)"
-        )
 
 
 def sort_by_precision(

@@ -10,13 +10,14 @@ from scipy.special import stdtrit
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.covariance import FEW
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identify.judgement.identifiability import refuse_one_mass
+from butterfly.identify.judgement.knowledge import refuse_without_scale
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
 
     from numpy.typing import NDArray
 
+    from butterfly.model.known import Knowledge
     from butterfly.model.parameters import AddedMass
 
 CONFIDENCE = 0.95
@@ -24,7 +25,11 @@ CONFIDENCE = 0.95
 
 
 def without_each_mass(
-    masses: Iterable[AddedMass], refit: Callable[[AddedMass], NDArray[np.float64]], *, asked: bool
+    masses: Iterable[AddedMass],
+    refit: Callable[[AddedMass], NDArray[np.float64]],
+    known: Knowledge,
+    *,
+    asked: bool,
 ) -> tuple[dict[Hashable, NDArray[np.float64]], list[Finding]]:
     """Estimate again without each added mass, but where the rest cannot determine the parameters.
 
@@ -34,6 +39,8 @@ def without_each_mass(
         Of the logs.
     refit
         Returns the (n,) estimates from all logs but those of one added mass.
+    known
+        What is known of the robot, by which even one mass may be enough.
     asked
         Whether to do so at all.
 
@@ -45,14 +52,14 @@ def without_each_mass(
     if not asked:
         return {}, [Finding(kind=FindingKind.UNCHECKED)]
     left_out: dict[Hashable, NDArray[np.float64]] = {}
-    for mass in different:
+    for mass in different if len(different) > 1 else ():
         try:
-            refuse_one_mass(other for other in different if other != mass)
+            refuse_without_scale((other for other in different if other != mass), known)
             left_out[mass] = refit(mass)
         except IdentifiabilityError:
             continue
     few = Finding(kind=FindingKind.FEW_MASSES, number=len(different), severity=Severity.CARE)
-    return left_out, [] if left_out else [few]
+    return left_out, [] if left_out or known.scale else [few]
 
 
 def of_few_logs(count: int) -> list[Finding]:

@@ -78,9 +78,9 @@ def corrections(
     names
         Of the n parameters; without p1 and p3 there is nothing to tell.
     carried
-        What each of the k logs carried, by its number, in order.
+        What each of the k logs carried, by its number, in order; nothing if that is not asked.
     """
-    if not {"p1", "p3"} <= set(names):
+    if not carried or not {"p1", "p3"} <= set(names):
         return ()
     inertia, gravity = (rows[:, :, names.index(name)] for name in ("p1", "p3"))
     masses, numbers = list(carried.values()), np.array(list(carried))

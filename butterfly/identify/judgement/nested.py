@@ -18,6 +18,8 @@ from butterfly.model.terms import COMPANIONS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from butterfly.identify.prior import Prior
+
     Samples = NDArray[np.float64]
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
@@ -44,6 +46,8 @@ class Nested:
         Parameters without which these equations are not asked.
     negligible
         Size of an error that is none, as rounding leaves it to exact data.
+    prior
+        What is known besides, in every part of the data.
     """
 
     names: tuple[str, ...]
@@ -56,11 +60,15 @@ class Nested:
     settings: dict[str, float] = field(default_factory=dict)
     demanded: tuple[str, ...] = ()
     negligible: float = 0.0
+    prior: Prior | None = None
 
     @cached_property
     def _total(self) -> tuple[Samples, Samples]:
-        """(n, n) and (n,) sums over the logs."""
-        return self.curvature.sum(axis=0), self.gradient.sum(axis=0)
+        """(n, n) and (n,) sums over the logs, and what is known besides."""
+        curvature, gradient = self.curvature.sum(axis=0), self.gradient.sum(axis=0)
+        if self.prior is None:
+            return curvature, gradient
+        return curvature + self.prior.curvature, gradient + self.prior.gradient(self.values)
 
     @cached_property
     def _mute(self) -> NDArray[np.bool_]:

@@ -96,10 +96,10 @@ def profile(
     start = estimate.parameters
     zero = estimate.local.get(None, {}).get("zero")
     zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
-    least = estimator.minimum(data.logs, start, zeros)
+    least = estimator.minimum(data.logs, start, zeros, data.known)
     held = estimator.holding(name)
     costs = [
-        held.minimum(data.logs, replace(start, **{name: float(value)}), zeros) / least
+        held.minimum(data.logs, replace(start, **{name: float(value)}), zeros, data.known) / least
         for value in track(values, f"Profiling {name}")
     ]
     freedom = max(2 * len(data.logs) - len(estimate.names), 1)

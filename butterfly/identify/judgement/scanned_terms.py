@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
-from butterfly.identify.judgement.term_choice import choose_terms, stribeck_velocities
-from butterfly.model.terms import PARAMETERS
+from butterfly.identify.judgement.term_choice import choose_terms
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from butterfly.identify.judgement.nested import Nested
     from butterfly.identify.judgement.term_choice import TermChoice
@@ -22,11 +21,15 @@ class Equations(Protocol):
     """What gives the equations of a method with any terms."""
 
     @property
-    def fastest(self) -> float:
-        """Largest speed of the logs in rad/s."""
+    def always(self) -> tuple[str, ...]:
+        """Names of the parameters that are fitted with any terms."""
+
+    @property
+    def speeds(self) -> Sequence[float]:
+        """Stribeck velocities in rad/s to try; none where that friction is known."""
 
     def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
-        """Return the equations with terms besides `PARAMETERS`.
+        """Return the equations with terms besides what is always fitted.
 
         Parameters
         ----------
@@ -78,16 +81,16 @@ class ScannedTerms:
             Whether Stribeck friction is among them.
         """
         if told is None:
-            free = choose_terms([*_fits(equations, tried)], always=PARAMETERS)
+            free = choose_terms([*_fits(equations, tried)], always=equations.always)
             return cls(chosen=free, free=free)
         rest = tuple(name for name in told if name != SCANNED)
         with_it = SCANNED in told
         fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
-        chosen = choose_terms(fits, always=PARAMETERS, demanded=told)
+        chosen = choose_terms(fits, always=equations.always, demanded=told)
         if not check:
             return cls(chosen=chosen, free=None)
         every = [*_fits(equations, tried, scanned=scan)]
-        return cls(chosen=chosen, free=choose_terms(every, always=PARAMETERS))
+        return cls(chosen=chosen, free=choose_terms(every, always=equations.always))
 
 
 def _fits(
@@ -97,6 +100,6 @@ def _fits(
     if plain:
         yield equations.with_terms(names, None)
     if scanned:
-        for speed in stribeck_velocities(equations.fastest):
+        for speed in equations.speeds:
             nested = equations.with_terms((*names, SCANNED), speed)
             yield replace(nested, demanded=(SCANNED,), settings={"stribeck_velocity": speed})

@@ -19,12 +19,13 @@ from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.model.terms import COMPANIONS, PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.judgement.nested import Nested
+    from butterfly.model.known import Knowledge
     from butterfly.model.parameters import AddedMass
 
     Samples = NDArray[np.float64]
@@ -94,17 +95,43 @@ class TermChoice:
         return (*scanned, *lost)
 
 
-def candidates(names: Sequence[str], masses: Iterable[AddedMass]) -> tuple[str, ...]:
-    """Return the terms that are worth trying with some added masses.
+def candidates(
+    names: Sequence[str], masses: Iterable[AddedMass], known: Knowledge
+) -> tuple[str, ...]:
+    """Return the terms that are worth trying with some added masses, and some knowledge.
 
-    What grows with the added weight shows with three of them: by two the scale of all is set.
+    What grows with the added weight shows with three of them: by two the scale of all is set. What
+    is known is not tried, nor what comes with it, nor gravity beside its line where there is none.
     """
-    enough = len({mass.effect for mass in masses}) >= _LEAST_FOLDS
-    return tuple(name for name in names if enough or name != "load")
+    carried = list(masses)
+    lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
+    if len({mass.effect for mass in carried}) < _LEAST_FOLDS:
+        lost.add("load")
+    if weightless(carried, known):
+        lost.add("p3_offset")
+    return tuple(name for name in names if name not in lost)
 
 
-def stribeck_velocities(fastest: float) -> list[float]:
-    """Return Stribeck velocities in rad/s to try, for logs of a largest speed."""
+def told_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
+    """Return terms that were told, but for others that are found, or known, by themselves."""
+    return tuple(name for name in terms if name not in others)
+
+
+def weightless(masses: Iterable[AddedMass], known: Knowledge) -> bool:
+    """Whether no gravity moment acts, so that it does not matter where the angle is 0."""
+    balanced = known.exact.get("p3") == 0
+    return balanced and not any(mass.gravity_moment for mass in masses)
+
+
+def stribeck_velocities(fastest: float, known: Knowledge) -> list[float]:
+    """Return Stribeck velocities in rad/s to try, for logs of a largest speed.
+
+    There are none where its friction is known, and one where the velocity is.
+    """
+    if "stribeck" in known.parameters:
+        return []
+    if "stribeck_velocity" in known.exact:
+        return [known.exact["stribeck_velocity"]]
     return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
 
 
