@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
     Samples = NDArray[np.float64]
 
-GROWTH = 20.0
+GROWTH = 30.0
 """Times by which an error at the start of a segment may grow within it."""
 
 _STEP = 0.01  # s, along the motion
 _EVERY = 5  # steps from one beginning to the next
-_PREFERRED = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 7.0])  # horizons, times powers of ten
+_PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])  # horizons, times powers of ten
 
 
 def horizon_of(

@@ -77,7 +77,7 @@ class OutputError(Estimator):
         depends on how it came to rest. Logs of other inputs count from their start.
     horizon
         Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
-        that no error at the start of one grows more than 20-fold: whole logs, where the hand stays
+        that no error at the start of one grows more than 30-fold: whole logs, where the hand stays
         away from the upright. The start of each stretch is fitted to it.
     loss
         How residuals count; all but linear are robust.
