@@ -73,9 +73,11 @@ def read(
         "intersample": intersample,
         "columns": columns,
     }
-    if known is not None:
-        more = Knowledge.told(known)
-        return read(source, **about, name=name).knowing(more)
+    return _read(source, about, name).knowing(Knowledge.told(known or {}, "read"))
+
+
+def _read(source: Data, about: Mapping[str, Any], name: str) -> DataSet:
+    """Read a source, or several, about which something is told (see `read`)."""
     told = {key: value for key, value in about.items() if value is not None}
     if isinstance(source, DataSet | Identified | Log):
         if told:
@@ -95,14 +97,14 @@ def read(
         expected = "a path, a name, logs, or several of these"
         raise InputError("read", "source", type(source).__name__, expected)
     if len(source) == 1 and not isinstance(source[0], Log):
-        return read(source[0], **about)
+        return _read(source[0], about, name)
     return _together(source, name, about)
 
 
 def _together(sources: Sequence[Any], name: str, about: Mapping[str, Any]) -> DataSet:
     """Read several sources as one data set; every source's own repairs are made."""
     parts = [
-        each if isinstance(each, Log) else read(each, **({} if _is_read(each) else about))
+        each if isinstance(each, Log) else _read(each, {} if _is_read(each) else about, name)
         for each in sources
     ]
     logs: list[Log] = []

@@ -142,7 +142,8 @@ class ParameterEstimate:
         """
         rows, residuals = solved.by_cluster()
         whole, left = solved.with_prior(rows, residuals)
-        conditioning = Conditioning.of(whole, solved.names)
+        told = None if solved.prior is None else solved.prior.told
+        conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names, told)
         conditioning.refuse_singular()
         numbers = np.unique(solved.cluster).tolist() if masses else []
         carried = {number: masses[number // blocks] for number in numbers}

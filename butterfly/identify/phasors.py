@@ -135,7 +135,7 @@ class Phasors:
         matrix, target = model.equations(parameters.delay)
         values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
         left = matrix @ np.array(values) - target
-        remainder = np.where(told, left, 0.0) / (parameters.p4 or np.inf)
+        remainder = np.where(told, left / (parameters.p4 or np.inf), 0.0)
         return replace(self, remainder=remainder, doubt=doubt)
 
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

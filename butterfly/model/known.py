@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 OF_SCALE = ("p1", "p2", "p3", "p4", "coulomb")
 """Parameters of which any that is known, and is not 0, says how large all of them are."""
 
+_WITHOUT_TORQUE = {"delay", "stribeck_velocity", "tilt", "cogging_periods", "time_constant"}
+
 PHYSICAL = {
     "resistance": "Ohm",
     "torque_constant": "N m/A",
@@ -111,6 +113,20 @@ class Knowledge:
         """Names of the parameters that say how large all of them are."""
         known = self.parameters
         return tuple(name for name in OF_SCALE if name in known and known[name].value != 0)
+
+    @property
+    def reference(self) -> str | None:
+        """Name of what tells the scale best, where nothing that is known exactly tells it."""
+        exact = (n for n, value in self.exact.items() if value and n not in _WITHOUT_TORQUE)
+        if any(exact) or not self.scale:
+            return None
+        known = self.parameters
+        return min(self.scale, key=lambda name: known[name].uncertainty / abs(known[name].value))
+
+    def holding(self, name: str) -> Knowledge:
+        """Return the same, one parameter being taken to be exact."""
+        sure = replace(self.parameters[name], uncertainty=0.0)
+        return replace(self, parameters={**self.parameters, name: sure})
 
     def open(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return those of some names whose values are not known exactly."""

@@ -87,6 +87,12 @@ class Equations:
         mixed = tuple(replace(log, mixture=log.mixture[:, kept]) for log in logs)
         return replace(self, logs=mixed, known=known)
 
+    def cut(self, stretches: int) -> Equations:
+        """Return the equations of some stretches of time of each log, as if they were logs."""
+        return replace(
+            self, logs=tuple(part for log in self.logs for part in log.blocks(stretches))
+        )
+
     def moved(self, step: Samples) -> Equations:
         """Return what these equations say of the parameters a step away."""
         logs = (

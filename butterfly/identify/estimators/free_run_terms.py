@@ -10,7 +10,12 @@ import numpy as np
 
 from butterfly.identify.judgement.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identify.judgement.nested import Nested
-from butterfly.identify.judgement.term_choice import NEGLIGIBLE, choose_terms, folds_of
+from butterfly.identify.judgement.term_choice import (
+    NEGLIGIBLE,
+    choose_terms,
+    folds_of,
+    stretches_of,
+)
 from butterfly.model.terms import COMPANIONS, offered
 
 if TYPE_CHECKING:
@@ -64,6 +69,8 @@ class FreeRunTerms:
         )
         optional = {name for name in CANDIDATES if name not in always}
         masses = [each.log.added_mass for each in problem.trajectories]
+        stretches = stretches_of(len(masses))
+        at = at if stretches == 1 else at.cut(stretches)
         nested = Nested(
             names=labels,
             values=point,
@@ -71,7 +78,7 @@ class FreeRunTerms:
             curvature=at.curvatures,
             gradient=at.gradients,
             cost=at.squares,
-            folds=folds_of(masses),
+            folds=folds_of(masses) if stretches == 1 else np.arange(len(at.logs)),
             negligible=NEGLIGIBLE,
             prior=problem.prior,
         )

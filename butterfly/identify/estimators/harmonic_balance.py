@@ -37,6 +37,7 @@ from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.intervals import without_each_mass
 from butterfly.identify.judgement.knowledge import refuse_without_scale
 from butterfly.identify.phasors import Phasors
+from butterfly.identify.reference import Reference
 from butterfly.identify.rest_angles import RestAngles
 from butterfly.identify.steady import steady_sines
 from butterfly.model.known import NOTHING, Knowledge
@@ -91,7 +92,7 @@ class HarmonicBalance(Estimator):
         numbers, said = steady_sines(data)
         points = [point for k in numbers if (point := data.points[k]) is not None]
         _refuse_unsteady(len(data.sines), len(points))
-        fit = _without_terms(points, data.known)
+        reference, fit = _begun(points, data.known, PARAMETERS)
         wanted = None if self.terms is None else "bias" in self.terms
         rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
         logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
@@ -103,15 +104,18 @@ class HarmonicBalance(Estimator):
         while self.terms is None and (idle := fit.idle):
             fit, chosen = fit.without(idle), chosen.without(idle)
         known = robot.rest if robot.rest.bias is not None else None
-        return _judged(points, fit, _NAME, said, chosen=chosen, rest=known, check=self.check)
+        return _judged(
+            points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
+        )
 
     def of_points(
         self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
     ) -> ParameterEstimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
-        chosen = DescribingTerms.of(_without_terms(points, known), self.terms, check=self.check)
+        reference, first = _begun(points, known, PARAMETERS)
+        chosen = DescribingTerms.of(first, self.terms, check=self.check)
         fit = DescribingFit.of(chosen.phasors)
-        return _judged(points, fit, _NAME, [], chosen=chosen, check=self.check)
+        return _judged(points, fit, _NAME, [], reference, chosen=chosen, check=self.check)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,16 +146,23 @@ class Linear(Estimator):
     ) -> ParameterEstimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known)
-        names = known.fitted(LINEAR)
-        _refuse_too_few(points, names, known)
-        fit = DescribingFit.of(Phasors.of(points, names, small=True, known=known))
-        return _judged(points, fit, "joint linear complex fit", [], check=self.check)
+        reference, fit = _begun(points, known, LINEAR, small=True)
+        return _judged(points, fit, "joint linear complex fit", [], reference, check=self.check)
 
 
-def _without_terms(points: Sequence[ResponsePoint], known: Knowledge) -> DescribingFit:
-    names = known.fitted(PARAMETERS)
-    _refuse_too_few(points, names, known)
-    return DescribingFit.of(Phasors.of(points, names, small=False, known=known))
+def _begun(
+    points: Sequence[ResponsePoint],
+    known: Knowledge,
+    names: tuple[str, ...],
+    *,
+    small: bool = False,
+) -> tuple[Reference, DescribingFit]:
+    """Fit some parameters, and say on what their scale rests."""
+    _refuse_too_few(points, known.fitted(names), known)
+    reference = Reference.of([point.added_mass for point in points], known)
+    held = reference.held
+    phasors = Phasors.of(points, held.fitted(names), small=small, known=held)
+    return reference, DescribingFit.of(phasors)
 
 
 def _judged(
@@ -159,6 +170,7 @@ def _judged(
     fit: DescribingFit,
     method: str,
     said: Sequence[Finding],
+    reference: Reference,
     *,
     chosen: DescribingTerms | None = None,
     rest: RestAngles | None = None,
@@ -177,15 +189,16 @@ def _judged(
         return values if rest is None else np.append(values, rest.of_part(kept))
 
     left_out, few = without_each_mass(masses, without, fit.phasors.known, asked=check)
+    rivals = (np.append(each, more) for each in (chosen.rivals if chosen else ()))
     found = ParameterEstimate.from_rows(
-        solved,
+        reference.whole(solved),
         method=method,
         left_out=left_out,
-        rivals=tuple(np.append(each, more) for each in (chosen.rivals if chosen else ())),
+        rivals=tuple(reference.grown(each, solved.names) for each in rivals),
         findings=[*few, *said],
         held=chosen.held if chosen else None,
         masses=masses,
-        known=fit.phasors.known,
+        known=reference.known,
         local=None if rest is None else {None: {"zero": float(rest.zeros[0])}},
     )
     return chosen.judge(found) if chosen else found

@@ -32,6 +32,7 @@ from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.knowledge import is_driven, refuse_without_scale
 from butterfly.identify.judgement.term_choice import candidates, missing_terms, told_terms
+from butterfly.identify.reference import Reference
 from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
@@ -165,8 +166,9 @@ class OutputError(Estimator):
         require_usable(self.method, known)
         masses = [log.added_mass for log in logs]
         refuse_without_scale(masses, known, driven=is_driven(logs))
-        variance = self._variance(logs, first, known)
-        ends = self._ends(logs, first, known, variance)
+        reference = Reference.of(masses, known)
+        variance = self._variance(logs, first, reference.held)
+        ends = self._ends(logs, first, reference.held, variance)
         problem, end = ends.problem, ends.end
         rivals: tuple[NDArray[np.float64], ...] = ()
         said = list(ends.findings)
@@ -193,11 +195,11 @@ class OutputError(Estimator):
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = solved_of(problem, end)
         found = ParameterEstimate.from_rows(
-            solved,
+            reference.whole(solved),
             method="output error",
             left_out=left_out,
-            rivals=rivals,
-            shared=problem.shared,
+            rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
+            shared=problem.shared + bool(reference.name),
             findings=[*few, *of_few_logs(len(logs)), *said],
             held=self._held(problem),
             local=local_of(list(ended)[problem.shared :]),

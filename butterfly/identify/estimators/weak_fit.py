@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from butterfly.identify.judgement.covariance import split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
-from butterfly.identify.judgement.term_choice import NEGLIGIBLE
+from butterfly.identify.judgement.term_choice import NEGLIGIBLE, stretches_of
 from butterfly.identify.prior import Prior
 from butterfly.identify.regression import Regression
 from butterfly.identify.solved import Solved
@@ -203,9 +204,11 @@ class WeakFit:
     ) -> Nested:
         """Return the equations with other terms, or another Stribeck velocity, about this end."""
         regression = replace(self.about, names=names, slow=slow).regression(windows)
+        stretches = stretches_of(len(windows))
+        cluster = split(regression.cluster, stretches)
         values = np.array([self.values.get(name, 0.0) for name in names])
         jacobian, residuals = regression.jacobian(values), regression.residuals(values)
-        ends = np.cumsum(np.bincount(regression.cluster, minlength=len(windows)))[:-1]
+        ends = np.cumsum(np.bincount(cluster, minlength=len(windows) * stretches))[:-1]
         parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
         return Nested(
             names=names,
@@ -214,7 +217,7 @@ class WeakFit:
             curvature=np.array([rows.T @ rows for rows, _ in parts]),
             gradient=np.array([rows.T @ left for rows, left in parts]),
             cost=np.array([float(left @ left) for _, left in parts]),
-            folds=folds,
+            folds=folds if stretches == 1 else np.arange(len(parts)),
             negligible=NEGLIGIBLE,
             prior=regression.prior,
         )

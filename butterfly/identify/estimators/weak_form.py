@@ -30,6 +30,7 @@ from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.knowledge import is_driven, refuse_without_scale
 from butterfly.identify.judgement.term_choice import missing_terms
+from butterfly.identify.reference import Reference
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
 from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
@@ -116,9 +117,11 @@ class WeakForm(Estimator):
             If a log is shorter than a test function.
         """
         require_usable(self.method, known)
-        refuse_without_scale((log.added_mass for log in logs), known, driven=is_driven(logs))
+        masses = [log.added_mass for log in logs]
+        refuse_without_scale(masses, known, driven=is_driven(logs))
+        reference = Reference.of(masses, known)
         windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
-        chosen = WeakTerms.of(windows, self.terms, known, check=self.check)
+        chosen = WeakTerms.of(windows, self.terms, reference.held, check=self.check)
         parameters = LumpedParameters(**chosen.held | chosen.fit.values)
         pairs = seen(logs, windows, parameters, zeros, self._windows)
         fit = refined(chosen.fit, pairs)
@@ -127,14 +130,15 @@ class WeakForm(Estimator):
             rest = [each for each in pairs if each.windows.added != mass]
             return refined(chosen.fit, rest).solved.values
 
-        masses = [log.added_mass for log in logs]
         left_out, few = without_each_mass(masses, without, known, asked=self.check)
         blocks = blocks_of(len(logs), len(fit.solved.names))
+        solved = replace(fit.solved, cluster=split(fit.solved.cluster, blocks))
+        rivals = [each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals]
         found = ParameterEstimate.from_rows(
-            replace(fit.solved, cluster=split(fit.solved.cluster, blocks)),
+            reference.whole(solved),
             method="weak form",
             left_out=left_out,
-            rivals=[each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals],
+            rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=[*few, *of_few_logs(len(logs)), *chosen.said],
             held=chosen.held | {"cogging_periods": self.cogging_periods},
             masses=masses,

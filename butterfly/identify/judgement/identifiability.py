@@ -40,11 +40,23 @@ class Conditioning:
     weakest: tuple[str, ...]
 
     @classmethod
-    def of(cls, rows: NDArray[np.float64], names: tuple[str, ...]) -> Conditioning:
-        """Judge the (m, n) rows of a regression on the n parameters ``names``."""
+    def of(
+        cls,
+        rows: NDArray[np.float64],
+        names: tuple[str, ...],
+        told: NDArray[np.bool_] | None = None,
+    ) -> Conditioning:
+        """Judge the (m, n) rows of a regression on the n parameters ``names``.
+
+        What is told of some of them, by a mask, counts as much as the rows, however well it is
+        known.
+        """
         size = np.linalg.norm(rows, axis=0)
         size[size == 0] = 1.0  # a column without effect makes the regression singular
-        _, singular, right = np.linalg.svd(rows / size, full_matrices=False)
+        scaled = rows / size
+        if told is not None:
+            scaled = np.concatenate([scaled, np.eye(len(names))[told]])
+        _, singular, right = np.linalg.svd(scaled, full_matrices=False)
         share = np.abs(right[-1]) / np.abs(right[-1]).max()
         weakest = tuple(np.array(names)[share > _INVOLVED].tolist())
         with np.errstate(divide="ignore"):

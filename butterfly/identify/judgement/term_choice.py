@@ -38,6 +38,7 @@ _MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarke
 _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
 _LEAST_FOLDS = 3
+_STRETCHES = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,6 +134,14 @@ def stribeck_velocities(fastest: float, known: Knowledge) -> list[float]:
     if "stribeck_velocity" in known.exact:
         return [known.exact["stribeck_velocity"]]
     return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
+
+
+def stretches_of(logs: int) -> int:
+    """Return into how many stretches of time each log is cut, where there are too few to leave out.
+
+    What is left out together is then a stretch.
+    """
+    return 1 if logs >= _LEAST_FOLDS else -(-_STRETCHES // logs)
 
 
 def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:

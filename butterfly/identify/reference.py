@@ -1,0 +1,112 @@
+"""A fit whose scale rests on one uncertain value: solved with it held, then given its share.
+
+Where all logs carry the same, the equations are homogeneous: p1..p4, the carried inertia and moment
+among them, times any number are as good. Noise in the regressors would make least squares prefer
+small numbers. So what tells the scale best is held, and its column is what homogeneity says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.identify.prior import Prior
+from butterfly.model.terms import PARAMETERS, TERMS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.solved import Solved
+    from butterfly.model.known import Knowledge
+    from butterfly.model.parameters import AddedMass
+
+    Samples = NDArray[np.float64]
+
+
+_GROWING = {name for name, row in TERMS.items() if row.unit.startswith(("kg", "N m"))} | {"load"}
+"""Parameters that grow with the scale of all torques."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """What tells the scale of logs.
+
+    Parameters
+    ----------
+    name
+        The parameter that is held; None where masses, or what is known exactly, tell the scale.
+    known
+        Of the robot.
+    added
+        What all logs carry.
+    """
+
+    name: str | None
+    known: Knowledge
+    added: AddedMass
+
+    @classmethod
+    def of(cls, masses: Sequence[AddedMass], known: Knowledge) -> Reference:
+        """Find it for logs with some masses."""
+        same = len({mass.effect for mass in masses}) == 1
+        return cls(name=known.reference if same else None, known=known, added=masses[0])
+
+    @property
+    def held(self) -> Knowledge:
+        """What is known, with the reference held."""
+        return self.known if self.name is None else self.known.holding(self.name)
+
+    def grown(self, values: Samples, names: Sequence[str]) -> Samples:
+        """Return (n,) values of a fit that held the reference, with its own in its place."""
+        if self.name is None:
+            return values
+        return np.insert(values, self._place(names), self.known.parameters[self.name].value)
+
+    def whole(self, solved: Solved) -> Solved:
+        """Return the end of a fit that held the reference, with it and its uncertainty."""
+        if self.name is None:
+            return solved
+        values, at = self.grown(solved.values, solved.names), self._place(solved.names)
+        names = (*solved.names[:at], self.name, *solved.names[at:])
+        jacobian = np.insert(solved.jacobian, at, self._column(solved), axis=1)
+        lower = np.insert(solved.lower, at, TERMS[self.name].lower)
+        prior = Prior.of(names, self.known.parameters, solved.realised_variance)
+        assert prior is not None  # noqa: S101 - the reference is uncertain
+        moved = values
+        if prior.told.sum() > 1:
+            moved = np.maximum(values + _step(jacobian, solved.residuals, prior, values), lower)
+        return replace(
+            solved,
+            names=names,
+            values=moved,
+            jacobian=jacobian,
+            residuals=solved.residuals + jacobian @ (moved - values),
+            on_bound=np.insert(solved.on_bound, at, [False]),
+            lower=lower,
+            prior=prior,
+        )
+
+    def _place(self, names: Sequence[str]) -> int:
+        assert self.name is not None  # noqa: S101 - asked of a reference only
+        return sum(each in names for each in PARAMETERS[: PARAMETERS.index(self.name)])
+
+    def _column(self, solved: Solved) -> Samples:
+        """(m,) derivatives by the reference: residuals do not change if all torques grow alike."""
+        assert self.name is not None  # noqa: S101 - asked of a reference only
+        carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
+        pairs = zip(solved.names, solved.values.tolist(), strict=True)
+        grown = [own + carried.get(n, 0.0) if n in _GROWING else 0.0 for n, own in pairs]
+        own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
+        return np.asarray(-solved.jacobian @ np.array(grown) / own)
+
+
+def _step(jacobian: Samples, residuals: Samples, prior: Prior, values: Samples) -> Samples:
+    """Return the step to where rows and prior agree best."""
+    curvature = jacobian.T @ jacobian + prior.curvature
+    pull = jacobian.T @ residuals + prior.gradient(values)
+    scale = np.sqrt(np.diag(curvature))
+    return np.asarray(-np.linalg.solve(curvature / np.outer(scale, scale), pull / scale) / scale)
