@@ -139,9 +139,12 @@ def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
         return [f"{count} that nobody has recorded, simulated with the estimate from rest."]
-    fit = FitSummary.of(np.array([each.run.fit for each in predictions]))
+    fits = np.array([each.run.fit for each in predictions])
+    fit = FitSummary.of(fits, predictions[0].run.horizon)
+    start = "in segments, each from a start that was fitted to it" if fit.over else ""
     said = [
-        f"{count} simulated with the estimate from the first sample on: median FIT "
+        f"{count} simulated with the estimate {start or 'from the first sample on'}: median "
+        f"FIT{fit.over} "
         f"{fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
     ]
     inside = {name: _share(predictions, name) for name in predictions[0].bands}

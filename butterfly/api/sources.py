@@ -14,6 +14,7 @@ from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.identify.data import DataSet
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import Knowledge
 from butterfly.resources import locate
 
@@ -36,6 +37,8 @@ def read(
     intersample: str | None = None,
     columns: Mapping[str, str] | None = None,
     known: Mapping[str, Any] | None = None,
+    piece: tuple[float | None, float | None] | None = None,
+    restarts: bool | None = None,
     name: str = "logs",
 ) -> DataSet:
     """Read logs, check them, repair what may be repaired, and fit the steady response of sines.
@@ -58,6 +61,11 @@ def read(
         What is known of the robot besides what manifests say: parameters of the model (``p4``,
         ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
         pair of a value and its standard uncertainty.
+    piece
+        First and last instant in s, by its own clock, of what is meant of a single log; None for
+        its ends.
+    restarts
+        Whether a file whose clock falls back holds several recordings, each a log.
     name
         Of the data set, where several logs are put together.
 
@@ -66,12 +74,15 @@ def read(
     InputError
         Naming file, field, value and what was expected.
     """
+    begin, end = piece or (None, None)
+    cut = Cut(begin=begin, end=end, restarts=bool(restarts))
     about: dict[str, Any] = {
         "root": root,
         "arm": arm,
         "input_kind": input_kind,
         "intersample": intersample,
         "columns": columns,
+        "cut": None if cut == WHOLE else cut,
     }
     return _read(source, about, name).knowing(Knowledge.told(known or {}, "read"))
 

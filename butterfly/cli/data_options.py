@@ -9,14 +9,18 @@ from butterfly.cli.console import show_progress
 from butterfly.cli.options import (
     ArmOption,
     ColumnsOption,
+    FromOption,
     InputOption,
     IntersampleOption,
     KnownOption,
+    RestartsOption,
     RootOption,
+    ToOption,
     parse_pairs,
 )
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
+from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import NOTHING, Knowledge
 
 if TYPE_CHECKING:
@@ -37,13 +41,14 @@ class DataOptions:
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     columns: Mapping[str, str] | None = None
     known: Knowledge = NOTHING
+    cut: Cut = WHOLE
 
     def manifest(self, source: Path) -> Manifest:
         """Describe the data that a user named."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
-        about = {name: value for name, value in vars(self).items() if name != "known"}
-        return manifest_of(source, **about).knowing(self.known)
+        about = {n: value for n, value in vars(self).items() if n not in {"known", "cut"}}
+        return self.cut.of(manifest_of(source, **about).knowing(self.known))
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -62,12 +67,16 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("intersample", IntersampleOption, silent.intersample),
         option("columns", ColumnsOption, silent.columns),
         option("known", KnownOption, None),
+        option("begin", FromOption, None),
+        option("end", ToOption, None),
+        option("restarts", RestartsOption, False),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
         columns, known = told.pop("columns"), told.pop("known")
         pairs = None if columns is None else parse_pairs(columns, "--columns")
         facts = NOTHING if known is None else Knowledge.told(parse_pairs(known, "--known"), "data")
-        return DataOptions(columns=pairs, known=facts, **told)
+        cut = Cut(**{name: told.pop(name) for name in ("begin", "end", "restarts")})
+        return DataOptions(columns=pairs, known=facts, cut=cut, **told)
 
     return with_options(command, "options", declared, make)

@@ -53,8 +53,9 @@ def validate_command(
     whole = judged(logs, quick)
     typer.echo(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, track=show_progress)
-    seen = FitSummary.of(Predictor(logs).fits(whole))
-    table = new_table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
+    predictor = Predictor(logs)
+    seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
+    table = new_table(f"{logs.name}: FIT in %{seen.over}", "", "median", "mean", "worst")
     for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
         table.add_row(name, *_fit(fit))
     CONSOLE.print(table)

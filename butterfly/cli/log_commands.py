@@ -22,9 +22,9 @@ from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
     manifest_from_names,
-    read_entry,
     write_manifest,
 )
+from butterfly.logs.pieces import piece_name, read_pieces, with_parts
 from butterfly.report.inspection import health_rows, write_inspection
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def inspect_command(
     manifest = options.manifest(data)
     repairs = manifest.repair | frozenset(repair or ())
     manifest = manifest.model_copy(update={"repair": repairs})
+    manifest = with_parts(manifest)
     count = len(manifest.logs)
     if number is None and count > 1:
         if plot is not None:
@@ -70,7 +71,7 @@ def inspect_command(
     entry = manifest.logs[number or 0]
     log, health = _examined(manifest, entry)
     is_log = data.suffix.lower() in FORMATS
-    typer.echo(data if is_log else Path(manifest.root) / entry.file)
+    typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(entry))
     show_pairs(health_rows(log, health))
     if plot is not None:
         write_inspection(log, health, plot)
@@ -99,7 +100,8 @@ def manifest_command(
 
 
 def _examined(manifest: Manifest, entry: LogEntry) -> tuple[Log, Health]:
-    return examine(read_entry(manifest, entry), manifest.repair)
+    ((_, log),) = read_pieces(manifest, entry)
+    return examine(log, manifest.repair)
 
 
 def _show_all(data: Path, manifest: Manifest) -> None:
@@ -113,11 +115,11 @@ def _show_all(data: Path, manifest: Manifest) -> None:
         except InputError as error:
             refused += 1
             why = f"{error.field}: got {error.value}; expected {error.expected}"
-            table.add_row(entry.file, "–", "–", "–", why)
+            table.add_row(piece_name(entry), "–", "–", "–", why)
             continue
         findings = "; ".join(health.findings) or "none"
         numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        table.add_row(entry.file, *numbers, findings)
+        table.add_row(piece_name(entry), *numbers, findings)
     CONSOLE.print(table)
     if refused:
         raise InputError(data, "logs", f"{refused} that cannot be used", "logs without such faults")

@@ -17,6 +17,7 @@ from butterfly.logs.manifest import (
     manifest_of_log,
     read_manifest,
 )
+from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
@@ -39,12 +40,13 @@ def named_data(
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD,
     columns: Mapping[str, str] | None = None,
     known: Knowledge = NOTHING,
+    cut: Cut = WHOLE,
     track: Track = untracked,
 ) -> DataSet:
     """Read the data that a user named (see `manifest_of`), of a robot of which more is known."""
     about = {"arm": arm, "input_kind": input_kind, "intersample": intersample, "columns": columns}
     manifest = manifest_of(source, root=root, **about)  # type: ignore[arg-type]
-    return read_data_set(manifest.knowing(known), track)
+    return read_data_set(cut.of(manifest.knowing(known)), track)
 
 
 def manifest_of(
@@ -112,7 +114,7 @@ def _entry_of(path: Path, beside: Path, root: Path | None) -> Manifest | None:
     manifest = read_manifest(beside, root)
     root_folder, wanted = Path(manifest.root), path.resolve()
     own = [entry for entry in manifest.logs if (root_folder / entry.file).resolve() == wanted]
-    return manifest.model_copy(update={"logs": own[:1], "name": path.name}) if own else None
+    return manifest.model_copy(update={"logs": own, "name": path.name}) if own else None
 
 
 def _refuse_sweep(folder: Path) -> None:

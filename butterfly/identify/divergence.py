@@ -28,7 +28,9 @@ GROWTH = 30.0
 
 _STEP = 0.01  # s, along the motion
 _EVERY = 5  # steps from one beginning to the next
-_PREFERRED = np.array([1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])  # horizons, times powers of ten
+_PREFERRED = np.array(
+    [1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0]
+)  # horizons, times powers of ten
 
 
 def horizon_of(

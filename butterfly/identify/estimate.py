@@ -70,8 +70,8 @@ class ParameterEstimate:
     rivals
         (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
     horizon
-        Longest stretch in s over which logs are simulated with it, infinite for whole logs; None
-        where the method has none, so that it is chosen for the logs.
+        Longest stretch in s over which logs are simulated with it; infinite where whole logs were
+        asked for, None where it is left to the logs (see `butterfly.identify.divergence`).
     known
         What was known of the robot before; what is known exactly is among ``held``.
     """

@@ -85,7 +85,8 @@ class Trajectory:
         zero
             Reading of the encoder in rad where the model's angle is 0.
         begin
-            Velocity in rad/s at the first sample, or angle and velocity; the log's own if None.
+            Velocity in rad/s at the first sample, whose angle is then taken as it is; or angle and
+            velocity; the log's own if None.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters.delay, parameters.compression)[0]
@@ -166,7 +167,7 @@ class Trajectory:
         if begin is None:
             begin = self.own
         elif not isinstance(begin, Beginning):
-            begin = Beginning(self.own.angle, begin)
+            begin = Beginning(float(self.log.angle[0]), begin)
         return begin.angle - zero, begin.velocity
 
     @cached_property

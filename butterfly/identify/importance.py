@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.predict import Predictor, Setting
-from butterfly.identify.segments import simulation
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def _of_log(
     linearised run, and by what it is larger with each of m draws.
     """
     log, setting = predictor.data.logs[number], predictor.setting(number, draws.estimate)
-    trajectory = simulation(log, setting.parameters, setting.horizon)
+    trajectory = setting.simulation(log)
     errors, rows, mixture = trajectory.linearised(
         draws.estimate.names, setting.parameters, setting.zero, setting.velocity
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -59,16 +59,31 @@ class FreeRun:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """Median, mean and worst FIT over a set of logs, in per cent."""
+    """Median, mean and worst FIT over a set of logs, in per cent.
+
+    ``horizon`` is the longest segment in s that was simulated at a time; None for whole logs.
+    """
 
     median: float
     mean: float
     worst: float
+    horizon: float | None = None
 
     @classmethod
-    def of(cls, fits: NDArray[np.float64]) -> FitSummary:
-        """Summarise the (n,) FIT values of n logs."""
-        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()))
+    def of(cls, fits: NDArray[np.float64], horizon: float | None = None) -> FitSummary:
+        """Summarise the (n,) FIT values of n logs; an infinite horizon is one of whole logs."""
+        finite = horizon if horizon is not None and math.isfinite(horizon) else None
+        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()), finite)
+
+    @property
+    def over(self) -> str:
+        """Over what logs are simulated, to be said after the word FIT; nothing of whole logs."""
+        return "" if self.horizon is None else f" over segments of {self.horizon:g} s"
+
+    def numbers(self) -> dict[str, float]:
+        """Return it for programs."""
+        said = {"median": self.median, "mean": self.mean, "worst": self.worst}
+        return said if self.horizon is None else said | {"horizon": self.horizon}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +108,11 @@ class Setting:
     velocity: float | None = None
     horizon: float = math.inf
 
+    def simulation(self, log: Log, first: int = 0) -> Trajectory | Segments:
+        """Return what simulates a log, of which the samples from number ``first`` on count."""
+        told = self.velocity is not None
+        return simulation(log, self.parameters, self.horizon, first, told=told)
+
 
 class Predictor:
     """Simulates the logs of a data set with any parameters; keeps what does not depend on them.
@@ -108,7 +128,7 @@ class Predictor:
 
     def __init__(self, data: DataSet) -> None:
         self.data = data
-        self._trajectories: dict[tuple[int, float, float], Trajectory | Segments] = {}
+        self._trajectories: dict[tuple[int, float, float, bool], Trajectory | Segments] = {}
         self._horizon: float | None = None
         self._spreads = [_spread(log) for log in data.logs]
 
@@ -132,8 +152,8 @@ class Predictor:
     def horizon(self, estimate: ParameterEstimate) -> float:
         """Return the longest stretch in s over which logs are simulated with an estimate.
 
-        A method that says none has the one for the logs in which the hand stays away from the
-        upright, where there are any.
+        One that says nothing has that of the logs in which the hand stays away from the upright,
+        where there are any.
         """
         if estimate.horizon is not None:
             return estimate.horizon
@@ -142,6 +162,11 @@ class Predictor:
             logs = [self.data.logs[k] for k in counted]
             self._horizon = horizon_of(logs, estimate.parameters, self.equilibria)
         return self._horizon
+
+    def settled(self, estimate: ParameterEstimate) -> ParameterEstimate:
+        """Return an estimate that says over what horizon these logs are simulated, if any."""
+        horizon = self.horizon(estimate)
+        return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
 
     def run(self, number: int, estimate: ParameterEstimate) -> FreeRun:
         """Simulate one log, by its number, with an estimate."""
@@ -178,9 +203,10 @@ class Predictor:
 
     def _trajectory(self, number: int, setting: Setting) -> Trajectory | Segments:
         log, parameters = self.data.logs[number], setting.parameters
-        key = (number, grid_step(log, parameters), setting.horizon)
+        told = setting.velocity is not None
+        key = (number, grid_step(log, parameters), setting.horizon, told)
         if key not in self._trajectories:
-            self._trajectories[key] = simulation(log, parameters, setting.horizon)
+            self._trajectories[key] = setting.simulation(log)
         return self._trajectories[key]
 
 
@@ -206,6 +232,6 @@ def free_run(log: Log, setting: Setting) -> FreeRun:
     setting
         Parameters of the bare hand (the log's added mass is put on here (78)), and its start.
     """
-    trajectory = simulation(log, setting.parameters, setting.horizon)
+    trajectory = setting.simulation(log)
     simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
     return FreeRun(log=log, simulated=simulated, horizon=setting.horizon)

@@ -18,7 +18,6 @@ import numpy as np
 from butterfly.identify.expected_errors import donors
 from butterfly.identify.judgement.intervals import CONFIDENCE
 from butterfly.identify.predict import free_run
-from butterfly.identify.segments import simulation
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -129,8 +128,7 @@ def predict_logs(
         bands: dict[str, Band] = {}
         if draws is not None:
             drawn = [setting(number, each) for each in draws.estimates()]
-            course = simulation(log, own.parameters, own.horizon)
-            angles = _angles(course, log.time[samples], drawn)
+            angles = _angles(own.simulation(log), log.time[samples], drawn)
             bands[OF_PARAMETERS] = _band(angles, draws.weights)
             if errors:
                 rng = np.random.default_rng(seeds[number])

@@ -232,21 +232,30 @@ class _Segment:
 
 
 def simulation(
-    log: Log, parameters: LumpedParameters, horizon: float = math.inf, first: int = 0
+    log: Log,
+    parameters: LumpedParameters,
+    horizon: float = math.inf,
+    first: int = 0,
+    *,
+    told: bool = False,
 ) -> Trajectory | Segments:
     """Make a log ready to be simulated, whole or in segments.
 
-    A log that is no longer than the horizon, and that begins at rest, is simulated whole. So is one
-    whose beginning does not count; else the start is fitted even of a single segment.
+    A log that is no longer than the horizon is simulated whole if it begins at rest, if its
+    beginning does not count, or if its velocity there is told; else as a single segment, whose
+    start is fitted.
 
     Parameters
     ----------
     log, parameters, horizon, first
         See `Segments`.
+    told
+        Whether the velocity at the first sample is told, or found otherwise.
     """
     whole = Trajectory(log, parameters, first)
     longer = log.time[-1] - log.time[0] > horizon
-    return Segments(log, parameters, horizon, first) if longer or whole.starts_anew else whole
+    fitted = longer or (whole.starts_anew and not told)
+    return Segments(log, parameters, horizon, first) if fitted else whole
 
 
 def _edges(time: Samples, horizon: float) -> list[int]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
     from butterfly.identify.judgement.verdict import Verdict
+    from butterfly.identify.predict import FitSummary
 
     Values = Mapping[str, float]
 
@@ -36,12 +37,18 @@ def summary(identification: Identification) -> list[str]:
         f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
         f"{'voltage' if voltage else 'torque command'}, "
         f"method: {identification.estimate.method}.",
-        f"Simulated from the first sample on with the recorded input alone, the model follows "
+        f"Simulated {_stretch(fit)} with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
+
+
+def _stretch(fit: FitSummary) -> str:
+    if fit.horizon is None:
+        return "from the first sample on"
+    return f"over segments of {fit.horizon:g} s, each from a start that was fitted to it,"
 
 
 def sentences(estimate: ParameterEstimate) -> list[str]:

@@ -141,8 +141,10 @@ class FreeRunResiduals:
         start = replace(start, **choice.known.exact)
         first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
+        told = "velocity" in {*choice.per_mass, *choice.per_log}
         trajectories = tuple(
-            simulation(log, start, choice.horizon, k) for log, k in zip(logs, first, strict=True)
+            simulation(log, start, choice.horizon, k, told=told)
+            for log, k in zip(logs, first, strict=True)
         )
         keys = (*((name, None) for name in choice.shared), *_local_keys(trajectories, choice))
         sizes = _scales(logs, start)

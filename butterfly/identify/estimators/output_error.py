@@ -162,7 +162,8 @@ class OutputError(Estimator):
         """
         if self.horizon is None:
             horizon = horizon_of(logs, first[0].parameters, first[0].zeros)
-            return replace(self, horizon=horizon).of_starts(logs, first, known)
+            found = replace(self, horizon=horizon).of_starts(logs, first, known)
+            return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         masses = [log.added_mass for log in logs]
         refuse_without_scale(masses, known, driven=is_driven(logs))

@@ -13,7 +13,7 @@ import numpy as np
 
 from butterfly.identify.judgement.left_over import missing_terms, slow_velocity
 from butterfly.identify.predict import Predictor
-from butterfly.identify.segments import Segments, simulation
+from butterfly.identify.segments import Segments
 from butterfly.signals.window import first_counted
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class Run:
             log=log,
             setting=setting,
             first=first,
-            trajectory=simulation(log, setting.parameters, setting.horizon, first),
+            trajectory=setting.simulation(log, first),
             motion=float(np.std(log.angle[first:])),
         )
 

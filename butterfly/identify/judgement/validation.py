@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -45,16 +46,19 @@ class HeldOut:
         (n,) FIT in per cent of each log, simulated with the estimate from the others.
     estimates
         One for each part left out, by its name.
+    horizon
+        Longest stretch in s that was simulated at a time.
     """
 
     split: Split
     fits: NDArray[np.float64]
     estimates: dict[str, ParameterEstimate]
+    horizon: float = math.inf
 
     @property
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
-        return FitSummary.of(self.fits)
+        return FitSummary.of(self.fits, self.horizon)
 
 
 def hold_out(
@@ -75,6 +79,7 @@ def hold_out(
         raise IdentifiabilityError(f"all logs have the same {split}: none can be held out")
     fits = np.empty(len(data.logs))
     estimates, predictor = {}, Predictor(data)
+    horizon = math.inf
     for name, rows in track(parts.items(), f"Leaving out one {split} at a time"):
         rest = data.take([k for k in range(len(data.logs)) if k not in rows])
         try:
@@ -83,7 +88,8 @@ def hold_out(
             raise IdentifiabilityError(f"without {name}: {error}") from None
         estimates[name] = found
         fits[rows] = predictor.fits(found, rows)
-    return HeldOut(split=split, fits=fits, estimates=estimates)
+        horizon = min(horizon, predictor.horizon(found))
+    return HeldOut(split=split, fits=fits, estimates=estimates, horizon=horizon)
 
 
 def _parts(data: DataSet, split: Split) -> dict[str, list[int]]:
