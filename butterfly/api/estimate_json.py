@@ -10,6 +10,7 @@ import numpy as np
 
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS
 
@@ -35,6 +36,7 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
         "ending": str(estimate.ending),
         "findings": [asdict(finding) for finding in estimate.findings],
         "held": estimate.held,
+        "known": estimate.known.as_told(),
         "resonances": [[_key(mass), omega] for mass, omega in estimate.resonances.items()],
         "horizon": 0.0 if estimate.horizon == math.inf else estimate.horizon,
         "local": [[_key(key), values] for key, values in estimate.local.items()],
@@ -82,6 +84,7 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         resonances={_mass(key): float(_array(omega)) for key, omega in content["resonances"]},
         horizon=_horizon(content.get("horizon")),
         local={_keyed(key): dict(each) for key, each in content["local"]},
+        known=Knowledge.told(content.get("known", {})),
     )
 
 

@@ -52,8 +52,8 @@ def identify(
     data
         What `read` takes, or has read.
     method
-        ``harmonic-balance``, ``output-error``, ``weak-form``, ``linear``, ``thesis``, or an
-        estimator.
+        ``harmonic-balance``, ``output-error``, ``weak-form``, ``linear``, ``thesis``, an
+        estimator, or ``auto``: harmonic balance where all logs are sines, else output error.
     against
         Other parameters to simulate the logs with, by name; without p4 the best one is used.
     options
@@ -66,11 +66,12 @@ def identify(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
-    estimator = make_estimator(method, options)
+    logs = read(data)
+    estimator = make_estimator(method, options).suited(logs)
     if not isinstance(against, Mapping | None):
         raise InputError("identify", "against", against, "parameters by a name for them")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
-    found = identify_data(read(data), estimator, against=others)
+    found = identify_data(logs, estimator, against=others)
     return Identified.of(found, estimator.label)
 
 
@@ -122,7 +123,8 @@ def validate(
     IdentifiabilityError
         If nothing can be left out, or a part cannot determine the parameters.
     """
-    logs, estimator = read(data), make_estimator(method, options)
+    logs = read(data)
+    estimator = make_estimator(method, options).suited(logs)
     quick = estimator.unchecked()
     held = hold_out(logs, quick, choice(Split, "validate", "split", split))
     return Validated.of(logs, estimator.label, held, judged(logs, quick))

@@ -88,7 +88,8 @@ def _option(name: str, kind: type[Estimator], owners: list[str]) -> inspect.Para
     annotation = get_type_hints(kind)[name]
     text = f"{described(kind)[name]} Of {', '.join(owners)}."
     if name == "terms":
-        valid = "; ".join(f"{method}: {', '.join(offered(method))}" for method in owners)
+        pairs = [(method, offered(method)) for method in owners]
+        valid = "; ".join(f"{method}: {', '.join(names)}" for method, names in pairs if names)
         text += f" Separated by commas, an empty text means none; {valid}."
     declared = typer.Option(help=text, show_default=_default_text(name, owners))
     wanted = str if annotation in _NAMES_BY_COMMAS else annotation

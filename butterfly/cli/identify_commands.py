@@ -74,7 +74,9 @@ def identify_command(
     others = {
         text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
     }
-    result = identify(options.read(data), estimator, against=others, track=show_progress)
+    logs = options.read(data)
+    chosen = estimator.suited(logs)
+    result = identify(logs, chosen, against=others, track=show_progress)
     show_identification(result)
     if hand_mass is not None:
         hand = physical_hand(PendulumEstimate.of(result.estimate), hand_mass)
@@ -93,6 +95,6 @@ def identify_command(
     if save is not None:
         from butterfly.api.identified import Identified  # noqa: PLC0415 - slow to import
 
-        Identified.of(result, estimator.label).save(save)
+        Identified.of(result, chosen.label).save(save)
         typer.echo(f"Saved: {save}")
     end_with(result.estimate.verdict.standing)

@@ -49,7 +49,7 @@ def validate_command(
     Example: `butterfly validate results/quickstart --method output-error`
     """
     logs = options.read(data)
-    quick = estimator.unchecked()
+    quick = estimator.suited(logs).unchecked()
     whole = judged(logs, quick)
     typer.echo(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, track=show_progress)

@@ -75,6 +75,7 @@ def _score(entry: Entry) -> float:
 
 
 def _entry(data: DataSet, estimator: Estimator) -> Entry:
+    estimator = estimator.suited(data)
     begun = time.perf_counter()
     found, seen, held, error = None, None, None, ""
     seconds = 0.0

@@ -33,6 +33,8 @@ class ParameterRecord:
         Where it is known.
     on_bound
         Whether a bound holds it.
+    known
+        Whether it was known exactly, and is no estimate.
     """
 
     parameter: str
@@ -44,12 +46,16 @@ class ParameterRecord:
     largest_left_out: float | None = None
     true: float | None = None
     on_bound: bool = False
+    known: bool = False
 
     @classmethod
     def all_of(
         cls, found: ParameterEstimate, truth: LumpedParameters | None = None
     ) -> tuple[ParameterRecord, ...]:
-        """Return a record for each parameter of an estimate, beside the truth if it is known."""
+        """Return a record for each parameter of an estimate, beside the truth if it is known.
+
+        Those that were known exactly come last.
+        """
         columns = (found.values, found.standard_errors, found.lower, found.upper)
         rows = zip(found.names, *(column.tolist() for column in columns), strict=True)
         records = []
@@ -68,6 +74,19 @@ class ParameterRecord:
                     on_bound=name in found.on_bound,
                 )
             )
+        for name, value in found.known.exact.items():
+            true = None if truth is None else float(getattr(truth, name))
+            records.append(
+                cls(
+                    parameter=name,
+                    value=value,
+                    standard_error=0.0,
+                    lower=value,
+                    upper=value,
+                    true=true,
+                    known=True,
+                )
+            )
         return tuple(records)
 
     @property
@@ -77,7 +96,7 @@ class ParameterRecord:
 
     def numbers(self) -> dict[str, float | None]:
         """Return what a report says of it, for programs."""
-        names = ("value", "standard_error", "lower", "upper", "true")
+        names = ("value", "standard_error", "lower", "upper", "true", "known")
         return {name: getattr(self, name) for name in names}
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from butterfly.errors import InputError, nearest
-from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of
+from butterfly.experiment.methods import DEFAULT_OF_EXPERIMENTS, ESTIMATORS, kind_of
 from butterfly.identify.estimators import Estimator
 
 
@@ -23,7 +23,7 @@ def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
     """
     if not isinstance(estimator, dict):
         return estimator
-    told = {"method": DEFAULT_METHOD} | estimator
+    told = {"method": DEFAULT_OF_EXPERIMENTS} | estimator
     kind_of(str(told["method"]), [str(name) for name in told if name != "method"])
     return told
 

@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError, nearest
-from butterfly.identify.estimators import Estimator, HarmonicBalance
+from butterfly.identify.estimators import Estimator, HarmonicBalance, Suitable
 from butterfly.thesis.method import Thesis  # noqa: F401 - its being read makes it one of them
 
 if TYPE_CHECKING:
@@ -15,8 +15,11 @@ if TYPE_CHECKING:
 ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimator.__subclasses__()}
 """All estimators by the name of their method."""
 
-DEFAULT_METHOD = HarmonicBalance.method
-"""The estimator where none is named."""
+DEFAULT_METHOD = Suitable.method
+"""The estimator of logs where none is named."""
+
+DEFAULT_OF_EXPERIMENTS = HarmonicBalance.method
+"""The estimator of an experiment that names none."""
 
 
 def options_of(kind: type[Estimator]) -> list[str]:

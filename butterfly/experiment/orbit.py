@@ -12,6 +12,7 @@ from butterfly.experiment.streams import of_orbit
 from butterfly.identify.data import DataSet
 from butterfly.identify.identification import judged
 from butterfly.logs.mat import write_mat
+from butterfly.model.known import Knowledge
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
 
@@ -62,7 +63,8 @@ def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untrack
     if experiment.control is not None and experiment.control.believed is None:
         logs = list(simulate(experiment, track=track))
         write_logs(experiment, logs, folder / "small")
-        data = DataSet.of(logs, name=experiment.name, track=track)
+        known = Knowledge.told(experiment.known)
+        data = DataSet.of(logs, name=experiment.name, known=known, track=track)
     study = hold_orbit(experiment, data, track=track)
     for number, each in enumerate(study.calibration.rounds):
         for run, log in enumerate(each.logs):

@@ -26,6 +26,7 @@ from butterfly.identify.estimators import OutputError
 from butterfly.identify.identification import Identification, identify
 from butterfly.identify.judgement.findings import Ending
 from butterfly.identify.judgement.validation import hold_out
+from butterfly.model.known import Knowledge
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -164,6 +165,7 @@ class _Run:
                     self.logs,
                     name=experiment.name,
                     description=experiment.description,
+                    known=Knowledge.told(experiment.known),
                     track=self._track,
                 )
                 for spec in experiment.all_estimators:
@@ -188,7 +190,8 @@ class _Run:
     def _identify(self, data: DataSet, spec: Estimator) -> None:
         """Add what an estimator gives, or why it refuses."""
         try:
-            identification = identify(data, self._threaded(spec), track=self._track)
+            estimator = self._threaded(spec.suited(data))
+            identification = identify(data, estimator, track=self._track)
         except ButterflyError as error:
             refused = EstimateRecord(estimator=spec.label, ending=Ending.REFUSED, error=str(error))
             self.estimates.append(refused)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,15 +17,18 @@ from pydantic import (
 from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.estimator_spec import AnyEstimator, MethodName
-from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS
+from butterfly.experiment.methods import DEFAULT_OF_EXPERIMENTS, ESTIMATORS
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.identify.judgement.validation import Split
 from butterfly.logs.log import InputKind, Sine
+from butterfly.logs.manifest import Told
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
+from butterfly.model.known import Knowledge
 from butterfly.model.parameters import (
+    GRAVITY,
     AddedMass,
     Hand,
     LumpedParameters,
@@ -183,6 +187,8 @@ class Experiment(StrictModel):
     estimators
         Several of them, in place of ``method`` and ``terms``, for a sweep or `butterfly
         leaderboard`.
+    known
+        What the estimators are told of the robot, as a data set's manifest tells it.
     validation
         Of each run of a sweep, by data left out; none if not given.
     report
@@ -205,9 +211,10 @@ class Experiment(StrictModel):
     excitations: tuple[Sine, ...] = ()
     signals: tuple[SignalSpec, ...] = ()
     duration: Annotated[float, Field(gt=0)]
-    method: MethodName = DEFAULT_METHOD
+    method: MethodName = DEFAULT_OF_EXPERIMENTS
     terms: tuple[str, ...] | None = None
     estimators: tuple[AnyEstimator, ...] = ()
+    known: dict[str, Told] = Field(default_factory=dict)
     validation: ValidationSpec | None = None
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None
@@ -232,6 +239,13 @@ class Experiment(StrictModel):
         believed = self.control is not None and self.control.believed is not None
         if not (self.excitations or self.signals or believed):
             raise ValueError("at least one of the keys excitations, signals and control.believed")
+        return self
+
+    @model_validator(mode="after")
+    def _possible(self) -> Experiment:
+        Knowledge.told(self.known)
+        if any(mass.effect != replace(mass, gravity=GRAVITY).effect for mass in self.added_masses):
+            raise ValueError("added masses on a hinge under 9.81 m/s², as the simulators have it")
         return self
 
     @model_validator(mode="after")

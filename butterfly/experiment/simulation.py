@@ -103,5 +103,6 @@ def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
         input=experiment.input_kind,
         intersample=Intersample.ZERO_ORDER_HOLD,
         arm=next((entry.arm for entry in entries if entry.arm), None),
+        known=experiment.known,
         logs=entries,
     )

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from butterfly.logs.log import InputKind, Log
     from butterfly.logs.manifest import Manifest
-    from butterfly.model.parameters import AddedMass
+    from butterfly.model.parameters import AddedMass, JointKind
 
 _UPRIGHT = 0.9 * math.pi  # rad from the rest angle
 
@@ -115,6 +115,11 @@ class DataSet:
     def masses(self) -> list[AddedMass]:
         """The different added masses."""
         return sorted({log.added_mass for log in self.logs})
+
+    @property
+    def joint(self) -> JointKind:
+        """How the joint moves."""
+        return self.logs[0].added_mass.joint
 
     @cached_property
     def equilibria(self) -> dict[AddedMass, float]:

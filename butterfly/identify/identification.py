@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
-from butterfly.identify.estimators import Estimator, HarmonicBalance
+from butterfly.identify.estimators import Estimator, Suitable
 from butterfly.identify.judgement.following import judge_fit
 from butterfly.identify.judgement.input_kind import judge_input
 from butterfly.identify.judgement.misfit import Misfit, judge_misfit
@@ -87,7 +87,7 @@ def identify(
     data
         The logs.
     estimator
-        Harmonic balance if not given.
+        The one that suits the logs if not given.
     against
         Other parameters to simulate the logs with, by name; a p4 that is NaN is fitted.
     track
@@ -100,14 +100,14 @@ def identify(
     IdentifiabilityError
         If the logs cannot determine the parameters.
     """
-    estimator = estimator or HarmonicBalance()
+    estimator = (estimator or Suitable()).suited(data)
     run = simulated(data, estimated(data, estimator), against=against, track=track)
     return replace(run, estimate=judge(data, estimator, run.estimate, run.fits))
 
 
 def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
-    predictor = Predictor(data)
+    estimator, predictor = estimator.suited(data), Predictor(data)
     found = predictor.settled(estimated(data, estimator))
     return judge(data, estimator, found, predictor.fits(found))
 

@@ -191,6 +191,11 @@ class Averaging:
         """Largest speed of the log in rad/s."""
         return float(np.abs(self._motion.velocity).max())
 
+    @property
+    def duration(self) -> float:
+        """Length of the log in s."""
+        return float(self._grid[-1] - self._grid[0])
+
     def _place(self, delay: float) -> _Place:
         """Place the test functions where the input is known a delay before."""
         margin = math.ceil((self._half_width + abs(delay)) / self._step)

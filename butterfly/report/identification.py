@@ -68,7 +68,7 @@ def write_report(
         verdict=verdict_on(estimate),
         summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
         parameters=rows,
-        own={name: row.value for name, row in zip(estimate.names, rows, strict=True)},
+        own={name: row.value for name, row in zip(estimate.names, rows, strict=False)},
         with_truth=truth is not None,
         resonances=[
             {

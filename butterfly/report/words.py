@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from butterfly.experiment.estimate_record import EstimateRecord
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
@@ -28,18 +29,18 @@ _LEAST_MASSES = 3  # of which one can be left out
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
-    fit, data = identification.summary, identification.data
+    fit, data, estimate = identification.summary, identification.data, identification.estimate
     flagged = sum(bool(health.findings) for health in data.health)
     voltage = data.input_kind == "voltage"
-    verdict, *others = sentences(identification.estimate)
+    verdict, *others = sentences(estimate)
     return [
         verdict,
-        f"{len(data.logs)} logs with {len(data.masses)} added masses, driven by "
-        f"{'voltage' if voltage else 'torque command'}, "
-        f"method: {identification.estimate.method}.",
+        f"{_logs(data)}, driven by {'voltage' if voltage else 'torque command'}, "
+        f"method: {estimate.method}.",
         f"Simulated {_stretch(fit)} with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        *_known(estimate),
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
@@ -49,6 +50,28 @@ def _stretch(fit: FitSummary) -> str:
     if fit.horizon is None:
         return "from the first sample on"
     return f"over segments of {fit.horizon:g} s, each from a start that was fitted to it,"
+
+
+def _logs(data: DataSet) -> str:
+    """Say how many logs there are, and what the hand carried."""
+    logs = counted(len(data.logs), "log")
+    if len(data.masses) == 1:
+        return f"{logs} with {data.masses[0] if data.masses[0].mass else 'no added mass'}"
+    return f"{logs} with {len(data.masses)} added masses"
+
+
+def counted(number: float, thing: str) -> str:
+    """Return a number of things."""
+    return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
+
+
+def _known(estimate: ParameterEstimate) -> list[str]:
+    """Say what was not found out, but told."""
+    told = {**estimate.known.parameters, **estimate.known.physical}
+    if not told:
+        return []
+    said = ", ".join(f"{name} = {each}" for name, each in told.items())
+    return [f"Known beforehand: {said}."]
 
 
 def sentences(estimate: ParameterEstimate) -> list[str]:
@@ -94,7 +117,7 @@ def verdict_in_words(verdict: Verdict, values: Values) -> SaidVerdict:
 
 
 def _values(estimate: ParameterEstimate) -> dict[str, float]:
-    return dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    return estimate.held | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
 def _joined(finding: Finding, link: str = ", ") -> str:
@@ -188,6 +211,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
         "the angle or the input counts the other way, say so in the manifest (sign: -1)."
     ),
+    FindingKind.PRIOR_APART: lambda f, _: (
+        f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "
+        "one of the two is wrong, and the values lie between them."
+    ),
     FindingKind.LEFT_OUT: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand turns over, "
         "rests elsewhere or never settles, and the steady response to a sine says nothing there. "
@@ -232,8 +259,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.ON_BOUND: _on_bound,
     FindingKind.FEW_MASSES: _few_masses,
     FindingKind.FEW_LOGS: lambda f, _: (
-        f"With {_number(f):.0f} logs the intervals come from stretches of these, and hold nothing "
-        "of how the robot differs from run to run: record more."
+        f"With {counted(_number(f), 'log')} the intervals come from stretches of time, and hold "
+        "nothing of how the robot differs from run to run: record more."
     ),
     FindingKind.UNCHECKED: lambda _f, _v: (
         "The intervals were not checked by leaving an added mass out, as asked."

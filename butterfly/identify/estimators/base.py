@@ -54,6 +54,10 @@ class Estimator:
         ]
         return f"{self.method}({', '.join(told)})" if told else self.method
 
+    def suited(self, data: DataSet) -> Estimator:  # noqa: ARG002 - for one that looks at the data
+        """Return the estimator that is meant for the logs of a data set: itself."""
+        return self
+
     def unchecked(self) -> Self:
         """Return the estimator without the refits that leave one added mass out."""
         return self._with(check=False) if hasattr(self, "check") else self

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.covariance import split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 _ROUNDS = 8  # about the delay
 _SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
+_LATEST = 0.25  # of the shortest log, for a delay
 _SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
 
 
@@ -172,6 +174,7 @@ class WeakFit:
             regression = about.regression(windows)
             solution = regression.solve()
             before, about = about, about.moved(solution.values)
+            _refuse_late(about.delay, windows)
             settled = bool(abs(about.delay - before.delay) < _SETTLED)
             if settled:
                 break
@@ -220,4 +223,14 @@ class WeakFit:
             folds=folds if stretches == 1 else np.arange(len(parts)),
             negligible=NEGLIGIBLE,
             prior=regression.prior,
+        )
+
+
+def _refuse_late(delay: float, windows: Sequence[Windows]) -> None:
+    """Refuse a delay of which a log would hardly see the end."""
+    shortest = min(each.averaging.duration for each in windows)
+    if not abs(delay) < _LATEST * shortest:
+        raise IdentifiabilityError(
+            f"no joint's equation balances these logs: it would take a delay of {delay:.3g} s; "
+            "check signs and units, and what is said to be known"
         )

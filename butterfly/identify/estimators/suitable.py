@@ -1,0 +1,49 @@
+"""The estimator that suits the logs, where nobody says which."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from butterfly.identify.estimators.base import Estimator
+from butterfly.identify.estimators.harmonic_balance import HarmonicBalance
+from butterfly.identify.estimators.output_error import OutputError
+from butterfly.identify.steady import steady_sines
+from butterfly.model.terms import PARAMETERS
+
+if TYPE_CHECKING:
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.estimate import ParameterEstimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suitable(Estimator):
+    """Harmonic balance of sines that all settled, output error of all other logs.
+
+    Parameters
+    ----------
+    terms
+        Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
+        logs that were left out.
+    check
+        Whether to fit again without each added mass.
+    """
+
+    method: Literal["auto"] = "auto"
+    terms: tuple[str, ...] | None = None
+    check: bool = True
+
+    summary: ClassVar[str] = "harmonic-balance where all logs are sines, else output-error"
+
+    def suited(self, data: DataSet) -> Estimator:
+        """Return the estimator that suits the logs of a data set."""
+        if all(log.excitation for log in data.logs):
+            steady, _ = steady_sines(data)
+            enough = 2 * len(steady) > len(data.known.fitted(PARAMETERS))
+            if enough and 2 * len(steady) >= len(data.logs):
+                return HarmonicBalance(terms=self.terms, check=self.check)
+        return OutputError(terms=self.terms, check=self.check)
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate as the estimator does that suits the logs (see `Estimator`)."""
+        return self.suited(data)(data)
