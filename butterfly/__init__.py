@@ -1,8 +1,8 @@
 """Simulate, identify and control the first degree of freedom of the Butterfly robot.
 
 `import butterfly as bf`; then `bf.read`, `bf.identify`, `bf.simulate`, `bf.validate`, `bf.design`,
-`bf.compare`, `bf.predict`, `bf.draws` and `bf.load` do what their names say. What is used is loaded
-when it is used.
+`bf.compare`, `bf.predict`, `bf.draws`, `bf.changed` and `bf.load` do what their names say. What is
+used is loaded when it is used.
 """
 
 import importlib

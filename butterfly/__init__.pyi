@@ -1,3 +1,5 @@
+from .api.changed import Changed as Changed
+from .api.changed import changed as changed
 from .api.drawn import Drawn as Drawn
 from .api.identified import Identified as Identified
 from .api.looking_ahead import draws as draws

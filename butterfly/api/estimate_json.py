@@ -31,6 +31,7 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
         "upper": estimate.upper.tolist(),
         "left_out": [[_key(key), each.tolist()] for key, each in estimate.left_out.items()],
         "rivals": [each.tolist() for each in estimate.rivals],
+        "freedom": None if estimate.freedom is None else estimate.freedom.tolist(),
         "condition": estimate.condition,
         "on_bound": list(estimate.on_bound),
         "ending": str(estimate.ending),
@@ -57,6 +58,7 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
     names = tuple(str(name) for name in content["names"])
     columns = {key: _array(content[key]) for key in ("values", "lower", "upper")}
     covariance = _array(content["covariance"])
+    freedom = content.get("freedom")
     rivals = tuple(_array(values) for values in content.get("rivals", ()))
     lengths = [each.shape for each in (*columns.values(), *left_out.values(), *rivals)]
     if covariance.shape != 2 * (len(names),) or any(each != (len(names),) for each in lengths):
@@ -76,6 +78,8 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         upper=columns["upper"],
         left_out=left_out,
         rivals=rivals,
+        known=Knowledge.told(content.get("known", {})),
+        freedom=None if freedom is None else _array(freedom),
         condition=float(_array(content["condition"])),
         on_bound=on_bound,
         ending=Ending(content["ending"]),
@@ -84,7 +88,6 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         resonances={_mass(key): float(_array(omega)) for key, omega in content["resonances"]},
         horizon=_horizon(content.get("horizon")),
         local={_keyed(key): dict(each) for key, each in content["local"]},
-        known=Knowledge.told(content.get("known", {})),
     )
 
 

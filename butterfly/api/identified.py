@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -13,21 +14,27 @@ from butterfly import __version__
 from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.result import Result, aligned, text, texts
+from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import Identification, simulated
+from butterfly.identify.judgement.slips.names import listed
+from butterfly.identify.physical import physical_parameters
 from butterfly.identify.predict import FitSummary
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.known import PHYSICAL, Knowledge
+from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import write_report
 from butterfly.report.parameter_rows import rows_of, unit_of
+from butterfly.report.physical import physical_numbers
 from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from os import PathLike
 
     import control
@@ -36,7 +43,8 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.identify.physical import PhysicalParameters
+    from butterfly.model.parameters import LumpedParameters
     from butterfly.report.verdict import SaidVerdict
 
 
@@ -51,11 +59,14 @@ class Identified(Result):
     estimator
         What made it, and what that was told.
     origin
-        The data: name, description, input, number of logs, and the manifest they were read by.
+        The data: name, description, input, number of logs, what was known of the robot, its joint
+        and gravity, and the manifest that the logs were read by.
     fits
         FIT in per cent of the free run of each log, by its name.
     summary
         What was found, in words.
+    held_out
+        FIT in per cent of each log that was held out, by its name.
     live
         The identification with its logs; None for one that was loaded.
     """
@@ -67,12 +78,14 @@ class Identified(Result):
     origin: dict[str, Any]
     fits: dict[str, float]
     summary: tuple[str, ...]
+    held_out: dict[str, float] = field(default_factory=dict)
     live: Identification | None = None
 
     @classmethod
     def of(cls, found: Identification, estimator: str) -> Identified:
         """Wrap an identification made by an estimator of this label."""
-        data = found.data
+        data, manifest = found.data, found.data.whole_manifest
+        carrier = data.logs[0].added_mass
         return cls(
             estimate=found.estimate,
             estimator=estimator,
@@ -81,10 +94,14 @@ class Identified(Result):
                 "description": data.description,
                 "input": str(data.input_kind),
                 "logs": len(data.logs),
-                "manifest": data.manifest and data.manifest.model_dump(mode="json"),
+                "known": data.known.as_told(),
+                "joint": str(carrier.joint),
+                "gravity": carrier.gravity,
+                "manifest": manifest and manifest.model_dump(mode="json"),
             },
             fits={run.log.name: run.fit for run in found.free_runs},
             summary=tuple(summary(found)),
+            held_out=found.held_out,
             live=found,
         )
 
@@ -95,13 +112,16 @@ class Identified(Result):
         InputKind(origin["input"])
         if origin["manifest"] is not None:
             Manifest.model_validate(origin["manifest"])
-        return cls(
+        result = cls(
             estimate=estimate_of(content["estimate"]),
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
-            fits={str(name): float(or_nan(fit)) for name, fit in content["fits"].items()},
+            fits=_fits(content["fits"]),
             summary=texts(content["summary"]),
+            held_out=_fits(content.get("held_out", {})),
         )
+        result.physical()
+        return result
 
     def content(self) -> dict[str, Any]:
         """Return all that is saved."""
@@ -114,7 +134,9 @@ class Identified(Result):
             "parameters": {row.pop("parameter"): row for row in self.rows()},
             "fit": fit.numbers(),
             "fits": self.fits,
+            "held_out": self.held_out,
             "data": self.origin,
+            "physical": physical_numbers(self._physical()),
             "estimate": estimate_content(self.estimate),
         }
 
@@ -204,6 +226,37 @@ class Identified(Result):
         """How far to trust the values, in words: first what may be done with them."""
         return sentences(self.estimate)
 
+    def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`
+        """Tell what the lumped parameters are made of, as far as it can be told.
+
+        Parameters
+        ----------
+        known
+            What is known of motor and hand besides what the data say of it, by names of
+            `butterfly.model.known.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or was known before.
+        """
+        return Separated.of(self._physical(known), self.origin["name"], self.judged)
+
+    def _physical(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
+        before, told = Knowledge.told(self.origin.get("known", {})), Knowledge.told(known)
+        for name in known:
+            if name not in told.physical:
+                raise InputError("physical", name, "no part of motor or hand", listed([*PHYSICAL]))
+            if name in before.physical:
+                expected = "what was not known before; else identify again with it"
+                raise InputError("physical", name, known[name], expected)
+        carrier = AddedMass(
+            gravity=float(self.origin.get("gravity", GRAVITY)),
+            joint=JointKind(self.origin.get("joint", JointKind.HINGE)),
+        )
+        kind = InputKind(self.origin["input"])
+        return physical_parameters(self.estimate, before.also(told), kind, carrier)
+
     @property
     def fit(self) -> FitSummary:
         """Median, mean and worst FIT in per cent."""
@@ -280,6 +333,10 @@ class Identified(Result):
             expected = "one whose logs came from one source of files, to be read again"
             raise InputError("a result that was loaded", "logs", "none", expected)
         return simulated(read_data_set(Manifest.model_validate(found)), self.estimate)
+
+
+def _fits(content: dict[str, Any]) -> dict[str, float]:
+    return {str(name): float(or_nan(fit)) for name, fit in content.items()}
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
@@ -13,15 +17,17 @@ from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import read, read_experiment
 from butterfly.api.usable import require_possible
-from butterfly.errors import InputError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.planned import planned_logs
 from butterfly.experiment.schema import Experiment
 from butterfly.identify.draws import COUNT, draw_parameters
 from butterfly.identify.expected_errors import left_over
+from butterfly.identify.given import given_estimate, judged_on
 from butterfly.identify.importance import weighed
 from butterfly.identify.predict import Predictor, Setting
 from butterfly.identify.prediction import predict_logs
+from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
 
@@ -39,14 +45,16 @@ if TYPE_CHECKING:
 
 def predict(
     data: Data | Experiment,
-    result: Identified | Named,
+    result: Identified | Named | LumpedParameters | Mapping[str, object],
     *,
-    bands: bool = True,
+    bands: bool | None = None,
     draws: int = COUNT,
     seed: int = 0,
     track: Track = untracked,
 ) -> Predicted:
-    """Predict logs, or an experiment that nobody has done, with an identification.
+    """Predict logs, or an experiment that nobody has done, with given parameters.
+
+    Nothing is identified: the verdict says whether these parameters move like this robot.
 
     Parameters
     ----------
@@ -54,9 +62,12 @@ def predict(
         What `read` takes or has read; or an experiment: its file, its name, or what
         `read_experiment` returned, of which the inputs count.
     result
-        An identification, or the file where it was saved.
+        An identification, or the file where it was saved; or parameters, such as
+        ``{"p1": 0.18, "p3": 3.7, "p4": 1.0}``: what is not given is 0, but for p4, of which the
+        best one is taken, and ``zero``, the encoder's reading in rad of the hanging joint, which is
+        taken from the logs.
     bands
-        Whether to say how far the prediction is known.
+        Whether to say how far the prediction is known; if not given, of every identification.
     draws
         How many sets of parameters the bands are made of.
     seed
@@ -73,19 +84,30 @@ def predict(
     UnusableError
         If no joint has the parameters of the estimate.
     """
-    found, source = _identified(result), _source(data)
-    _require_input(found, source.input_kind)
+    source = _source(data)
     logs: Sequence[Log]
     if isinstance(source, Experiment):
-        logs = planned_logs(source)
-        measured, setting = False, _from_rest(logs)
+        logs, whole = planned_logs(source), None
+        setting = _from_rest(logs)
     else:
-        logs = source.logs
-        measured, setting = True, Predictor(source).setting
-    known = _Known.of(found, logs, draws, seed, track) if bands else _Known()
+        whole = source.whole
+        logs, setting = whole.logs, Predictor(whole).setting
+    masses = sorted({log.added_mass for log in logs})
+    if isinstance(result, LumpedParameters | Mapping):
+        told = result if isinstance(result, Mapping) else asdict(result)
+        estimate = given_estimate(told, "predict", data=whole, masses=masses)
+        require_possible(estimate)
+        if bands:
+            raise IdentifiabilityError("bands need an identification: parameters alone have none")
+        known = _Known(said=_of_gain(told, estimate))
+    else:
+        found = _identified(result)
+        _require_input(found, source.input_kind)
+        estimate = found.estimate
+        known = _Known() if bands is False else _Known.of(found, logs, draws, seed, track)
     predictions = predict_logs(
         logs,
-        found.estimate,
+        estimate,
         setting,
         draws=known.draws,
         errors=known.errors,
@@ -93,7 +115,13 @@ def predict(
         track=track,
     )
     drawn = None if known.draws is None else Drawn.of(known.draws, found, known.said)
-    return Predicted.of(source.name, predictions, known.said, found, drawn=drawn, measured=measured)
+    if whole is not None:
+        counted = whole.calm or range(len(logs))
+        fits = np.array([predictions[k].run.fit for k in counted])
+        estimate = judged_on(estimate, fits, [logs[k].name for k in counted])
+    return Predicted.of(
+        source.name, predictions, known.said, estimate, drawn=drawn, measured=whole is not None
+    )
 
 
 def draws(
@@ -168,6 +196,14 @@ class _Known:
         errors = left_over(data, found.estimate)
         more = (*_of_errors(errors), *_beyond(data.masses, logs))
         return cls(draws=draws, errors=errors, said=(_of_draws(draws), *more))
+
+
+def _of_gain(told: Mapping[str, object], estimate: ParameterEstimate) -> tuple[str, ...]:
+    """Say which p4 was taken where none was given."""
+    gain = told.get("p4", math.nan)
+    if isinstance(gain, float) and math.isnan(gain):
+        return (f"p4 was not given: {estimate.parameters.p4:.4g} has the best FIT.",)
+    return ()
 
 
 def _of_draws(draws: ParameterDraws) -> str:

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from butterfly.api.tabulated import Tabulated
+from butterfly.identify.judgement.verdict import Standing
 from butterfly.identify.predict import FitSummary
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
 from butterfly.report.page import Section
 from butterfly.report.prediction import band_figures, share_figure
+from butterfly.report.words import sentences, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.api.drawn import Drawn
-    from butterfly.api.identified import Identified
+    from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.prediction import Prediction
     from butterfly.report.page import Page
 
@@ -54,7 +56,7 @@ class Predicted(Tabulated):
         name: str,
         predictions: Sequence[Prediction],
         said: Sequence[str],
-        found: Identified,
+        estimate: ParameterEstimate,
         *,
         drawn: Drawn | None,
         measured: bool,
@@ -69,22 +71,23 @@ class Predicted(Tabulated):
             At least one.
         said
             What else is to be said of them.
-        found
-            The identification that they rest on.
+        estimate
+            That they rest on, judged by them.
         drawn
             The parameters of which the bands were made.
         measured
             Whether somebody recorded these logs.
         """
+        verdict = verdict_on(estimate)
         return cls(
             title=f"{name!r} predicted",
             summary=(
-                found.judged.sentence,
-                *_followed(predictions, measured=measured),
+                verdict.sentence,
+                *_followed(predictions, verdict.standing, measured=measured),
                 *said,
-                *found.verdict[1:],
+                *sentences(estimate)[1:],
             ),
-            judged=found.judged,
+            judged=verdict,
             table=tuple(_row(each, measured=measured) for each in predictions),
             predictions=tuple(predictions),
             drawn=drawn,
@@ -134,16 +137,19 @@ def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
     return row
 
 
-def _followed(predictions: Sequence[Prediction], *, measured: bool) -> list[str]:
+def _followed(
+    predictions: Sequence[Prediction], standing: Standing, *, measured: bool
+) -> list[str]:
     """Say how well the logs are followed, and how many samples lie inside the bands."""
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
-        return [f"{count} that nobody has recorded, simulated with the estimate from rest."]
+        return [f"{count} that nobody has recorded, simulated with these values from rest."]
     fits = np.array([each.run.fit for each in predictions])
     fit = FitSummary.of(fits, predictions[0].run.horizon)
     start = "in segments, each from a start that was fitted to it" if fit.over else ""
+    like = "They move like this robot: " if standing is Standing.GOOD else ""
     said = [
-        f"{count} simulated with the estimate {start or 'from the first sample on'}: median "
+        f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
         f"FIT{fit.over} "
         f"{fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
     ]

@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from butterfly.api.changed import Changed
 from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
+from butterfly.api.separated import Separated
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import root_of
@@ -16,13 +18,13 @@ from butterfly.experiment.data_source import root_of
 if TYPE_CHECKING:
     from os import PathLike
 
-_SAVED = (Identified, Validated, Designed, Compared, Predicted, Drawn)
+_SAVED = (Identified, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 
 
 def load(
     path: str | PathLike[str], *, root: str | PathLike[str] | None = None
-) -> Identified | Validated | Designed | Compared | Predicted | Drawn:
+) -> Identified | Validated | Designed | Compared | Predicted | Drawn | Separated | Changed:
     """Read a result that was saved.
 
     Parameters

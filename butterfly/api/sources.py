@@ -15,7 +15,7 @@ from butterfly.identify.data import DataSet
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.pieces import WHOLE, Cut
-from butterfly.model.known import Knowledge
+from butterfly.model.known import Knowledge, known_of
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def read(
     intersample: str | None = None,
     columns: Mapping[str, str] | None = None,
     known: Mapping[str, Any] | None = None,
+    zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
     piece: tuple[float | None, float | None] | None = None,
     restarts: bool | None = None,
     name: str = "logs",
@@ -61,6 +62,9 @@ def read(
         What is known of the robot besides what manifests say: parameters of the model (``p4``,
         ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
         pair of a value and its standard uncertainty.
+    zero
+        What the encoder reads in rad where the hand hangs, in place of what manifests and logs
+        tell: a number, or a pair of a value and its standard uncertainty.
     piece
         First and last instant in s, by its own clock, of what is meant of a single log; None for
         its ends.
@@ -84,7 +88,8 @@ def read(
         "columns": columns,
         "cut": None if cut == WHOLE else cut,
     }
-    return _read(source, about, name).knowing(Knowledge.told(known or {}, "read"))
+    data = _read(source, about, name).knowing(Knowledge.told(known or {}, "read"))
+    return data if zero is None else data.with_zero(known_of(zero, "read", "zero"))
 
 
 def _read(source: Data, about: Mapping[str, Any], name: str) -> DataSet:
@@ -119,15 +124,18 @@ def _together(sources: Sequence[Any], name: str, about: Mapping[str, Any]) -> Da
         for each in sources
     ]
     logs: list[Log] = []
+    held: list[Log] = []
     repairs = DEFAULT_REPAIRS
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)
             continue
         logs.extend(part.recorded)
+        held.extend(() if part.held is None else part.held.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
-    return DataSet.of(logs, name=name, repairs=repairs)
+    data = DataSet.of([*logs, *held], name=name, repairs=repairs)
+    return data.holding(range(len(logs), len(data.logs)))
 
 
 def _is_read(source: object) -> bool:

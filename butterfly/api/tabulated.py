@@ -10,11 +10,12 @@ from plotly.graph_objects import Bar, Figure, Scatter
 
 from butterfly import __version__
 from butterfly.api.result import Result, text, texts
+from butterfly.identify.identification import held_out_fits
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.report.figures import PALETTE
 from butterfly.report.three_way import three_way_page
 from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import verdict_on
+from butterfly.report.words import held_out_sentences, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -99,12 +100,14 @@ class Validated(Tabulated):
         within = FitSummary.of(seen, predictor.horizon(whole))
         without, judged = held.summary, verdict_on(whole)
         return cls(
-            title=f"{label} of {data.name!r}, one {held.split} left out at a time",
+            title=f"{label} of {data.name!r}, {held.division.left_out} at a time",
             summary=(
                 judged.sentence,
-                f"Logs that were left out are followed with a median FIT{without.over} of "
+                held.division.said,
+                f"What was left out is followed with a median FIT{without.over} of "
                 f"{without.median:.1f} % (mean {without.mean:.1f} %, worst {without.worst:.1f} %); "
                 f"those that were seen, {within.median:.1f} %.",
+                *held_out_sentences(held_out_fits(data, whole)),
             ),
             table=rows,
             judged=judged,

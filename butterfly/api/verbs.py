@@ -24,7 +24,8 @@ from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.identification import identify as identify_data
 from butterfly.identify.identification import judged
 from butterfly.identify.judgement.misfit import judge_misfit
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.splits import Split
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
@@ -43,6 +44,7 @@ def identify(
     method: Method = DEFAULT_METHOD,
     *,
     against: Mapping[str, Identified | LumpedParameters | Mapping[str, float]] | None = None,
+    holdout: Sequence[str] = (),
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Identified:
     """Identify the robot that made the logs.
@@ -56,6 +58,8 @@ def identify(
         estimator, or ``auto``: harmonic balance where all logs are sines, else output error.
     against
         Other parameters to simulate the logs with, by name; without p4 the best one is used.
+    holdout
+        Names or glob patterns of logs that are not used for the fit, only foretold by it.
     options
         Of the method, as `butterfly identify --help` names them: ``terms=("drag",)``, ...
 
@@ -66,7 +70,7 @@ def identify(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
-    logs = read(data)
+    logs = read(data).holding_out(holdout)
     estimator = make_estimator(method, options).suited(logs)
     if not isinstance(against, Mapping | None):
         raise InputError("identify", "against", against, "parameters by a name for them")
@@ -104,7 +108,9 @@ def validate(
     data: Data,
     method: Method = DEFAULT_METHOD,
     *,
-    split: str = Split.MASS,
+    split: str = Split.AUTO,
+    folds: int | None = None,
+    holdout: Sequence[str] = (),
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Validated:
     """Predict logs that an estimator has not seen, and compare with those it has.
@@ -114,7 +120,12 @@ def validate(
     data, method, options
         As `identify` takes them.
     split
-        What is left out together: ``mass`` or ``frequency``.
+        What is left out together: ``mass``, ``frequency``, ``log``, ``time``, or ``auto``: the
+        first of these that suits the logs.
+    folds
+        How many parts, of frequency, log and time.
+    holdout
+        Names or glob patterns of logs that are neither used nor left out, only foretold at the end.
 
     Raises
     ------
@@ -123,10 +134,10 @@ def validate(
     IdentifiabilityError
         If nothing can be left out, or a part cannot determine the parameters.
     """
-    logs = read(data)
+    logs = read(data).holding_out(holdout)
     estimator = make_estimator(method, options).suited(logs)
     quick = estimator.unchecked()
-    held = hold_out(logs, quick, choice(Split, "validate", "split", split))
+    held = hold_out(logs, quick, choice(Split, "validate", "split", split), folds=folds)
     return Validated.of(logs, estimator.label, held, judged(logs, quick))
 
 

@@ -51,12 +51,12 @@ COMMANDS = {
     "predict": Command(
         "predict_commands",
         "predict_command",
-        "Predict logs, or an experiment that nobody has done, with an identification.",
+        "Predict logs, or an experiment that nobody has done, with given parameters.",
     ),
     "select": Command(
         "judge_commands",
         "select_command",
-        "Choose friction terms by how well they predict added masses that were left out.",
+        "Choose friction terms by how well they predict logs that were left out.",
     ),
     "residual": Command(
         "judge_commands",
@@ -76,7 +76,7 @@ COMMANDS = {
     "leaderboard": Command(
         "compare_commands",
         "leaderboard_command",
-        "Rank estimators by how well they predict added masses that they have not seen.",
+        "Rank estimators by how well they predict what they have not seen.",
     ),
     "calibrate-orbit": Command(
         "orbit_commands",
@@ -134,7 +134,7 @@ RESULTS_COMMANDS = {
     "compare": Command(
         "results_commands",
         "compare_command",
-        "Compare two runs: what they set, and what they found.",
+        "Tell whether a robot has changed between two identifications, or compare two runs.",
     ),
     "clean": Command(
         "results_commands",

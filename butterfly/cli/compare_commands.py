@@ -15,6 +15,7 @@ from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import (
     DATA,
+    SPLITS,
     DataArgument,
     FiguresOption,
     MassOption,
@@ -28,6 +29,7 @@ from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import judged
 from butterfly.identify.judgement.misfit import judge_misfit
+from butterfly.identify.judgement.splits import Split
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.page import Page, write_page
@@ -75,11 +77,12 @@ def leaderboard_command(
     methods: Annotated[
         str, typer.Option(help="Estimators, separated by commas.")
     ] = "harmonic-balance, weak-form, output-error, linear, thesis",
+    split: Annotated[Split, typer.Option(help=SPLITS)] = Split.AUTO,
     report: ReportOption = None,
     figures: FiguresOption = False,
     options: DataOptions,
 ) -> None:
-    """Rank estimators by how well they predict added masses that they have not seen.
+    """Rank estimators by how well they predict what they have not seen.
 
     Example: `butterfly leaderboard results/quickstart real-logs --root LOGS`
     """
@@ -89,7 +92,9 @@ def leaderboard_command(
         if name not in ESTIMATORS:
             raise InputError("butterfly leaderboard", "--methods", name, nearest(name, ESTIMATORS))
     sets = [_own_root(options, path).read(path) for path in data]
-    entries = leaderboard(sets, [ESTIMATORS[name]() for name in names], track=show_progress)
+    entries = leaderboard(
+        sets, [ESTIMATORS[name]() for name in names], split=split, track=show_progress
+    )
     _show(leaderboard_page(entries), report, figures)
 
 

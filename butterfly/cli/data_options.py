@@ -16,12 +16,13 @@ from butterfly.cli.options import (
     RestartsOption,
     RootOption,
     ToOption,
+    ZeroOption,
     parse_pairs,
 )
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.pieces import WHOLE, Cut
-from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.known import NOTHING, Knowledge, Known, known_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.logs.manifest import Manifest
+
+_BESIDES = {"known", "zero", "cut"}  # said after a manifest is found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,14 +44,16 @@ class DataOptions:
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     columns: Mapping[str, str] | None = None
     known: Knowledge = NOTHING
+    zero: Known | None = None
     cut: Cut = WHOLE
 
     def manifest(self, source: Path) -> Manifest:
         """Describe the data that a user named."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
-        about = {n: value for n, value in vars(self).items() if n not in {"known", "cut"}}
-        return self.cut.of(manifest_of(source, **about).knowing(self.known))
+        about = {name: value for name, value in vars(self).items() if name not in _BESIDES}
+        manifest = manifest_of(source, **about).knowing(self.known).with_zero(self.zero)
+        return self.cut.of(manifest)
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -67,16 +72,18 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("intersample", IntersampleOption, silent.intersample),
         option("columns", ColumnsOption, silent.columns),
         option("known", KnownOption, None),
+        option("zero", ZeroOption, None),
         option("begin", FromOption, None),
         option("end", ToOption, None),
         option("restarts", RestartsOption, False),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
-        columns, known = told.pop("columns"), told.pop("known")
+        columns, known, zero = (told.pop(name) for name in ("columns", "known", "zero"))
         pairs = None if columns is None else parse_pairs(columns, "--columns")
         facts = NOTHING if known is None else Knowledge.told(parse_pairs(known, "--known"), "data")
+        reading = None if zero is None else known_of(zero, "data", "--zero")
         cut = Cut(**{name: told.pop(name) for name in ("begin", "end", "restarts")})
-        return DataOptions(columns=pairs, known=facts, cut=cut, **told)
+        return DataOptions(columns=pairs, known=facts, zero=reading, cut=cut, **told)
 
     return with_options(command, "options", declared, make)

@@ -7,14 +7,16 @@ from typing import Annotated
 
 import typer
 
-from butterfly.cli.console import show_pairs, show_progress
+from butterfly.cli.console import show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import (
     DataArgument,
     FiguresOption,
+    HoldoutOption,
     ReportOption,
+    parse_names,
     parse_pairs,
     require_report,
 )
@@ -22,7 +24,6 @@ from butterfly.cli.show_identification import show_identification
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify
 from butterfly.identify.other_parameters import told_parameters
-from butterfly.identify.physical import INSEPARABLE, PendulumEstimate, physical_hand
 
 
 @takes_data_options
@@ -41,14 +42,7 @@ def identify_command(
             show_default=False,
         ),
     ] = None,
-    hand_mass: Annotated[
-        float | None,
-        typer.Option(
-            help="Mass of the hand in kg, if it was weighed: separates its inertia and centre of "
-            "mass (83).",
-            show_default=False,
-        ),
-    ] = None,
+    holdout: HoldoutOption = None,
     save: Annotated[
         Path | None,
         typer.Option(
@@ -74,19 +68,10 @@ def identify_command(
     others = {
         text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
     }
-    logs = options.read(data)
+    logs = options.read(data).holding_out(parse_names(holdout))
     chosen = estimator.suited(logs)
     result = identify(logs, chosen, against=others, track=show_progress)
     show_identification(result)
-    if hand_mass is not None:
-        hand = physical_hand(PendulumEstimate.of(result.estimate), hand_mass)
-        show_pairs(
-            [
-                ("centre of mass", f"{hand.com_distance:.4g} ± {hand.com_distance_error:.2g} m"),
-                ("inertia about it", f"{hand.inertia:.4g} ± {hand.inertia_error:.2g} kg m²"),
-            ]
-        )
-        typer.echo(INSEPARABLE)
     if report is not None:
         from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import
 

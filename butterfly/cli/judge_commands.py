@@ -12,19 +12,27 @@ from butterfly.cli.console import CONSOLE, new_table, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
-from butterfly.cli.options import DataArgument, PlotOption, parse_terms
+from butterfly.cli.options import (
+    SPLITS,
+    DataArgument,
+    HoldoutOption,
+    PlotOption,
+    parse_names,
+    parse_terms,
+)
 from butterfly.errors import InputError
 from butterfly.identify.estimators import Estimator
-from butterfly.identify.identification import judged
+from butterfly.identify.identification import held_out_fits, judged
 from butterfly.identify.judgement.bootstrap import bootstrap
 from butterfly.identify.judgement.left_over import LeftOver
 from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.identify.judgement.residual_torque import residual_torques
+from butterfly.identify.judgement.splits import Split
 from butterfly.identify.judgement.term_selection import select_terms
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
-from butterfly.report.words import verdict_on
+from butterfly.report.words import held_out_sentences, verdict_on
 
 
 @takes_data_options
@@ -33,9 +41,14 @@ def validate_command(
     *,
     data: DataArgument,
     estimator: Estimator,
-    split: Annotated[
-        Split, typer.Option(help="What is left out together: one added mass, or some frequencies.")
-    ] = Split.MASS,
+    split: Annotated[Split, typer.Option(help=SPLITS)] = Split.AUTO,
+    folds: Annotated[
+        int | None,
+        typer.Option(
+            min=2, help="Parts, of frequency, log and time.", show_default="5, or as many as can be"
+        ),
+    ] = None,
+    holdout: HoldoutOption = None,
     repetitions: Annotated[
         int,
         typer.Option(
@@ -48,18 +61,25 @@ def validate_command(
 
     Example: `butterfly validate results/quickstart --method output-error`
     """
-    logs = options.read(data)
+    logs = options.read(data).holding_out(parse_names(holdout))
     quick = estimator.suited(logs).unchecked()
     whole = judged(logs, quick)
     typer.echo(verdict_on(whole).sentence)
-    held = hold_out(logs, quick, split, track=show_progress)
+    held = hold_out(logs, quick, split, folds=folds, track=show_progress)
+    typer.echo(held.division.said)
     predictor = Predictor(logs)
     seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
+    unused = held_out_fits(logs, whole)
     table = new_table(f"{logs.name}: FIT in %{seen.over}", "", "median", "mean", "worst")
-    for name, fit in (("in sample", seen), (f"one {split} left out", held.summary)):
+    for name, fit in (("in sample", seen), (held.division.left_out, held.summary)):
         table.add_row(name, *_fit(fit))
+    if unused:
+        table.add_row("held out by name", *_fit(FitSummary.of(np.array(list(unused.values())))))
     CONSOLE.print(table)
-    typer.echo(f"{int(np.sum(held.fits > 90))} of {held.fits.size} logs left out are above 90 %.")  # noqa: PLR2004
+    for sentence in held_out_sentences(unused):
+        typer.echo(sentence)
+    counted = held.fits[~np.isnan(held.fits)]
+    typer.echo(f"{int(np.sum(counted > 90))} of {counted.size} logs left out are above 90 %.")  # noqa: PLR2004
     for name, found in held.estimates.items():
         values = ", ".join(
             f"{key} {value:.4g}" for key, value in zip(found.names, found.values, strict=True)
@@ -86,7 +106,7 @@ def select_command(
     ] = "drag,load,bias,p3_offset,stribeck",
     options: DataOptions,
 ) -> None:
-    """Choose friction terms by how well they predict added masses that were left out.
+    """Choose friction terms by how well they predict what was left out: added masses, or logs.
 
     Terms are added one by one, the most helpful first, until none helps. With output-error and
     forty logs this takes minutes. The verdict is on the estimate with the terms chosen.
@@ -96,10 +116,11 @@ def select_command(
     passed = select_terms(logs, quick, terms, track=show_progress)
     found = judged(logs, quick.with_terms(passed[-1].terms))
     typer.echo(verdict_on(found).sentence)
-    headers = [f"{kind} {what}" for kind in ("in sample", *Split) for what in ("median", "mean")]
+    splits = tuple(passed[0].held_out)
+    headers = [f"{kind} {what}" for kind in ("in sample", *splits) for what in ("median", "mean")]
     table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
     for structure in passed:
-        fits = [structure.in_sample, *(structure.held_out[split] for split in Split)]
+        fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
         cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
         table.add_row(", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells)
     CONSOLE.print(table)

@@ -73,6 +73,7 @@ def inspect_command(
     is_log = data.suffix.lower() in FORMATS
     typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(entry))
     show_pairs(health_rows(log, health))
+    _say_zeros([log], manifest)
     if plot is not None:
         write_inspection(log, health, plot)
         typer.echo(f"Plot: {plot}")
@@ -104,22 +105,31 @@ def _examined(manifest: Manifest, entry: LogEntry) -> tuple[Log, Health]:
     return examine(log, manifest.repair)
 
 
+def _say_zeros(logs: list[Log], manifest: Manifest) -> None:
+    from butterfly.report.zeros import zeros_said  # noqa: PLC0415 - slow to import
+
+    for said in zeros_said(logs, manifest.knowledge):
+        typer.echo(said)
+
+
 def _show_all(data: Path, manifest: Manifest) -> None:
     """Print a line for each log; one that cannot be used says why, and is bad input in the end."""
     table = new_table(str(data), "log", "samples", "duration in s", "interval in ms")
     table.add_column("findings", overflow="fold")
-    refused = 0
+    refused, logs = 0, []
     for entry in manifest.logs:
         try:
-            _, health = _examined(manifest, entry)
+            log, health = _examined(manifest, entry)
         except InputError as error:
             refused += 1
             why = f"{error.field}: got {error.value}; expected {error.expected}"
             table.add_row(piece_name(entry), "–", "–", "–", why)
             continue
+        logs.append(log)
         findings = "; ".join(health.findings) or "none"
         numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
         table.add_row(piece_name(entry), *numbers, findings)
     CONSOLE.print(table)
+    _say_zeros(logs, manifest)
     if refused:
         raise InputError(data, "logs", f"{refused} that cannot be used", "logs without such faults")

@@ -71,6 +71,14 @@ RestartsOption = Annotated[
         help="Take files whose clock falls back for several recordings, each a log.",
     ),
 ]
+ZeroOption = Annotated[
+    str | None,
+    typer.Option(
+        help="What the encoder reads in rad where the hand hangs, in place of what a manifest says "
+        "or the logs tell: 0.1, or 0.1+-0.01 with a standard uncertainty.",
+        show_default=False,
+    ),
+]
 
 ReportOption = Annotated[
     Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
@@ -96,6 +104,23 @@ MassOption = Annotated[
 ]
 
 
+HoldoutOption = Annotated[
+    str | None,
+    typer.Option(
+        "--holdout",
+        help="Logs that are not used for the fit, only foretold by it: names or glob patterns, by "
+        "commas.",
+        show_default=False,
+    ),
+]
+
+SPLITS = (
+    "What is left out together: one added mass; some of the sines' frequencies; some logs; a "
+    "stretch of time of every log; or the first of these that suits the logs."
+)
+"""What `butterfly.identify.judgement.splits.Split` offers."""
+
+
 def require_report(figures: bool, report: Path | None) -> None:
     """Raise InputError where figures are asked for without the report that they belong to."""
     if figures and report is None:
@@ -114,6 +139,11 @@ def parse_pairs(text: str, option: str) -> dict[str, str]:
     if not all(separator for _, separator, _ in pairs):
         raise InputError(option, "value", text, "NAME=VALUE, separated by commas")
     return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def parse_names(text: str | None) -> tuple[str, ...]:
+    """Split names separated by commas; None gives none."""
+    return tuple(filter(None, map(str.strip, (text or "").split(","))))
 
 
 def parse_terms(text: str | None) -> tuple[str, ...] | None:

@@ -12,7 +12,8 @@ from butterfly.api.looking_ahead import predict
 from butterfly.cli.console import show_page, show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
-from butterfly.cli.options import DATA, FiguresOption, ReportOption, require_report
+from butterfly.cli.options import DATA, FiguresOption, ReportOption, parse_pairs, require_report
+from butterfly.errors import InputError
 from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.reading import read_experiment
 from butterfly.identify.draws import COUNT, LEAST
@@ -30,10 +31,13 @@ def predict_command(
             "which the inputs count."
         ),
     ],
-    result: Annotated[
-        Path,
+    given: Annotated[
+        str,
         typer.Option(
-            "--with", help="An identification that was saved: `butterfly identify --save FILE`."
+            "--with",
+            help="An identification that was saved (`butterfly identify --save FILE`); or "
+            "parameters, p1=…,p3=… and whatever else is not 0 (p2, p4, coulomb, delay, …); without "
+            "p4 the best one is taken, without zero=… the encoder's is read off the logs.",
         ),
     ],
     bands: Annotated[
@@ -51,25 +55,31 @@ def predict_command(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Fixes everything random.")] = 0,
+    numbers: Annotated[
+        Path | None,
+        typer.Option("--json", help="Write the result to this file.", show_default=False),
+    ] = None,
     report: ReportOption = None,
     figures: FiguresOption = False,
     options: DataOptions,
 ) -> None:
-    """Predict logs, or an experiment that nobody has done, with an identification.
+    """Predict logs, or an experiment that nobody has done, with given parameters.
 
-    Simulates each log from its first sample and its input alone. With --bands it says of each
+    Identifies nothing: simulates each log from its first sample and its input alone, and says
+    whether these parameters move like this robot. With --bands it says of each
     instant where the angle is with 95 %: of the model, with whatever parameters the estimate
     leaves open; and of a new log, with what the model misses besides, as seen on the logs that the
     estimate was made from.
 
-    Example: `butterfly predict quickstart --with result.json --bands --report prediction.html`
+    Examples: `butterfly predict quickstart --with result.json --bands --report prediction.html`,
+    `butterfly predict results/quickstart --with p1=0.0033,p2=0.0014,p3=0.05`
     """
     require_report(figures, report)
-    named = locate(data)
+    named, result = locate(data), _result(given)
     found = predict(
         options.read(data) if is_data(named) else read_experiment(named),
         result,
-        bands=bands or report is not None,
+        bands=bands or (report is not None and isinstance(result, Path)),
         draws=draws,
         seed=seed,
         track=show_progress,
@@ -77,10 +87,22 @@ def predict_command(
     page = found.page()
     show_page(page)
     if out is not None:
+        if not isinstance(result, Path):
+            raise InputError("butterfly predict", "--out", out, "an identification to draw from")
         drawn = found.drawn or parameters_of(result, draws, seed, track=show_progress)
         drawn.write_csv(out)
         typer.echo(f"Draws: {out}")
+    if numbers is not None:
+        found.save(numbers)
+        typer.echo(f"Numbers: {numbers}")
     if report is not None:
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
     end_with(found.standing)
+
+
+def _result(given: str) -> Path | dict[str, str]:
+    """Return the file of an identification, or parameters."""
+    if "=" in given and not Path(given).exists():
+        return parse_pairs(given, "--with")
+    return Path(given)

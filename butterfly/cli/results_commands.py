@@ -12,7 +12,7 @@ import typer
 from pyarrow import csv, parquet
 
 from butterfly.cli.console import CONSOLE, new_table, show_pairs
-from butterfly.cli.options import parse_pairs
+from butterfly.cli.options import ReportOption, parse_pairs
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
 from butterfly.experiment.record import OK
@@ -133,15 +133,44 @@ def export_command(
 
 
 def compare_command(
-    folder: FolderArgument,
-    one: Annotated[str, typer.Argument(help="A run: its number, or the start of its key.")],
-    other: Annotated[str, typer.Argument(help="Another one.")],
+    folder: Annotated[
+        Path, typer.Argument(help="A saved identification; or a sweep's results, as results/NAME.")
+    ],
+    one: Annotated[
+        str,
+        typer.Argument(
+            help="A later identification; or a run of the sweep: its number, or the start of its "
+            "key."
+        ),
+    ],
+    other: Annotated[
+        str | None, typer.Argument(help="Another run of the sweep.", show_default=False)
+    ] = None,
     against: Annotated[
         Path | None,
         typer.Option(help="Results that hold the other run, if not the same ones."),
     ] = None,
+    *,
+    numbers: Annotated[
+        Path | None,
+        typer.Option(
+            "--json", help="Write what is said of identifications here.", show_default=False
+        ),
+    ] = None,
+    report: ReportOption = None,
 ) -> None:
-    """Compare two runs: what they set, and what they found."""
+    """Tell whether a robot has changed between two identifications, or compare two runs.
+
+    Of two that were saved (`butterfly identify --save FILE`) each parameter is tested for a change,
+    and all of them together: at most one comparison in twenty of a robot that has not changed says
+    that it has. Of two runs of a sweep: what they set, and what they found.
+
+    Examples: `butterfly results compare spring.json autumn.json`,
+    `butterfly results compare results/large-sweep 0 1`
+    """
+    if other is None:
+        _compare_identifications(folder, Path(one), numbers, report)
+        return
     first = _record(ResultStore(folder), one)
     second = _record(ResultStore(against or folder), other)
     table = new_table("What was set", "", one, other)
@@ -166,6 +195,33 @@ def compare_command(
             if twin is not None:
                 table.add_row(row.parameter, *_difference(row, twin))
         CONSOLE.print(table)
+
+
+def _compare_identifications(
+    before: Path, after: Path, numbers: Path | None, report: Path | None
+) -> None:
+    """Print whether a robot has changed, first in words."""
+    from butterfly.api.changed import changed  # noqa: PLC0415 - slow to import
+
+    for path, which in ((before, "FOLDER"), (after, "ONE")):
+        if path.is_dir() or not path.suffix:
+            expected = "a saved identification (.json); or a sweep's results and two of its runs"
+            raise InputError("butterfly results compare", which, path, expected)
+    found = changed(before, after)
+    typer.echo(found.summary[0])
+    rows = found.shown_rows()
+    table = new_table(found.title, *rows[0])
+    for row in rows:
+        table.add_row(*row.values())
+    CONSOLE.print(table)
+    for sentence in found.summary[1:]:
+        typer.echo(sentence)
+    if numbers is not None:
+        found.save(numbers)
+        typer.echo(f"Numbers: {numbers}")
+    if report is not None:
+        found.report(report)
+        typer.echo(f"Report: {report}")
 
 
 def clean_command(

@@ -8,8 +8,9 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from butterfly.cli.console import CONSOLE
+from butterfly.cli.console import CONSOLE, new_table
 from butterfly.report.parameter_rows import parameter_rows, rows_of
+from butterfly.report.physical import HEADERS, TITLE, physical_rows, physical_sentences
 from butterfly.report.words import sentences_of, summary
 
 if TYPE_CHECKING:
@@ -28,10 +29,18 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
     verdict, *others = summary(result)
     typer.echo(verdict)
     _show_parameters(title, parameter_rows(result, truth), with_truth=truth is not None)
+    if result.data.known.physical:
+        table = new_table(TITLE, *HEADERS)
+        for row in physical_rows(result.physical):
+            table.add_row(*row)
+        CONSOLE.print(table)
     for mass, omega in result.estimate.resonances.items():
         typer.echo(f"Resonance by (100) with {mass}: {omega:.4f} rad/s")
     for sentence in others:
         typer.echo(sentence)
+    if result.data.known.physical:
+        for sentence in physical_sentences(result.physical):
+            typer.echo(sentence)
     if result.comparisons:
         CONSOLE.print(_comparison_table(result))
 
@@ -78,6 +87,12 @@ def show_estimates(record: RunRecord) -> None:
     for estimate in record.estimates:
         if estimate.error:
             typer.echo(f"{estimate.estimator}: {estimate.error}")
+        if estimate.holdout is not None:
+            held = estimate.holdout
+            typer.echo(
+                f"{estimate.estimator}: held out, not used for the fit: median FIT "
+                f"{held.median:.1f} % (worst {held.worst:.1f} %)."
+            )
         if estimate.held_out is not None:
             held = estimate.held_out
             typer.echo(

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from butterfly.errors import ButterflyError
 from butterfly.identify.identification import estimated, judge
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.splits import Split
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.progress import Track, untracked
 
@@ -29,8 +30,9 @@ class Entry:
     data, method
         Their names.
     in_sample, held_out
-        FIT of the logs that the estimator saw, and of logs left out by `Split.MASS`; None if it
-        could not.
+        FIT of the logs that the estimator saw, and of what was left out; None if it could not.
+    left_out
+        What was left out at a time, in words.
     estimate
         From all logs, judged; None if the estimator refused them.
     seconds
@@ -43,15 +45,20 @@ class Entry:
     method: str
     in_sample: FitSummary | None
     held_out: FitSummary | None
+    left_out: str
     estimate: ParameterEstimate | None
     seconds: float
     error: str
 
 
 def leaderboard(
-    sets: Sequence[DataSet], estimators: Sequence[Estimator], *, track: Track = untracked
+    sets: Sequence[DataSet],
+    estimators: Sequence[Estimator],
+    *,
+    split: Split = Split.AUTO,
+    track: Track = untracked,
 ) -> list[Entry]:
-    """Try every estimator on every data set; the best first, by median FIT of left-out masses.
+    """Try every estimator on every data set; the best first, by median FIT of what is left out.
 
     Parameters
     ----------
@@ -59,11 +66,15 @@ def leaderboard(
         The data sets.
     estimators
         Told what they are to be told.
+    split
+        What is left out together (see `butterfly.identify.judgement.splits.divide`).
     track
         Shows progress.
     """
     pairs = [(data, estimator) for data in sets for estimator in estimators]
-    entries = [_entry(data, estimator) for data, estimator in track(pairs, "Comparing estimators")]
+    entries = [
+        _entry(data, estimator, split) for data, estimator in track(pairs, "Comparing estimators")
+    ]
     order = [data.name for data in sets]
     return sorted(entries, key=lambda each: (order.index(each.data), -_score(each)))
 
@@ -74,7 +85,7 @@ def _score(entry: Entry) -> float:
     return -1e3 + (entry.in_sample.median if entry.in_sample is not None else -1e3)
 
 
-def _entry(data: DataSet, estimator: Estimator) -> Entry:
+def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
     estimator = estimator.suited(data)
     begun = time.perf_counter()
     found, seen, held, error = None, None, None, ""
@@ -87,7 +98,7 @@ def _entry(data: DataSet, estimator: Estimator) -> Entry:
         fits = predictor.fits(found)
         found = judge(data, estimator, found, fits)
         seen = FitSummary.of(fits, found.horizon)
-        held = hold_out(data, estimator.unchecked(), Split.MASS)
+        held = hold_out(data, estimator.unchecked(), split)
     except ButterflyError as problem:
         error = str(problem)
     return Entry(
@@ -95,6 +106,7 @@ def _entry(data: DataSet, estimator: Estimator) -> Entry:
         method=estimator.label,
         in_sample=seen,
         held_out=None if held is None else held.summary,
+        left_out="" if held is None else held.division.left_out,
         estimate=found,
         seconds=seconds or time.perf_counter() - begun,
         error=error,

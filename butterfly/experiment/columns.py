@@ -98,6 +98,8 @@ _ESTIMATE: dict[str, Column[Found]] = {
     "fit_worst": _of_fit("fit", "worst"),
     "held_out_median": _of_fit("held_out", "median"),
     "held_out_worst": _of_fit("held_out", "worst"),
+    "holdout_median": _of_fit("holdout", "median"),
+    "holdout_worst": _of_fit("holdout", "worst"),
 }
 
 

@@ -18,7 +18,7 @@ from butterfly.logs.manifest import (
     read_manifest,
 )
 from butterfly.logs.pieces import WHOLE, Cut
-from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
 from butterfly.yaml_input import load_yaml
@@ -40,13 +40,14 @@ def named_data(
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD,
     columns: Mapping[str, str] | None = None,
     known: Knowledge = NOTHING,
+    zero: Known | None = None,
     cut: Cut = WHOLE,
     track: Track = untracked,
 ) -> DataSet:
     """Read the data that a user named (see `manifest_of`), of a robot of which more is known."""
     about = {"arm": arm, "input_kind": input_kind, "intersample": intersample, "columns": columns}
     manifest = manifest_of(source, root=root, **about)  # type: ignore[arg-type]
-    return read_data_set(cut.of(manifest.knowing(known)), track)
+    return read_data_set(cut.of(manifest.knowing(known).with_zero(zero)), track)
 
 
 def manifest_of(

@@ -119,7 +119,9 @@ class EstimateRecord:
     findings
         What to know about it.
     fit, held_out
-        FIT in per cent, of the logs it was fitted to and of those left out.
+        FIT in per cent, of the logs it was fitted to and of what was left out in turns.
+    holdout
+        FIT in per cent of the logs that were named to be held out.
     """
 
     estimator: str
@@ -130,10 +132,16 @@ class EstimateRecord:
     findings: tuple[Finding, ...] = ()
     fit: FitSummary | None = None
     held_out: FitSummary | None = None
+    holdout: FitSummary | None = None
 
     @classmethod
     def of(
-        cls, estimator: str, found: ParameterEstimate, fit: FitSummary, truth: LumpedParameters
+        cls,
+        estimator: str,
+        found: ParameterEstimate,
+        fit: FitSummary,
+        truth: LumpedParameters,
+        holdout: FitSummary | None = None,
     ) -> EstimateRecord:
         """Return the record of an estimate."""
         return cls(
@@ -143,6 +151,7 @@ class EstimateRecord:
             condition=or_none(found.condition),
             findings=found.findings,
             fit=fit,
+            holdout=holdout,
         )
 
     @property

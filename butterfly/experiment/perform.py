@@ -26,6 +26,7 @@ from butterfly.identify.estimators import OutputError
 from butterfly.identify.identification import Identification, identify
 from butterfly.identify.judgement.findings import Ending
 from butterfly.identify.judgement.validation import hold_out
+from butterfly.identify.predict import FitSummary
 from butterfly.model.known import Knowledge
 from butterfly.progress import Track, untracked
 
@@ -167,7 +168,7 @@ class _Run:
                     description=experiment.description,
                     known=Knowledge.told(experiment.known),
                     track=self._track,
-                )
+                ).holding_out(experiment.holdout)
                 for spec in experiment.all_estimators:
                     self._identify(data, spec)
         if experiment.control is not None:
@@ -198,7 +199,9 @@ class _Run:
             return
         found, fit = identification.estimate, identification.summary
         self.identifications[spec.label] = identification
-        record = EstimateRecord.of(spec.label, found, fit, self._truth)
+        held = np.array([run.fit for run in identification.held_runs])
+        holdout = FitSummary.of(held) if held.size else None
+        record = EstimateRecord.of(spec.label, found, fit, self._truth, holdout)
         self.estimates.append(self._validated(record, data, spec))
 
     def _threaded(self, spec: Estimator) -> Estimator:
@@ -214,7 +217,11 @@ class _Run:
             return record
         try:
             held = hold_out(
-                data, self._threaded(spec).unchecked(), validation.split, track=self._track
+                data,
+                self._threaded(spec).unchecked(),
+                validation.split,
+                folds=validation.folds,
+                track=self._track,
             )
         except ButterflyError as error:
             return replace(record, error=f"nothing could be left out: {error}")

@@ -21,7 +21,7 @@ from butterfly.experiment.methods import DEFAULT_OF_EXPERIMENTS, ESTIMATORS
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
-from butterfly.identify.judgement.validation import Split
+from butterfly.identify.judgement.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Told
 from butterfly.model.friction import Friction
@@ -153,9 +153,18 @@ class SignalSpec(OneOf):
 
 
 class ValidationSpec(StrictModel):
-    """What is left out, to be predicted by what is kept."""
+    """What is left out, to be predicted by what is kept.
 
-    split: Split = Split.MASS
+    Parameters
+    ----------
+    split
+        What is left out together (see `butterfly.identify.judgement.splits.divide`).
+    folds
+        How many, of frequency, log and time.
+    """
+
+    split: Split = Split.AUTO
+    folds: Annotated[int, Field(ge=2)] | None = None
 
 
 class ReportSpec(StrictModel):
@@ -189,6 +198,8 @@ class Experiment(StrictModel):
         leaderboard`.
     known
         What the estimators are told of the robot, as a data set's manifest tells it.
+    holdout
+        Names or glob patterns of logs that are not used for a fit, only to be foretold by it.
     validation
         Of each run of a sweep, by data left out; none if not given.
     report
@@ -215,6 +226,7 @@ class Experiment(StrictModel):
     terms: tuple[str, ...] | None = None
     estimators: tuple[AnyEstimator, ...] = ()
     known: dict[str, Told] = Field(default_factory=dict)
+    holdout: tuple[str, ...] = ()
     validation: ValidationSpec | None = None
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None

@@ -103,6 +103,7 @@ def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:
         input=experiment.input_kind,
         intersample=Intersample.ZERO_ORDER_HOLD,
         arm=next((entry.arm for entry in entries if entry.arm), None),
+        holdout=list(experiment.holdout),
         known=experiment.known,
         logs=entries,
     )

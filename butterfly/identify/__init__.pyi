@@ -5,7 +5,7 @@ from .design import next_experiments as next_experiments
 from .estimate import ParameterEstimate as ParameterEstimate
 from .identification import Identification as Identification
 from .identification import identify as identify
-from .physical import physical_hand as physical_hand
+from .physical import physical_parameters as physical_parameters
 from .predict import FitSummary as FitSummary
 from .predict import FreeRun as FreeRun
 from .predict import Predictor as Predictor

@@ -10,10 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identify.implied import implied
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
+from butterfly.identify.judgement.term_choice import weightless
+from butterfly.identify.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
-from butterfly.logs.log import with_unique_names
+from butterfly.logs.log import numbers_named, with_unique_names
+from butterfly.logs.manifest import Manifest
 from butterfly.logs.pieces import read_logs
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
@@ -41,25 +45,31 @@ class DataSet:
         What it was read by; None if its logs came from no files.
     input_kind
         What its input commands.
+    told
+        What its owner knows of the robot.
     known
-        What is known of the robot.
+        That, and what it implies of the parameters (see `butterfly.identify.implied`).
     recorded
         The logs as they were recorded.
     logs, health
         The logs, repaired, and the record of what was found in each.
     points
         The steady response of each log, None where the input is no sine.
+    held
+        Logs that are not to be used, only to be foretold; None if there are none.
     """
 
     name: str
     description: str
     manifest: Manifest | None = None
     input_kind: InputKind
+    told: Knowledge = NOTHING
     known: Knowledge = NOTHING
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
     points: tuple[ResponsePoint | None, ...]
+    held: DataSet | None = None
 
     @classmethod
     def of(
@@ -94,12 +104,14 @@ class DataSet:
         except InputError as error:
             raise with_slips(error, slips_of_still(recorded)) from None
         logs = [log for log, _ in examined]
+        told = _of_joint(recorded[0]).also(known)
         return cls(
             name=name,
             description=description,
             manifest=manifest,
             input_kind=recorded[0].input_kind,
-            known=_of_joint(recorded[0]).also(known),
+            told=told,
+            known=implied(told, recorded[0].input_kind, recorded[0].added_mass.joint),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -122,30 +134,53 @@ class DataSet:
         return self.logs[0].added_mass.joint
 
     @cached_property
-    def equilibria(self) -> dict[AddedMass, float]:
-        """Encoder reading in rad of the hand at rest, for each added mass.
+    def zeros(self) -> tuple[Zero, ...]:
+        """Encoder reading where the model's angle is 0, for each log, and how it was found."""
+        return zeros_of(self.logs, self.points)
 
-        It is the median of its logs' mean angles; readings that are whole turns apart are the same.
-        A log in which the hand turns round tells where it began, if there is no other.
+    @cached_property
+    def equilibria(self) -> dict[AddedMass, float]:
+        """Encoder reading in rad where the model's angle is 0, for each added mass.
+
+        It is the median of its logs' zeros; what is told of a log itself goes before it (see
+        `zero_of`).
         """
-        turning = [float(np.ptp(log.angle)) > 2 * np.pi for log in self.logs]
-        middles = [
-            float(log.angle[0]) if turns else _middle(log, point)
-            for log, point, turns in zip(self.logs, self.points, turning, strict=True)
-        ]
-        home = middles[turning.index(False)] if False in turning else middles[0]
-        rests: dict[AddedMass, list[float]] = {}
+        found: dict[AddedMass, float] = {}
         for mass in self.masses:
-            own = [k for k, log in enumerate(self.logs) if log.added_mass == mass]
-            told = [k for k in own if not turning[k]] or own
-            rests[mass] = [home + math.remainder(middles[k] - home, 2 * np.pi) for k in told]
-        return {mass: float(np.median(angles)) for mass, angles in rests.items()}
+            pairs = zip(self.logs, self.zeros, strict=True)
+            own = [zero for log, zero in pairs if log.added_mass == mass]
+            others = [zero for zero in own if zero.kind is not ZeroKind.TOLD] or own
+            readings = [near(zero.value, others[0].value) for zero in others]
+            found[mass] = float(np.median(readings))
+        return found
+
+    def zero_of(self, log: Log) -> float:
+        """Return the encoder reading in rad where the model's angle is 0 in one of the logs."""
+        return reading_of(log, self.equilibria)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether gravity pulls at the joint, so that it has a rest angle, as far as is known."""
+        return not weightless(self.masses, self.known)
+
+    @property
+    def unread(self) -> list[AddedMass]:
+        """Added masses with logs whose zero is not known exactly, if there is any to know."""
+        open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.exact}
+        return sorted(open_) if self.hangs else []
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Names of the logs whose zero is a guess, if there is any to know."""
+        pairs = zip(self.logs, self.zeros, strict=True) if self.hangs else ()
+        return tuple(log.name for log, zero in pairs if zero.kind is ZeroKind.GUESS)
 
     @cached_property
     def calm(self) -> list[int]:
-        """Numbers of the logs in which the hand stays away from the upright."""
-        zeros = self.equilibria
-        return [k for k, log in enumerate(self.logs) if not turns_over(log, zeros[log.added_mass])]
+        """Numbers of the logs in which the hand stays away from the upright, if there is one."""
+        if not self.hangs:
+            return list(range(len(self.logs)))
+        return [k for k, log in enumerate(self.logs) if not turns_over(log, self.zero_of(log))]
 
     def __repr__(self) -> str:
         return (
@@ -158,10 +193,75 @@ class DataSet:
         if not known:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
-        return replace(self, known=self.known.also(known), manifest=manifest)
+        told = self.told.also(known)
+        follows = implied(told, self.input_kind, self.logs[0].added_mass.joint)
+        return replace(self, told=told, known=follows, manifest=manifest)
+
+    def with_zero(self, zero: Known) -> DataSet:
+        """Return the data set with what the encoder reads in rad where the hand hangs."""
+        return replace(
+            self,
+            manifest=None if self.manifest is None else self.manifest.with_zero(zero),
+            recorded=tuple(replace(log, zero=zero) for log in self.recorded),
+            logs=tuple(replace(log, zero=zero) for log in self.logs),
+            held=None if self.held is None else self.held.with_zero(zero),
+        )
+
+    @property
+    def whole(self) -> DataSet:
+        """All logs, those that are held out after the others."""
+        if self.held is None:
+            return self
+        both = (self, self.held)
+        return replace(
+            self,
+            manifest=self.whole_manifest,
+            recorded=tuple(log for each in both for log in each.recorded),
+            logs=tuple(log for each in both for log in each.logs),
+            health=tuple(health for each in both for health in each.health),
+            points=tuple(point for each in both for point in each.points),
+            held=None,
+        )
+
+    @property
+    def whole_manifest(self) -> Manifest | None:
+        """The manifest of all logs, which names those that are held out."""
+        held = self.held
+        if self.manifest is None or held is None or held.manifest is None:
+            return self.manifest
+        entries = [*self.manifest.logs, *held.manifest.logs]
+        names = [log.name for log in held.logs]
+        return self.manifest.model_copy(update={"logs": entries, "holdout": names})
+
+    def holding_out(self, names: Sequence[str]) -> DataSet:
+        """Return the data set with some logs, by name or glob pattern, not to be used (`held`).
+
+        Raises
+        ------
+        InputError
+            If there is no such log, or none is left.
+        """
+        return self.holding(numbers_named(self.logs, names, self.name)) if names else self
+
+    def holding(self, rows: Sequence[int]) -> DataSet:
+        """Return the data set with some logs, by their numbers, not to be used (see `held`).
+
+        Raises
+        ------
+        InputError
+            If none is left.
+        """
+        if not rows:
+            return self
+        whole, count = self.whole, len(self.logs)
+        kept = [k for k in range(count) if k not in rows]
+        if not kept:
+            raise InputError(self.name, "holdout", "all logs", "some left to estimate from")
+        held = whole.take([*rows, *range(count, len(whole.logs))])
+        return replace(whole.take(kept), held=held)
 
     def take(self, rows: Sequence[int]) -> DataSet:
-        """Return the data set of some logs, by their numbers."""
+        """Return the data set of some of the logs that are used, by their numbers."""
         return replace(
             self,
             manifest=self._part(rows),
@@ -169,22 +269,19 @@ class DataSet:
             logs=tuple(self.logs[k] for k in rows),
             health=tuple(self.health[k] for k in rows),
             points=tuple(self.points[k] for k in rows),
+            held=None,
         )
 
     def _part(self, rows: Sequence[int]) -> Manifest | None:
         if self.manifest is None:
             return None
         entries = [self.manifest.logs[k] for k in rows]
-        return self.manifest.model_copy(update={"logs": entries})
+        return self.manifest.model_copy(update={"logs": entries, "holdout": []})
 
 
 def _of_joint(log: Log) -> Knowledge:
     """Tell what follows from how a joint moves: across no gravity there is no moment."""
     return NOTHING if log.added_mass.gravity else Knowledge(parameters={"p3": Known(value=0.0)})
-
-
-def _middle(log: Log, point: ResponsePoint | None) -> float:
-    return float(np.mean(log.angle)) if point is None else point.angle.offset
 
 
 def turns_over(log: Log, zero: float) -> bool:
@@ -220,7 +317,7 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         If a log cannot be read or used.
     """
     manifest, recorded = read_logs(manifest, track)
-    return DataSet.of(
+    data = DataSet.of(
         recorded,
         name=manifest.name,
         description=manifest.description,
@@ -229,3 +326,4 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
         repairs=frozenset(manifest.repair),
         track=track,
     )
+    return data.holding_out(manifest.holdout)

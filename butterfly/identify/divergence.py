@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.zeros import reading_of
 from butterfly.signals.resample import uniform_grid
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def horizon_of(
     Infinite where none grows so; else rounded down, so that little depends on the parameters.
     """
     found = min(
-        (_horizon(log, parameters, zeros[log.added_mass]) for log in logs), default=math.inf
+        (_horizon(log, parameters, reading_of(log, zeros)) for log in logs), default=math.inf
     )
     if not math.isfinite(found):
         return math.inf

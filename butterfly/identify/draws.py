@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identify.judgement.intervals import CONFIDENCE
+from butterfly.identify.judgement.intervals import CONFIDENCE, widened
 from butterfly.model.terms import lower_bounds
 
 if TYPE_CHECKING:
@@ -142,13 +142,8 @@ def _honest_covariance(estimate: ParameterEstimate) -> NDArray[np.float64]:
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance to draw parameters from"
         )
-    covariance = estimate.covariance
-    if estimate.left_out:
-        apart = np.array(list(estimate.left_out.values())) - estimate.values
-        covariance = covariance + apart.T @ apart / _REACH**2
-    if estimate.rivals:
-        apart = np.array(estimate.rivals) - estimate.values
-        covariance = covariance + apart.T @ apart / len(estimate.rivals)
+    apart = list(estimate.left_out.values())
+    covariance = widened(estimate.values, estimate.covariance, apart, estimate.rivals)
     widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the narrower one
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0

@@ -74,6 +74,8 @@ class ParameterEstimate:
         asked for, None where it is left to the logs (see `butterfly.identify.divergence`).
     known
         What was known of the robot before; what is known exactly is among ``held``.
+    freedom
+        (n,) degrees of freedom of the standard errors; None where they are not known.
     """
 
     method: str
@@ -94,6 +96,7 @@ class ParameterEstimate:
     rivals: tuple[NDArray[np.float64], ...] = ()
     horizon: float | None = None
     known: Knowledge = NOTHING
+    freedom: NDArray[np.float64] | None = None
 
     @classmethod
     def from_rows(
@@ -111,6 +114,7 @@ class ParameterEstimate:
         horizon: float | None = None,
         blocks: int = 1,
         known: Knowledge = NOTHING,
+        besides: NDArray[np.float64] | None = None,
     ) -> ParameterEstimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
@@ -134,6 +138,8 @@ class ParameterEstimate:
             Clusters of each log.
         known
             What was known of the robot.
+        besides
+            (n, n) covariance of what was taken as given, to be added to that of the equations.
 
         Raises
         ------
@@ -151,6 +157,8 @@ class ParameterEstimate:
         covariance, freedom = cluster_covariance(rows, residuals, solved.prior, considered)
         if solved.bread is not None:
             covariance = robust(covariance, whole.T @ whole, solved.bread)
+        if besides is not None:
+            covariance = covariance + besides
         apart = disagreements(solved.prior, solved.names, solved.values, covariance, whole)
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
@@ -185,6 +193,7 @@ class ParameterEstimate:
             known=known,
             rivals=tuple(rivals),
             horizon=horizon,
+            freedom=freedom[own],
         )
 
     @property
@@ -204,10 +213,12 @@ class ParameterEstimate:
         return np.sqrt(np.diag(self.covariance))
 
     def applied(self, log: Log) -> tuple[LumpedParameters, dict[str, float]]:
-        """Return what holds for one log: parameters, and zero and velocity where estimated."""
+        """Return what holds for one log: parameters, and zero and velocity where known."""
         own: dict[str, float] = {}
         for key in (None, log.added_mass, log.name):
             own |= self.local.get(key, {})
+        if log.zero is not None and log.zero.exact:
+            own["zero"] = log.zero.value
         parameters = self.parameters
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
 

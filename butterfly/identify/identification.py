@@ -12,7 +12,8 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identify.estimators import Estimator, Suitable
-from butterfly.identify.judgement.following import judge_fit
+from butterfly.identify.judgement.contradictions import judge_knowledge
+from butterfly.identify.judgement.following import judge_fit, judge_held_out
 from butterfly.identify.judgement.input_kind import judge_input
 from butterfly.identify.judgement.misfit import Misfit, judge_misfit
 from butterfly.identify.judgement.physics import judge_physics
@@ -23,6 +24,7 @@ from butterfly.identify.judgement.slips.search import (
     find_slips_of_refused,
 )
 from butterfly.identify.other_parameters import OtherParameters, try_parameters
+from butterfly.identify.physical import PhysicalParameters, physical_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor
 from butterfly.progress import Track, untracked
 
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.judgement.findings import Finding
     from butterfly.model.parameters import LumpedParameters
 
 
@@ -50,12 +53,15 @@ class Identification:
         Simulation of each log with the estimate.
     comparisons
         Other parameters on the same logs.
+    held_runs
+        Simulation of each log that was held out.
     """
 
     data: DataSet
     estimate: ParameterEstimate
     free_runs: tuple[FreeRun, ...]
     comparisons: tuple[OtherParameters, ...]
+    held_runs: tuple[FreeRun, ...] = ()
 
     @property
     def fits(self) -> NDArray[np.float64]:
@@ -67,10 +73,23 @@ class Identification:
         """Median, mean and worst FIT."""
         return FitSummary.of(self.fits, self.free_runs[0].horizon)
 
+    @property
+    def held_out(self) -> dict[str, float]:
+        """FIT in per cent of each log that was held out, by its name."""
+        return {run.log.name: run.fit for run in self.held_runs}
+
     @cached_property
     def misfit(self) -> Misfit:
         """What the free runs leave over, and whether the sensors explain it."""
         return judge_misfit(self.data, self.estimate)
+
+    @cached_property
+    def physical(self) -> PhysicalParameters:
+        """What the lumped parameters are made of, as far as it can be told."""
+        data = self.data
+        return physical_parameters(
+            self.estimate, data.known, data.input_kind, data.logs[0].added_mass
+        )
 
 
 def identify(
@@ -105,6 +124,14 @@ def identify(
     return replace(run, estimate=judge(data, estimator, run.estimate, run.fits))
 
 
+def held_out_fits(data: DataSet, estimate: ParameterEstimate) -> dict[str, float]:
+    """Return FIT in per cent of each log that is held out, by its name."""
+    if data.held is None:
+        return {}
+    fits = Predictor(data.held).fits(estimate)
+    return dict(zip((log.name for log in data.held.logs), fits.tolist(), strict=True))
+
+
 def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
     estimator, predictor = estimator.suited(data), Predictor(data)
@@ -136,9 +163,22 @@ def judge(
     told = found.with_findings(
         *judge_physics(found, data.masses),
         *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
+        *_of_held_out(data, found, fits[counted]),
         *judge_input(found, data.input_kind),
+        *judge_knowledge(found, data),
     )
     return told.with_slips(*find_slips(data, estimator, told))
+
+
+def _of_held_out(
+    data: DataSet, found: ParameterEstimate, seen: NDArray[np.float64]
+) -> list[Finding]:
+    """Judge by the logs that were held out, but for those that pass the upright."""
+    if data.held is None:
+        return []
+    counted = data.held.calm or list(range(len(data.held.logs)))
+    fits = Predictor(data.held).fits(found, counted)
+    return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
 
 
 def estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
@@ -173,13 +213,20 @@ def simulated(
     predictor = Predictor(data)
     estimate = predictor.settled(estimate)
     horizon = predictor.horizon(estimate)
-    numbers = track(range(len(data.logs)), "Simulating logs")
     return Identification(
         data=data,
         estimate=estimate,
-        free_runs=tuple(predictor.run(number, estimate) for number in numbers),
+        free_runs=_runs(predictor, estimate, track),
         comparisons=tuple(
             try_parameters(name, parameters, predictor, horizon=horizon, track=track)
             for name, parameters in against.items()
         ),
+        held_runs=() if data.held is None else _runs(Predictor(data.held), estimate),
     )
+
+
+def _runs(
+    predictor: Predictor, estimate: ParameterEstimate, track: Track = untracked
+) -> tuple[FreeRun, ...]:
+    numbers = track(range(len(predictor.data.logs)), "Simulating logs")
+    return tuple(predictor.run(number, estimate) for number in numbers)

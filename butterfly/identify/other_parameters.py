@@ -81,7 +81,8 @@ def try_parameters(
     """
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
-        parameters = replace(parameters, p4=best_gain(parameters, predictor, track=track))
+        gain = best_gain(parameters, predictor, source=name, track=track)
+        parameters = replace(parameters, p4=gain)
     fits = predictor.fits_with(parameters, horizon)
     return OtherParameters(
         name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits, horizon=horizon
@@ -89,7 +90,9 @@ def try_parameters(
 
 
 def told_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:
-    """Read parameters that somebody tells; p4 is NaN if it is not among them.
+    """Read parameters that somebody tells: p1 and p3, and whatever else is not 0.
+
+    p4 is NaN if it is not among them.
 
     Raises
     ------
@@ -97,7 +100,7 @@ def told_parameters(told: Mapping[str, object], source: str) -> LumpedParameters
         Naming ``source`` and the part that is wrong.
     """
     known = LumpedParameters.__dataclass_fields__
-    values = {"p4": math.nan}
+    values = {"p2": 0.0, "p4": math.nan}
     for name, value in told.items():
         if name not in known:
             raise InputError(source, name, "an unknown parameter", nearest(name, known))
@@ -105,7 +108,7 @@ def told_parameters(told: Mapping[str, object], source: str) -> LumpedParameters
             values[name] = float(value)  # type: ignore[arg-type]  # what is none is refused
         except (TypeError, ValueError):
             raise InputError(source, name, value, "a number") from None
-    missing = {"p1", "p2", "p3"} - values.keys()
+    missing = {"p1", "p3"} - values.keys()
     if missing:
         raise InputError(source, min(missing), "nothing", "a value")
     require_number(source, positive=True, unit="kg m²", p1=values["p1"])
@@ -113,9 +116,22 @@ def told_parameters(told: Mapping[str, object], source: str) -> LumpedParameters
 
 
 def best_gain(
-    parameters: LumpedParameters, predictor: Predictor, *, track: Track = untracked
+    parameters: LumpedParameters,
+    predictor: Predictor,
+    *,
+    source: str = "parameters",
+    track: Track = untracked,
 ) -> float:
-    """Return the p4 with the highest median FIT, the others held (see `try_parameters`)."""
+    """Return the p4 with the highest median FIT, the others held (see `try_parameters`).
+
+    Raises
+    ------
+    InputError
+        If no log is a sine, whose gain tells where to look.
+    """
+    if not predictor.data.sines:
+        expected = "a value: no log is a sine, which would tell the best one"
+        raise InputError(source, "p4", "nothing", expected)
     unit = replace(parameters, p4=1.0)
     ratios = [
         abs(

@@ -45,9 +45,8 @@ class Phasors:
     swing
         In rad, at which the describing functions are taken.
     remainder
-        What the motion of the model leaves over in the balance of its fundamentals, as an input in
-        its unit, since it grows with all torques: what describing functions neglect, transients
-        that still ring, stamps that are not regular.
+        Torque in N m that the motion of the model leaves over in the balance of its fundamentals:
+        what describing functions neglect, transients that still ring, stamps that are not regular.
     doubt
         Further variance in rad^2, of logs in which the model does not move like the robot.
     known
@@ -135,13 +134,13 @@ class Phasors:
         matrix, target = model.equations(parameters.delay)
         values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
         left = matrix @ np.array(values) - target
-        remainder = np.where(told, left / (parameters.p4 or np.inf), 0.0)
+        remainder = np.where(told, left, 0.0)
         return replace(self, remainder=remainder, doubt=doubt)
 
     def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
         late = self.input * np.exp(-1j * self.omega * delay)
-        driven = {"p4": -late - self.remainder, "delay": 1j * self.omega * late}
+        driven = {"p4": -late, "delay": 1j * self.omega * late}
         columns = [driven[name] if name in driven else self._columns[name] for name in self.names]
         gain = self.known.exact.get("p4", 0.0)
         return np.column_stack(columns), self._target - gain * driven["p4"]
@@ -186,7 +185,7 @@ class Phasors:
 
     @cached_property
     def _target(self) -> NDArray[np.complex128]:
-        """(n,) torques that the known masses leave to the parameters.
+        """(n,) torques that the known masses and the remainder leave to the parameters.
 
         So do the parameters that are known exactly, but for the motor's.
         """
@@ -196,7 +195,7 @@ class Phasors:
         for name, value in self.known.exact.items():
             if name in self._columns:
                 carried = carried + value * self._columns[name]
-        return np.asarray(-carried)
+        return np.asarray(self.remainder - carried)
 
 
 def _slope(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from butterfly.identify.free_run import Trajectory
     from butterfly.identify.segments import Segments
     from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.model.parameters import LumpedParameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +49,7 @@ class FreeRun:
         """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
         with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
             error = float(np.sum((self.simulated - self.log.angle) ** 2))
-        return _fit(error, _spread(self.log))
+        return fit_of(error, _spread(self.log))
 
     @property
     def rms(self) -> float:
@@ -117,8 +117,8 @@ class Setting:
 class Predictor:
     """Simulates the logs of a data set with any parameters; keeps what does not depend on them.
 
-    The encoder's zero is what an estimate has found for the log; where it found none, the rest
-    angle of the log's added mass (see `DataSet.equilibria`).
+    The encoder's zero is what an estimate has found for the log; where it found none, what the data
+    set tells (see `DataSet.zero_of`).
 
     Parameters
     ----------
@@ -132,16 +132,11 @@ class Predictor:
         self._horizon: float | None = None
         self._spreads = [_spread(log) for log in data.logs]
 
-    @cached_property
-    def equilibria(self) -> dict[AddedMass, float]:
-        """Encoder reading in rad of the hand at rest, per added mass."""
-        return self.data.equilibria
-
     def setting(self, number: int, estimate: ParameterEstimate) -> Setting:
         """Return what an estimate says of one log, by its number."""
         log = self.data.logs[number]
         parameters, own = estimate.applied(log)
-        zero = own["zero"] if "zero" in own else self.equilibria[log.added_mass]
+        zero = own["zero"] if "zero" in own else self.data.zero_of(log)
         return Setting(
             parameters=parameters,
             zero=zero,
@@ -160,7 +155,7 @@ class Predictor:
         if self._horizon is None:
             counted = self.data.calm or range(len(self.data.logs))
             logs = [self.data.logs[k] for k in counted]
-            self._horizon = horizon_of(logs, estimate.parameters, self.equilibria)
+            self._horizon = horizon_of(logs, estimate.parameters, self.data.equilibria)
         return self._horizon
 
     def settled(self, estimate: ParameterEstimate) -> ParameterEstimate:
@@ -190,7 +185,7 @@ class Predictor:
     ) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
         settings = [
-            Setting(parameters=parameters, zero=self.equilibria[log.added_mass], horizon=horizon)
+            Setting(parameters=parameters, zero=self.data.zero_of(log), horizon=horizon)
             for log in self.data.logs
         ]
         return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
@@ -199,7 +194,7 @@ class Predictor:
         """FIT of one log, as that of its free run, without keeping the angles."""
         trajectory = self._trajectory(number, setting)
         error = trajectory.squared_error(setting.parameters, setting.zero, setting.velocity)
-        return _fit(error, self._spreads[number])
+        return fit_of(error, self._spreads[number])
 
     def _trajectory(self, number: int, setting: Setting) -> Trajectory | Segments:
         log, parameters = self.data.logs[number], setting.parameters
@@ -210,8 +205,16 @@ class Predictor:
         return self._trajectories[key]
 
 
-def _fit(squared_error: float, spread: float) -> float:
-    """FIT in per cent; there is none of an angle that stands still, or of one that diverges."""
+def fit_of(squared_error: float, spread: float) -> float:
+    """Return FIT in per cent; none of an angle that stands still, or of one that diverges.
+
+    Parameters
+    ----------
+    squared_error
+        Sum of squares in rad^2 of simulated less measured angles.
+    spread
+        The same of the measured angles about their mean.
+    """
     if not spread or not math.isfinite(squared_error):
         return -math.inf
     return 100 * (1 - math.sqrt(squared_error / spread))

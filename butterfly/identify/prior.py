@@ -10,18 +10,20 @@ information H of the data, the middle B of its sandwich and the prior's precisio
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Hashable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from butterfly.model.known import Known
 
     Samples = NDArray[np.float64]
+
+_Name = TypeVar("_Name", bound="Hashable")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +47,7 @@ class Prior:
 
     @classmethod
     def of(
-        cls, names: Sequence[str], known: Mapping[str, Known], variance: float = 1.0
+        cls, names: Sequence[_Name], known: Mapping[_Name, Known], variance: float = 1.0
     ) -> Prior | None:
         """Return what is known with an uncertainty of values by name; None if it is nothing."""
         own = [known[name] if name in known and not known[name].exact else None for name in names]

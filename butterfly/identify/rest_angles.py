@@ -16,6 +16,8 @@ from scipy.special import j0
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import choose_terms, folds_of
 from butterfly.identify.solved import Solved
+from butterfly.identify.zeros import doubts
+from butterfly.model.known import Known
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
     Samples = NDArray[np.float64]
 
+_EXACT = Known(value=0.0)
 _NAMES = ("zero", "bias")
 _NEGLIGIBLE = 1e-6  # rad
 _SETTLED = 0.1  # of what the middles leave over
@@ -42,6 +45,10 @@ class RestAngles:
         (n,) of the swings, encoder readings in rad.
     masses
         What the hand carried.
+    told
+        (n,) whether the zero is told, so that the middle tells of the bias alone.
+    uncertain
+        (k, n) standard uncertainties in rad of k independent errors of the zeros that are told.
     compliance
         (n,) by which a torque moves the middle, in rad/(N m).
     zeros
@@ -54,6 +61,8 @@ class RestAngles:
 
     middles: Samples
     masses: tuple[AddedMass, ...]
+    told: NDArray[np.bool_]
+    uncertain: Samples
     compliance: Samples
     zeros: Samples
     bias: float | None = None
@@ -67,6 +76,7 @@ class RestAngles:
         zeros: Mapping[AddedMass, float],
         *,
         asked: bool | None,
+        told: Sequence[Known | None] = (),
     ) -> RestAngles:
         """Read them off steady responses.
 
@@ -78,6 +88,8 @@ class RestAngles:
             Of the bare hand, as far as they are known.
         zeros
             Rest angle in rad for each added mass.
+        told
+            What is told of the zeros of the responses, in rad; nothing if not given.
         asked
             Whether a bias is wanted; if None, it is if it helps to foretell the middles with
             masses that were left out.
@@ -85,11 +97,19 @@ class RestAngles:
         moments = np.array([p.added_mass.gravity_moment for p in points])
         stiffness = (parameters.p3 + moments) * j0([p.amplitude for p in points])
         usable = bool((stiffness > 0).all())
+        given = told or [None] * len(points)
         own = cls(
             middles=np.array([p.angle.offset for p in points]),
             masses=tuple(p.added_mass for p in points),
+            told=np.array([zero is not None for zero in given]),
+            uncertain=doubts([zero or _EXACT for zero in given]),
             compliance=1 / stiffness if usable else np.ones(moments.size),
-            zeros=np.array([zeros[p.added_mass] for p in points]),
+            zeros=np.array(
+                [
+                    zeros[p.added_mass] if zero is None else zero.value
+                    for p, zero in zip(points, given, strict=True)
+                ]
+            ),
         )
         turns = np.round((own.middles - own.zeros) / (2 * np.pi))
         own = replace(own, middles=own.middles - 2 * np.pi * turns)
@@ -109,7 +129,7 @@ class RestAngles:
         zero, bias = _solved(self._rows, left)
         return replace(
             self,
-            zeros=self.zeros + zero,
+            zeros=self.zeros + zero * ~self.told,
             bias=self._known + float(bias),
             left=left - self._rows @ np.array([zero, bias]),
         )
@@ -126,11 +146,25 @@ class RestAngles:
         return self._known + float(_solved(self._rows[kept], self.left[kept])[1])
 
     @property
+    def shared_zero(self) -> dict[AddedMass | str | None, dict[str, float]]:
+        """The encoder's zero in rad that was found beside a bias, as an estimate holds it."""
+        found = self.zeros[~self.told]
+        return {None: {"zero": float(found[0])}} if found.size else {}
+
+    @property
+    def variance_by_zeros(self) -> float:
+        """What the errors of zeros that are told add to the bias's variance, in (N m)^2."""
+        moved = self.uncertain @ np.linalg.pinv(self._rows)[1]
+        return float(moved @ moved)
+
+    @property
     def solved(self) -> Solved:
         """The bias, with the zero eliminated, and the equations about it."""
-        freedom = max(self.left.size - len(_NAMES), 1)
+        freedom = max(self.left.size - len(self._names), 1)
         scale = float(np.sqrt(np.sum(self.left**2) / freedom)) or 1.0
-        row = self.compliance - self.compliance.mean()
+        open_ = ~self.told
+        middle = self.compliance[open_].mean() if open_.any() else 0.0
+        row = self.compliance - middle * open_
         return Solved(
             names=("bias",),
             values=np.array([self._known]),
@@ -142,31 +176,40 @@ class RestAngles:
         )
 
     @property
+    def _names(self) -> tuple[str, ...]:
+        """What the middles tell: the encoder's zero where it is not told, and the bias."""
+        return _NAMES[1:] if self.told.all() else _NAMES
+
+    @property
     def _known(self) -> float:
         return self.bias or 0.0
 
     @property
     def _rows(self) -> Samples:
-        return np.column_stack([np.ones_like(self.compliance), self.compliance])
+        return np.column_stack([~self.told, self.compliance])
 
     def with_bias(self, *, asked: bool) -> RestAngles:
         """Return them with one zero and a bias, if that is asked for or foretells the middles."""
-        values = _solved(self._rows, self.middles)
+        rows = self._rows
+        target = self.middles - self.zeros * self.told
+        values = _solved(rows, target)
         count = self.zeros.size
+        kept = [_NAMES.index(name) for name in self._names]
         nested = Nested.of(
-            self._rows.reshape(count, 1, 2),
-            (self._rows @ values - self.middles).reshape(count, 1),
-            names=_NAMES,
-            values=values,
-            lower=np.full(2, -np.inf),
+            rows[:, kept].reshape(count, 1, len(kept)),
+            (rows @ values - target).reshape(count, 1),
+            names=self._names,
+            values=values[kept],
+            lower=np.full(len(kept), -np.inf),
             folds=folds_of(self.masses),
         )
         nested = replace(nested, negligible=_NEGLIGIBLE)
-        chosen = choose_terms([nested], always=("zero",), demanded=("bias",) if asked else ())
+        always = self._names[:-1]
+        chosen = choose_terms([nested], always=always, demanded=("bias",) if asked else ())
         if "bias" not in chosen.terms:
             return self
-        zeros = np.full(count, values[0])
-        left = self.middles - self._rows @ values
+        zeros = np.where(self.told, self.zeros, values[0])
+        left = target - rows @ values
         return replace(self, zeros=zeros, bias=float(values[1]), left=left)
 
 

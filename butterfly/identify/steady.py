@@ -10,11 +10,7 @@ import numpy as np
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from butterfly.identify.data import DataSet
-    from butterfly.model.parameters import AddedMass
-
 
 LARGEST_SWING = 1.6
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
@@ -32,8 +28,7 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
     swings about a place a whole turn off does so as well as at home.
     """
     sines = [k for k, point in enumerate(data.points) if point is not None]
-    zeros = data.equilibria
-    steady = [k for k in sines if _is_steady(data, k, zeros)]
+    steady = [k for k in sines if _is_steady(data, k)]
     lost = [k for k in sines if k not in steady]
     if not lost:
         return steady, []
@@ -47,16 +42,16 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
     ]
 
 
-def _is_steady(data: DataSet, number: int, zeros: Mapping[AddedMass, float]) -> bool:
+def _is_steady(data: DataSet, number: int) -> bool:
     point = data.points[number]
     assert point is not None  # noqa: S101 - of a sine
     log, swing = data.logs[number], point.amplitude
-    zero = zeros[log.added_mass]
+    away = math.remainder(point.angle.offset - data.zero_of(log), 2 * math.pi)
     widest = float(np.ptp(log.angle)) / 2
     return (
         0 < swing <= LARGEST_SWING
         and widest <= math.pi / 2 + LARGEST_SWING
         and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
         and not abs(point.drift) > _CHANGED
-        and abs(math.remainder(point.angle.offset - zero, 2 * math.pi)) < _ELSEWHERE
+        and (abs(away) < _ELSEWHERE or not data.hangs)
     )

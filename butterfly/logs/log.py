@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import KW_ONLY, dataclass, replace
+from difflib import get_close_matches
 from enum import StrEnum
+from fnmatch import fnmatchcase
 from pathlib import PurePath
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -12,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.model.known import Known
+from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
 if TYPE_CHECKING:
@@ -80,7 +82,6 @@ LONGEST_LEAD = 2.0
 _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("added_mass", AddedMass, "an AddedMass"),
     ("excitation", (Sine, NoneType), "a Sine, or None"),
-    ("zero", (Known, NoneType), "a Known, or None"),
     ("lead", (Lead, NoneType), "a Lead, or None"),
 )
 
@@ -108,7 +109,8 @@ class Log:
     excitation
         The sinusoid that was commanded, or None for any other input.
     zero
-        The encoder's reading in rad where the model's angle is 0, if it is known.
+        The encoder's reading in rad where the model's angle is 0, if it is known: a number, or a
+        pair of a value and its standard uncertainty.
     lead
         What was commanded before, of a piece of a longer recording, which begins in motion; None
         for a recording from its own beginning, at rest unless its first samples say otherwise.
@@ -141,6 +143,8 @@ class Log:
         for name, kinds, expected in _KINDS:
             if not isinstance(getattr(self, name), kinds):
                 raise InputError(self.source, name, getattr(self, name), expected)
+        if self.zero is not None:
+            object.__setattr__(self, "zero", known_of(self.zero, self.source, "zero"))
         n = self.time.size
         for name, column in self.columns().items():
             if column.shape != (n,):
@@ -278,3 +282,32 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
         names.append(name)
     pairs = zip(logs, names, strict=True)
     return [log if log.name == name else replace(log, name=name) for log, name in pairs]
+
+
+def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
+    """Return the numbers of the logs that bear one of some names.
+
+    Parameters
+    ----------
+    logs
+        With names.
+    names
+        Of logs, of their files, with or without folder and ending; or glob patterns of these.
+    source
+        For the message.
+
+    Raises
+    ------
+    InputError
+        If a name is no log's.
+    """
+    forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
+    chosen = set[int]()
+    for name in names:
+        own = [k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)]
+        if not own:
+            known = [log.name for log in logs]
+            (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]
+            raise InputError(source, "holdout", name, f"the name of a log, such as {close}")
+        chosen.update(own)
+    return sorted(chosen)

@@ -35,7 +35,14 @@ MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
-_SELDOM = {"sign": 1, "joint": "hinge", "gravity": GRAVITY, "known": {}}  # not written
+_SELDOM = {  # not written where it is as usual
+    "sign": 1,
+    "joint": "hinge",
+    "gravity": GRAVITY,
+    "known": {},
+    "zeros": [],
+    "holdout": [],
+}
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
@@ -75,6 +82,9 @@ class LogEntry(StrictModel):
     omega, amplitude
         Of the sine that was commanded, in rad/s and in units of the input; neither for any other
         input.
+    zero
+        What the encoder reads in rad where the hand hangs, with or without an uncertainty, if it is
+        known of this log by itself.
     begin, end
         Called ``from`` and ``to``: first and last instant in s of the piece that is meant, by the
         file's own clock.
@@ -94,6 +104,7 @@ class LogEntry(StrictModel):
     arm: Size | None = None
     omega: Annotated[float, Field(gt=0)] | None = None
     amplitude: Annotated[float, Field(gt=0)] | None = None
+    zero: Told | None = None
     begin: Annotated[float | None, Field(alias="from")] = None
     end: Annotated[float | None, Field(alias="to")] = None
     part: Annotated[int, Field(ge=1)] | None = None
@@ -128,6 +139,21 @@ class LogEntry(StrictModel):
         return Sine(omega=self.omega, amplitude=self.amplitude)
 
 
+class MassZero(StrictModel):
+    """The encoder's zero in the logs with one added mass.
+
+    Parameters
+    ----------
+    added_mass
+        In kg, as the logs say it.
+    zero
+        What the encoder reads in rad where the hand hangs, with or without an uncertainty.
+    """
+
+    added_mass: Annotated[float, Field(ge=0)]
+    zero: Told
+
+
 class Manifest(StrictModel):
     """A data set: its files and what they have in common.
 
@@ -154,6 +180,12 @@ class Manifest(StrictModel):
     known
         What is known of the robot: parameters of the model, of motor and hand, each a number or
         ``{value: ..., uncertainty: ...}`` (see `butterfly.model.known`).
+    zero
+        What the encoder reads in rad where the hand hangs, with or without an uncertainty; found
+        from the logs if not given. What a log says of its own goes before what ``zeros`` say, and
+        that before this.
+    zeros
+        The same for single added masses.
     columns
         Column map of CSV files.
     repair
@@ -161,6 +193,8 @@ class Manifest(StrictModel):
     split
         ``restarts``: files in which the clock falls back are several recordings put together, and
         each is a log, unless an entry says which piece is meant.
+    holdout
+        Files, or glob patterns of them, that are not used for a fit, only to be foretold by it.
     logs
         The files.
     """
@@ -175,9 +209,12 @@ class Manifest(StrictModel):
     joint: JointKind = JointKind.HINGE
     gravity: Annotated[float, Field(ge=0)] = GRAVITY
     known: dict[str, Told] = Field(default_factory=dict)
+    zero: Told | None = None
+    zeros: list[MassZero] = Field(default_factory=list)
     columns: dict[str, str] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
     split: Split | None = None
+    holdout: list[str] = Field(default_factory=list)
     logs: Annotated[list[LogEntry], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -193,6 +230,15 @@ class Manifest(StrictModel):
         Knowledge.told(self.known)
         return self
 
+    @model_validator(mode="after")
+    def _zeros_of_masses(self) -> Manifest:
+        carried = {known_of(entry.added_mass).value for entry in self.logs}
+        for each in self.zeros:
+            if each.added_mass not in carried:
+                masses = ", ".join(f"{mass:g}" for mass in sorted(carried))
+                raise ValueError(f"zeros of masses that logs carry: {masses} kg")
+        return self
+
     @property
     def knowledge(self) -> Knowledge:
         """What is known of the robot."""
@@ -203,6 +249,20 @@ class Manifest(StrictModel):
         if not known:
             return self
         return self.model_copy(update={"known": self.knowledge.also(known).as_told()})
+
+    def with_zero(self, zero: Known | None) -> Manifest:
+        """Return the manifest with another encoder's zero of all logs, if one is given."""
+        if zero is None:
+            return self
+        logs = [entry.model_copy(update={"zero": None}) for entry in self.logs]
+        return self.model_copy(update={"zero": zero, "zeros": [], "logs": logs})
+
+    def zero_of(self, entry: LogEntry) -> Known | None:
+        """Return what is known of the encoder's zero in a log."""
+        mass = known_of(entry.added_mass).value
+        of_mass = (each.zero for each in self.zeros if each.added_mass == mass)
+        told = next((each for each in (entry.zero, *of_mass, self.zero) if each is not None), None)
+        return None if told is None else known_of(told)
 
     def added_mass(self, entry: LogEntry) -> AddedMass:
         """Return what the hand carried in a log."""
@@ -348,6 +408,7 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
         "intersample": manifest.intersample,
         "added_mass": manifest.added_mass(entry),
         "excitation": entry.excitation,
+        "zero": manifest.zero_of(entry),
         "name": entry.file,
     }
     log = read_log(path, columns=manifest.columns, **properties)

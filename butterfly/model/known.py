@@ -103,12 +103,6 @@ class Knowledge:
         return {name: each for name, each in self.parameters.items() if not each.exact}
 
     @property
-    def held(self) -> Knowledge:
-        """The same values, each taken to be exact."""
-        sure = {n: replace(each, uncertainty=0.0) for n, each in self.parameters.items()}
-        return replace(self, parameters=sure)
-
-    @property
     def scale(self) -> tuple[str, ...]:
         """Names of the parameters that say how large all of them are."""
         known = self.parameters

@@ -21,6 +21,12 @@ from butterfly.report.misfit import (
 )
 from butterfly.report.page import render, write_beside
 from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.physical import (
+    HEADERS,
+    physical_numbers,
+    physical_rows,
+    physical_sentences,
+)
 from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
@@ -75,7 +81,7 @@ def write_report(
                 "mass": str(mass),
                 "linearised": f"{resonance_frequency(parameters.with_added_mass(mass)):.4f}",
                 "thesis": f"{identification.estimate.resonances.get(mass, np.nan):.4f}",
-                "equilibrium": f"{angle:.4f}",
+                "equilibrium": f"{angle:.4f}" if data.hangs else "–",
             }
             for mass, angle in data.equilibria.items()
         ],
@@ -83,9 +89,13 @@ def write_report(
         comparisons=identification.comparisons,
         fit=identification.summary,
         logs=list(zip(data.points, data.health, runs, strict=True)),
+        held_out=identification.held_out,
         first=middle,
         response=response.to_json(),
         series=json.dumps(time_figures(runs)),
+        physical=physical_rows(identification.physical) if data.known.physical else [],
+        physical_headers=HEADERS,
+        unseparated=physical_sentences(identification.physical),
         misfit=misfit_table(misfit.logs),
         correlations=json.dumps(correlation_figures(misfit)),
     )
@@ -110,6 +120,8 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
         "parameters": {each.parameter: each.numbers() for each in records},
         "fit": fit.numbers(),
         "fits": {run.log.name: run.fit for run in identification.free_runs},
+        "held_out": identification.held_out,
+        "physical": physical_numbers(identification.physical),
         "misfit": misfit_numbers(identification.misfit),
         "ending": estimate.ending,
         "findings": [

@@ -58,11 +58,11 @@ def _summary(entries: Sequence[Entry], sets: Sequence[str]) -> list[str]:
     for name in sets:
         best = next(entry for entry in entries if entry.data == name)
         if best.held_out is None:
-            sentences.append(f"{name}: no estimator could predict a mass that was left out.")
+            sentences.append(f"{name}: no estimator could predict what was left out.")
             continue
         sentences.append(
-            f"{name}: {best.method} predicts added masses that it has not seen best, with a median "
-            f"FIT{best.held_out.over} of {best.held_out.median:.1f} %."
+            f"{name}: {best.method} predicts best what it has not seen ({best.left_out} at a "
+            f"time), with a median FIT{best.held_out.over} of {best.held_out.median:.1f} %."
         )
     return sentences
 
@@ -79,7 +79,7 @@ def _table(entries: Sequence[Entry]) -> Table:
         told = (f"{entry.seconds:.2f}", *values, entry.error or "–")
         rows.append((entry.method, standing, *fits, *told))
     headers = (
-        *("estimator", "verdict", "a mass left out: median FIT in %", "worst"),
+        *("estimator", "verdict", "left out: median FIT in %", "worst"),
         *("in sample: median", "worst"),
         *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
     )
@@ -92,7 +92,7 @@ def _fit(fit: FitSummary | None) -> tuple[str, str]:
 
 def _figure(entries: Sequence[Entry]) -> Figure:
     figure = Figure()
-    kinds = {"a mass left out": "held_out", "in sample": "in_sample"}
+    kinds = {"left out": "held_out", "in sample": "in_sample"}
     for colour, (name, field) in zip(PALETTE, kinds.items(), strict=False):
         shown = [entry for entry in entries if getattr(entry, field) is not None]
         heights = [max(getattr(entry, field).median, 0.0) for entry in shown]
@@ -110,6 +110,7 @@ def _numbers(entry: Entry) -> dict[str, Any]:
     return {
         "data": entry.data,
         "method": entry.method,
+        "left_out": entry.left_out or None,
         **said,
         "seconds": entry.seconds,
         "error": entry.error,

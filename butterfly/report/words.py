@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from statistics import median
 from typing import TYPE_CHECKING
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing
+from butterfly.identify.physical_formulas import SYMBOLS
 from butterfly.model.terms import TERMS
 from butterfly.report.verdict import SaidVerdict
+from butterfly.report.zeros import REMEDY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -40,6 +43,7 @@ def summary(identification: Identification) -> list[str]:
         f"Simulated {_stretch(fit)} with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        *held_out_sentences(identification.held_out),
         *_known(estimate),
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
@@ -50,6 +54,21 @@ def _stretch(fit: FitSummary) -> str:
     if fit.horizon is None:
         return "from the first sample on"
     return f"over segments of {fit.horizon:g} s, each from a start that was fitted to it,"
+
+
+def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
+    """Say how well logs are followed that were not used, by FIT in per cent and name."""
+    if not fits:
+        return []
+    values = sorted(fits.values())
+    if len(fits) == 1:
+        return [
+            f"Held out: {next(iter(fits))}, not used for the fit, has a FIT of {values[0]:.1f} %."
+        ]
+    return [
+        f"Held out: {len(fits)} logs, not used for the fit, have a median FIT of "
+        f"{median(values):.1f} % (worst {values[0]:.1f} %): {listed(list(fits))}."
+    ]
 
 
 def _logs(data: DataSet) -> str:
@@ -133,6 +152,10 @@ def _number(finding: Finding) -> float:
     return finding.number
 
 
+def _physical(name: str) -> str:
+    return f"{SYMBOLS[name].symbol} ({SYMBOLS[name].meaning})"
+
+
 def _simulations(finding: Finding, _: Values) -> str:
     how = "converged"
     if finding.severity is Severity.WARNING:
@@ -199,6 +222,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"The model does not follow {listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
         "what is different there, or leave out what is not this robot."
     ),
+    FindingKind.UNFORETOLD: lambda f, _: (
+        f"Held out, {listed(f.logs)} {'is' if len(f.logs) == 1 else 'are'} followed far worse than "
+        f"the logs that were used (FIT {_number(f):.1f} % at worst): the values do not hold there."
+    ),
     FindingKind.NO_INERTIA: lambda f, _: (
         f"No joint has these values: {_joined(f)} leaves an inertia of {_number(f):.2g} kg m². "
         "Check units, signs and the added masses."
@@ -210,6 +237,15 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.NEGATIVE_GAIN: lambda f, _: (
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
         "the angle or the input counts the other way, say so in the manifest (sign: -1)."
+    ),
+    FindingKind.TOLD_APART: lambda f, _: (
+        f"{_joined(f)} as it is told and as it follows from what is known of motor and hand lie "
+        f"{_number(f):.1f} standard uncertainties apart: check both, and the gear ratio."
+    ),
+    FindingKind.CONTRADICTED: lambda f, _: (
+        "What is known of motor and hand does not go with these values: "
+        f"{' and '.join(_physical(name) for name in f.parameters)} would be {_number(f):.1f} "
+        "standard errors below 0. Check what was told, its units and the gear ratio."
     ),
     FindingKind.PRIOR_APART: lambda f, _: (
         f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "
@@ -224,6 +260,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"The hand rests at angles that differ by {_number(f):.2g} rad from mass to mass, as a "
         "constant torque makes it, and this method takes each for the encoder's zero: the methods "
         "harmonic-balance and output-error find the torque."
+    ),
+    FindingKind.ZERO_GUESSED: lambda f, _: (
+        f"Where the hand hangs is a guess in {listed(f.logs)}, and this method takes it as given: "
+        f"{REMEDY}. The method output-error fits it."
     ),
     FindingKind.UNPREDICTABLE: lambda f, _: (
         f"{listed(f.logs)} {'was' if len(f.logs) == 1 else 'were'} left out: the hand passes the "

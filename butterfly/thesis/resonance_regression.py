@@ -14,7 +14,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identify.physical import PendulumEstimate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,6 +22,15 @@ if TYPE_CHECKING:
 
     from butterfly.model.parameters import AddedMass
     from butterfly.thesis.resonance import Resonance
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PendulumEstimate:
+    """p1 in kg m^2 and p3 in N m, with their (2, 2) covariance."""
+
+    p1: float
+    p3: float
+    covariance: NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -148,3 +148,37 @@ def test_slips_are_one_typed_error(data, result, predicted, tmp_path):
             slip()
     with pytest.raises(bf.IdentifiabilityError, match="no covariance"):
         bf.draws(bf.identify(data, "thesis"))
+
+
+def test_given_parameters_are_judged_by_how_they_move(data, result):
+    own = {name: getattr(result.parameters, name) for name in ("p1", "p2", "p3", "p4", "coulomb")}
+    found = bf.predict(data, own)
+    assert found.summary[0].startswith("Good")
+    assert found.summary[1].startswith("They move like this robot: 12 logs")
+    assert found.drawn is None
+    known = bf.predict(data, LumpedParameters(**own), bands=False)
+    assert known.rows() == found.rows()
+    wrong = bf.predict(data, own | {"p1": 3 * own["p1"]})
+    assert "moves otherwise than this robot" in wrong.summary[0]
+    assert wrong.standing == "do not use"
+    aside = bf.predict(data, own | {"zero": 0.2})
+    assert aside.rows()[0]["FIT in %"] < found.rows()[0]["FIT in %"] - 20
+
+
+def test_a_gain_that_is_not_given_is_fitted_and_said(data, result):
+    found = bf.predict(data.take([0, 5]), {"p1": result.parameters.p1, "p3": result.parameters.p3})
+    assert any(each.startswith("p4 was not given: 0.0") for each in found.summary)
+
+
+def test_slips_in_given_parameters_are_named(data, quick):
+    for told, expected in (
+        ({"p1": 0.003}, "p3: got nothing"),
+        ({"p1": 0.003, "p3": "much"}, "a number"),
+        ({"p1": 0.003, "p3": 0.05, "p4": 0.02, "zero": "up"}, "an angle in rad"),
+    ):
+        with pytest.raises(bf.InputError, match=expected):
+            bf.predict(data, told)
+    with pytest.raises(bf.InputError, match="p4: got nothing"):
+        bf.predict(quick, {"p1": 0.003, "p3": 0.05})
+    with pytest.raises(bf.IdentifiabilityError, match="bands need an identification"):
+        bf.predict(data, {"p1": 0.003, "p3": 0.05, "p4": 0.02}, bands=True)

@@ -15,7 +15,8 @@ import butterfly as bf
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identify.design import masses_at_hand
 from butterfly.identify.estimators import HarmonicBalance, OutputError
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.splits import Split
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.logs.mat import write_mat
 
 
@@ -27,6 +28,15 @@ def data(quick_data):
 @pytest.fixture(scope="module")
 def result(data):
     return bf.identify(data, against={"wrong": {"p1": 0.004, "p2": 0.0015, "p3": 0.05}})
+
+
+def test_a_zero_is_told_of_logs_and_of_whatever_is_read(quick_data, data):
+    log = bf.Log(*(getattr(data.logs[0], name) for name in ("time", "input", "angle")), zero=0.2)
+    for told in (bf.read(quick_data, zero=0.2), bf.read(data, zero=(0.2, 0.0)), bf.read(log)):
+        assert {each.value for each in told.zeros} == {0.2}
+        assert told.unread == []
+    with pytest.raises(bf.InputError, match="zero"):
+        bf.read(data, zero="left")
 
 
 def test_verbs_take_paths_names_logs_and_results(quick_data, data):
@@ -55,6 +65,27 @@ def test_a_result_is_one_line_a_table_and_sentences(result):
     html = replace(result, summary=("<b>",))._repr_html_()
     assert "<td>p₁</td>" in html
     assert "<p>&lt;b&gt;</p>" in html
+
+
+def test_what_parameters_are_made_of_is_told_of_what_is_known(result, tmp_path):
+    found = result.physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
+    table = found.to_dataframe().set_index("parameter")
+    assert table.loc["com_distance", "value"] == pytest.approx(0.05, rel=0.01)
+    assert table.loc["com_distance", "standard_error"] == pytest.approx(5e-4, rel=0.05)
+    assert table.loc["viscous_friction", "value"] == pytest.approx(2e-4, rel=0.1)
+    assert "k_t from R" in str(found)
+    found.save(tmp_path / "physical.json")
+    assert bf.load(tmp_path / "physical.json").rows() == found.rows()
+    result.save(tmp_path / "r.json")
+    again = bf.load(tmp_path / "r.json").physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
+    assert again.rows() == found.rows()
+    assert result.physical().rows() == []
+    for name in ("p4", "mass"):
+        with pytest.raises(bf.InputError, match=name):
+            result.physical(**{name: 1.0})
+    told = replace(result, origin=result.origin | {"known": {"hand_mass": 0.1}})
+    with pytest.raises(bf.InputError, match=r"hand_mass: got 0\.2; expected what was not known"):
+        told.physical(hand_mass=0.2)
 
 
 def test_what_was_saved_comes_back(result, data, tmp_path):

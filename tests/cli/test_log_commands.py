@@ -96,6 +96,16 @@ def test_a_csv_file_of_any_columns_is_inspected(butterfly, sine_log, tmp_path):
     code, out, _ = butterfly("inspect", path, "--columns", "time=t,input=volts,angle=phi")
     assert code == 0
     assert "4000" in out
+    assert "is a guess" in out  # of a log of which nothing says that it is a sine
+    assert "--zero" in out
+
+
+def test_inspect_says_where_the_hand_hangs_and_how_that_is_known(butterfly, log_file, quick_data):
+    assert "hangs at -" in butterfly("inspect", quick_data)[1]
+    assert "(steady swing)" in butterfly("inspect", quick_data)[1]
+    out = butterfly("inspect", quick_data, "--zero", "0.1+-0.02")[1]
+    assert "hangs at 0.1000 ± 0.02 rad (told)" in out
+    assert_one_line_error(butterfly("inspect", log_file, "--zero", "left"), "--zero", "left")
 
 
 def test_a_log_that_a_manifest_beside_it_does_not_list_is_read_all_the_same(

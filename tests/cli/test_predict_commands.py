@@ -1,6 +1,7 @@
 """`butterfly predict`."""
 
 import csv
+import json
 
 import pytest
 
@@ -49,4 +50,21 @@ def test_slips_end_in_one_line(butterfly, quick_data, saved, tmp_path):
     assert_one_line_error(butterfly("predict", tmp_path / "none", "--with", saved), "none")
     assert_one_line_error(
         butterfly("predict", quick_data, "--with", saved, "--figures"), "--report FILE beside it"
+    )
+
+
+def test_given_parameters_are_applied_to_logs(butterfly, quick_data, tmp_path):
+    given = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
+    out = tmp_path / "p.json"
+    code, said, err = butterfly("predict", quick_data, "--with", given, "--json", out)
+    assert (code, err) == (0, "")
+    assert said.startswith("Good")
+    assert "They move like this robot" in said
+    assert json.loads(out.read_text())["schema"] == "butterfly.prediction"
+    code, said, _ = butterfly("predict", quick_data, "--with", given.replace("0.00325", "0.01"))
+    assert code == 3
+    assert said.startswith("Do not use: The model follows the logs")
+    assert_one_line_error(
+        butterfly("predict", quick_data, "--with", given, "--out", tmp_path / "d.csv"),
+        "an identification to draw from",
     )

@@ -10,7 +10,8 @@ import pytest
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, Linear, WeakForm
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.splits import Split
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import Predictor
 from butterfly.report.leaderboard import leaderboard_page
 from tests.identify.simulated import ROBOT, SWINGS, steady
@@ -52,7 +53,7 @@ def test_an_estimator_that_cannot_says_why_and_comes_last(entries):
 
 def test_a_fit_whose_masses_cannot_be_left_out_keeps_its_estimate(data):
     rows = [k for k, log in enumerate(data.logs) if log.added_mass != data.masses[0]]
-    (entry,) = leaderboard([data.take(rows)], [HarmonicBalance(terms=("drag",))])
+    (entry,) = leaderboard([data.take(rows)], [HarmonicBalance(terms=("drag",))], split=Split.MASS)
     assert entry.estimate is not None
     assert entry.in_sample.median > 95
     assert entry.held_out is None

@@ -11,7 +11,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import orbit
 from butterfly.experiment.perform import execute, perform
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
+from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.store import ResultStore
@@ -172,3 +172,13 @@ def test_the_orbit_draws_from_a_stream_of_its_own(monkeypatch):
     runs = np.random.SeedSequence(3).spawn(4)
     assert drawn == [np.random.default_rng(of_orbit(3)).random(8).tolist()]
     assert drawn[0] not in [np.random.default_rng(each).random(8).tolist() for each in runs]
+
+
+def test_logs_held_out_by_name_are_foretold_and_recorded(quick):
+    experiment = read_experiment(quick).model_copy(update={"holdout": ("run000*",)})
+    result = perform(experiment)
+    (record,) = result.record.estimates
+    assert record.holdout.median > 90
+    (identification,) = result.identifications.values()
+    assert len(identification.data.logs) == len(result.logs) - 1
+    assert list(identification.held_out) == [result.logs[0].name]

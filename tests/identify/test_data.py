@@ -42,3 +42,21 @@ def test_the_rest_angle_of_a_mass_is_the_median_of_its_logs_means(sine_log):
     assert data.equilibria[MASSES[1]] == pytest.approx(0.2, abs=1e-6)
     assert data.equilibria[MASSES[0]] == pytest.approx(np.mean(sine_log.angle) - 1, abs=1e-12)
     assert len(data.sines) == 3
+
+
+def test_logs_are_held_out_by_name_and_put_back(sine_log):
+    names = ("one/a.mat", "one/b.mat", "two/c.mat")
+    data = DataSet.of([replace(sine_log, name=name) for name in names], name="bench")
+    apart = data.holding_out(["b", "two/*"])
+    assert [log.name for log in apart.logs] == ["one/a.mat"]
+    assert [log.name for log in apart.held.logs] == ["one/b.mat", "two/c.mat"]
+    assert [log.name for log in apart.whole.logs] == list(names)
+    assert apart.whole.held is None
+    assert apart.take([0]).held is None
+    twice = data.holding_out(["a"]).holding_out(["c.mat"])
+    assert [log.name for log in twice.held.logs] == ["two/c.mat", "one/a.mat"]
+    assert data.holding_out([]) is data
+    with pytest.raises(InputError, match=r"bench: holdout: got d; expected .* such as"):
+        data.holding_out(["d"])
+    with pytest.raises(InputError, match="some left to estimate from"):
+        data.holding_out(["*"])

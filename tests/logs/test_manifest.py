@@ -14,6 +14,7 @@ from butterfly.logs.manifest import (
     write_manifest,
 )
 from butterfly.logs.mat import write_mat
+from butterfly.model.known import Known
 
 HOW = {"arm": 0.104, "input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
 
@@ -67,6 +68,34 @@ def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path,
     logs = [read_entry(each, each.logs[0]) for each in (usual, backwards)]
     assert np.array_equal(logs[0].input, -logs[1].input)
     assert np.array_equal(logs[0].angle, logs[1].angle)
+
+
+ZEROS = """\
+name: a
+input: torque
+arm: 0.1
+zero: {value: 0.1, uncertainty: 0.01}
+zeros: [{added_mass: 0.05, zero: 0.2}]
+logs:
+  - {file: a.mat}
+  - {file: b.mat, added_mass: 0.05}
+  - {file: c.mat, added_mass: {value: 0.05, uncertainty: 0.001}, zero: 0.3}
+"""
+
+
+def test_zeros_are_told_for_the_set_a_mass_or_a_log(tmp_path):
+    path = tmp_path / "m.yaml"
+    path.write_text(ZEROS)
+    manifest = read_manifest(path)
+    told = [manifest.zero_of(entry) for entry in manifest.logs]
+    assert told == [Known(value=0.1, uncertainty=0.01), Known(value=0.2), Known(value=0.3)]
+    write_manifest(manifest, path)
+    assert read_manifest(path) == manifest
+    other = manifest.with_zero(Known(value=0.7))
+    assert {other.zero_of(entry) for entry in other.logs} == {Known(value=0.7)}
+    path.write_text(ZEROS.replace("[{added_mass: 0.05,", "[{added_mass: 0.06,"))
+    with pytest.raises(InputError, match=r"zeros of masses that logs carry: 0, 0\.05 kg"):
+        read_manifest(path)
 
 
 VALID = """\

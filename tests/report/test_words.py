@@ -32,7 +32,12 @@ NUMBERS = {
     FindingKind.SCANNED: (0.14, "0.14"),
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
+    FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
+    FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
+    FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),
 }
+OF_BODY = {FindingKind.CONTRADICTED: ("viscous_friction", "inertia")}
+"""Physical parameters instead of the model's."""
 OF_LOGS = {FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT, FindingKind.UNPREDICTABLE}
 NAMELESS = {
     *(FindingKind.ROUNDS, FindingKind.SIMULATIONS, FindingKind.FEW_MASSES, FindingKind.OTHER_END),
@@ -51,6 +56,7 @@ def _verdict_and_more(*findings, ending=Ending.CONVERGED):
     estimate = SimpleNamespace(
         names=("p2", "p4", "tilt"),
         values=np.array([1e-3, -0.5, 0.2]),
+        held={},
         findings=findings,
         verdict=Verdict.of(ending, findings),
     )
@@ -67,17 +73,23 @@ def _said(*findings):
 @pytest.mark.parametrize("kind", PLAIN)
 def test_every_kind_of_finding_has_a_sentence_with_its_number_and_parameters(kind):
     number, shown = NUMBERS.get(kind, (None, ""))
-    (said,) = _said(Finding(kind=kind, parameters=("p2", "tilt"), number=number, logs=("first",)))
+    names = OF_BODY.get(kind, ("p2", "tilt"))
+    (said,) = _said(Finding(kind=kind, parameters=names, number=number, logs=("first",)))
     assert re.fullmatch(r"\S.*\.", said)
     assert shown in said
     assert ("first" in said) is (kind in OF_LOGS)
-    if kind not in NAMELESS:
+    if kind in OF_BODY:
+        assert "k_f" in said
+        assert "J_p" in said
+    elif kind not in NAMELESS:
         assert "p2" in said
         assert "tilt" in said
 
 
 def test_no_two_kinds_say_the_same():
-    said = [_said(Finding(kind=k, parameters=("p2",), number=5.0))[0] for k in PLAIN]
+    said = [
+        _said(Finding(kind=k, parameters=OF_BODY.get(k, ("p2",)), number=5.0))[0] for k in PLAIN
+    ]
     assert len(set(said)) == len(said)
 
 

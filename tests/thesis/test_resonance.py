@@ -11,7 +11,6 @@ from scipy import signal
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.estimators import Linear
-from butterfly.identify.physical import PendulumEstimate, physical_hand
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -263,19 +262,3 @@ def test_orthogonal_distance_agrees_with_the_ratio_form():
     one, other = fit_orthogonal(resonances), fit_ratio(resonances)
     assert one.p1 == pytest.approx(other.p1, rel=1e-4)
     assert one.p3 == pytest.approx(other.p3, rel=1e-4)
-
-
-def test_physical_parameters_of_a_weighed_hand_carry_propagated_errors():
-    covariance = np.array([[4e-10, 1e-9], [1e-9, 1e-8]])
-    estimate = PendulumEstimate(p1=0.00325, p3=0.04905, covariance=covariance)
-    hand = physical_hand(estimate, 0.1, 1e-3)
-    assert hand.com_distance == pytest.approx(0.05)
-    assert hand.inertia == pytest.approx(0.003)
-    rng = np.random.default_rng(0)
-    p1, p3 = rng.multivariate_normal([0.00325, 0.04905], covariance, 100_000).T
-    mass = 0.1 + 1e-3 * rng.standard_normal(p1.size)
-    distance = p3 / (mass * 9.81)
-    assert hand.com_distance_error == pytest.approx(np.std(distance), rel=0.02)
-    assert hand.inertia_error == pytest.approx(np.std(p1 - mass * distance**2), rel=0.02)
-    with pytest.raises(InputError, match="mass"):
-        physical_hand(estimate, 0.0)

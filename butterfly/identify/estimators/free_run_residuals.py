@@ -10,9 +10,11 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
+from butterfly.identify.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
 from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.prior import Prior
 from butterfly.identify.segments import Segments, simulation
+from butterfly.identify.zeros import reading_of
 from butterfly.model.kinematics import Motion
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.sensitivities import INITIAL
@@ -26,10 +28,10 @@ if TYPE_CHECKING:
 
     from butterfly.identify.free_run import Trajectory
     from butterfly.logs.log import Log
+    from butterfly.model.known import Known
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
     Samples = NDArray[np.float64]
-    Key = tuple[str, AddedMass | str | None]  # a parameter, and whose it is: all logs', if None
 
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
@@ -141,17 +143,22 @@ class FreeRunResiduals:
         start = replace(start, **choice.known.exact)
         first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
-        told = "velocity" in {*choice.per_mass, *choice.per_log}
+        told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
         trajectories = tuple(
-            simulation(log, start, choice.horizon, k, told=told)
+            simulation(log, start, choice.horizon, k, told=told_velocity)
             for log, k in zip(logs, first, strict=True)
         )
-        keys = (*((name, None) for name in choice.shared), *_local_keys(trajectories, choice))
+        hangs = not weightless((log.added_mass for log in logs), choice.known)
+        anchored = [each.log for each in trajectories if not isinstance(each, Segments)]
+        owned = owned_keys(logs, choice.per_mass, choice.per_log, hangs=hangs, anchored=anchored)
+        keys = (*((name, None) for name in choice.shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
+        of_robot = choice.known.parameters
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
-        shared = [name if whose is None else "" for name, whose in keys]
-        prior = Prior.of(shared, choice.known.parameters, choice.variance)
+        told: dict[Key, Known] = {(name, None): known for name, known in of_robot.items()}
+        told.update(known_zeros(keys, logs))
+        prior = Prior.of(keys, told, choice.variance)
         return cls(
             start=start,
             keys=keys,
@@ -180,7 +187,7 @@ class FreeRunResiduals:
     def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
         """Return the residuals of some logs, and the numbers of the parameters they depend on."""
         chosen = [self.trajectories[k] for k in numbers]
-        concerned = {k for each in chosen for k in self._columns(each.log)}
+        concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
         kept = np.array(sorted(concerned))
         return (
             replace(
@@ -224,13 +231,13 @@ class FreeRunResiduals:
 
     def _of_log(self, index: int, values: Samples) -> LogEquations:
         trajectory = self.trajectories[index]
-        columns = self._columns(trajectory.log)
+        columns = columns_of(self.keys, trajectory.log)
         own = {self.keys[k][0]: float(values[k]) for k in columns}
         moved = {name: value for name, value in own.items() if name not in INITIAL}
         parameters = replace(self.start, **moved)
         if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
-        zero = own["zero"] if "zero" in own else self.zeros[trajectory.log.added_mass]
+        zero = own["zero"] if "zero" in own else reading_of(trajectory.log, self.zeros)
         errors, rows, mixture = trajectory.linearised(
             list(own), parameters, zero, own.get("velocity")
         )
@@ -238,11 +245,6 @@ class FreeRunResiduals:
         scaled = np.zeros((mixture.shape[0], len(self.keys)))
         scaled[:, columns] = unit * mixture * self.scale[columns]
         return LogEquations(residuals=unit * errors, rows=rows, mixture=scaled)
-
-    def _columns(self, log: Log) -> list[int]:
-        """Numbers of the parameters that concern one log."""
-        owners = {None, log.added_mass, log.name}
-        return [k for k, (_, whose) in enumerate(self.keys) if whose in owners]
 
 
 def _impossible(count: int) -> LogEquations:
@@ -281,23 +283,6 @@ def _first_guess(
     lost = guess == 0 and name in TERMS and not TERMS[name].sign_observable
     # Where the sign does not show the derivative is 0 at 0: the fit would stay there.
     return sizes[name] if lost else guess
-
-
-def _local_keys(trajectories: Sequence[Trajectory | Segments], choice: Choice) -> list[Key]:
-    """Return what has an owner, and the zero; a velocity only where no start is fitted anyway."""
-    logs = [each.log for each in trajectories]
-    anchored = [each.log for each in trajectories if not isinstance(each, Segments)]
-    keys: list[Key] = []
-    for name in choice.per_mass:
-        own = anchored if name == "velocity" else logs
-        keys += [(name, mass) for mass in sorted({log.added_mass for log in own})]
-    for name in choice.per_log:
-        own = anchored if name == "velocity" else logs
-        keys += [(name, log) for log in dict.fromkeys(log.name for log in own)]
-    masses = {log.added_mass for log in logs}
-    if "zero" not in {*choice.per_mass, *choice.per_log} and not weightless(masses, choice.known):
-        keys.append(("zero", None))
-    return keys
 
 
 def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:

@@ -94,7 +94,8 @@ class HarmonicBalance(Estimator):
         _refuse_unsteady(len(data.sines), len(points))
         reference, fit = _begun(points, data.known, PARAMETERS)
         wanted = None if self.terms is None else "bias" in self.terms
-        rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted)
+        told = [data.logs[k].zero for k in numbers]
+        rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted, told=told)
         logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
         poles = [point.pole for point in points]
         robot = SteadyModel(trajectories=logs, rest=rest, poles=poles)
@@ -190,8 +191,12 @@ def _judged(
 
     left_out, few = without_each_mass(masses, without, fit.phasors.known, asked=check)
     rivals = (np.append(each, more) for each in (chosen.rivals if chosen else ()))
+    whole = reference.whole(solved)
+    besides = np.zeros((len(whole.names), len(whole.names)))
+    if rest is not None:
+        besides[-1, -1] = rest.variance_by_zeros
     found = ParameterEstimate.from_rows(
-        reference.whole(solved),
+        whole,
         method=method,
         left_out=left_out,
         rivals=tuple(reference.grown(each, solved.names) for each in rivals),
@@ -199,7 +204,8 @@ def _judged(
         held=chosen.held if chosen else None,
         masses=masses,
         known=reference.known,
-        local=None if rest is None else {None: {"zero": float(rest.zeros[0])}},
+        local=None if rest is None else rest.shared_zero,
+        besides=besides,
     )
     return chosen.judge(found) if chosen else found
 

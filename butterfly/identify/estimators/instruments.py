@@ -17,6 +17,7 @@ import numpy as np
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.predict import Setting, free_run
 from butterfly.identify.regression import Solution
+from butterfly.identify.zeros import reading_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -54,7 +55,7 @@ def seen(
     parameters
         Of the bare hand.
     zeros
-        Encoder reading in rad at rest for each added mass.
+        Encoder reading in rad at rest for each added mass, where a log tells none.
     cut
         From a log and its zero to windows.
     """
@@ -62,7 +63,7 @@ def seen(
         return [Seen(each, each) for each in windows]
     pairs = []
     for log, own in zip(logs, windows, strict=True):
-        zero = zeros[log.added_mass]
+        zero = reading_of(log, zeros)
         run = free_run(log, Setting(parameters=parameters, zero=zero))
         like = run.fit > LEAST_FIT
         pairs.append(Seen(own, cut(replace(log, angle=run.simulated), zero) if like else own))

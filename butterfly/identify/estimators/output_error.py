@@ -220,10 +220,10 @@ class OutputError(Estimator):
         return Ends.of(problems, self)
 
     def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
-        """Return that of a residual, as a fit shows that takes all that is known to be exact."""
+        """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
         if not known.uncertain:
             return 1.0
-        ends = self._ends(logs, first, known.held)
+        ends = self._ends(logs, first, known, 0.0)
         return solved_of(ends.problem, ends.end).realised_variance
 
     def _missing(

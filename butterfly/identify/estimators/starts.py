@@ -10,7 +10,6 @@ from butterfly.errors import ButterflyError
 from butterfly.identify.estimators.base import usable
 from butterfly.identify.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identify.estimators.weak_form import WeakForm
-from butterfly.identify.judgement.term_choice import weightless
 from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
@@ -79,15 +78,16 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     """Fit the weak form.
 
     Where a hand that decays comes to rest depends on friction: the offset of gravity that is seen
-    about the rest angles corrects them.
+    about the rest angles corrects them, but for those that are told.
     """
     zeros = data.equilibria
-    wanted = _known(WeakForm, terms)
-    tilted = not weightless(data.masses, data.known)
-    if tilted and wanted is not None and "p3_offset" not in wanted:
+    wanted, open_ = _known(WeakForm, terms), bool(data.unread)
+    if open_ and wanted is not None and "p3_offset" not in wanted:
         wanted = (*wanted, "p3_offset")
     closed_form = WeakForm(terms=wanted, check=False)
     found = closed_form(replace(data, known=usable(closed_form.method, data.known))).parameters
+    if not open_:
+        return Start(parameters=found, zeros=zeros)
     loaded = {mass: found.with_added_mass(mass) for mass in zeros}
     turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
     corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}

@@ -148,8 +148,8 @@ class WeakFit:
     ) -> WeakFit:
         """Solve about a delay, and about the delay found, until it no longer moves.
 
-        What is known with an uncertainty is first held, so that the scatter of the rows tells how
-        much it weighs beside them.
+        What is known with an uncertainty is first left aside, so that the scatter of the rows
+        tells how much it weighs beside them.
         """
         exact = known.exact
         about = About(
@@ -161,10 +161,7 @@ class WeakFit:
         )
         if not known.uncertain:
             return cls._solved(windows, about)
-        held = known.held
-        told = held.exact
-        first = replace(about, names=held.open(names), known=held, delay=told.get("delay", delay))
-        rough = cls._solved(windows, replace(first, gain=told.get("p4", 0.0)))
+        rough = cls._solved(windows, replace(about, variance=0.0))
         return cls._solved(windows, replace(about, variance=rough.solved.realised_variance))
 
     @classmethod

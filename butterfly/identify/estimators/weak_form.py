@@ -25,6 +25,7 @@ from butterfly.identify.estimators.base import Estimator, names_of, require_usab
 from butterfly.identify.estimators.instruments import refined, seen
 from butterfly.identify.estimators.weak_fit import Windows
 from butterfly.identify.estimators.weak_terms import WeakTerms
+from butterfly.identify.estimators.zero_errors import zero_covariance
 from butterfly.identify.judgement.covariance import blocks_of, split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
@@ -32,6 +33,7 @@ from butterfly.identify.judgement.knowledge import is_driven, refuse_without_sca
 from butterfly.identify.judgement.term_choice import missing_terms
 from butterfly.identify.reference import Reference
 from butterfly.identify.weak_signals import HALF_WIDTH, Averaging
+from butterfly.identify.zeros import doubts, reading_of
 from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import LumpedParameters
@@ -87,7 +89,14 @@ class WeakForm(Estimator):
     def __call__(self, data: DataSet) -> ParameterEstimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
         zeros = data.equilibria
-        found = self.of_logs(data.logs, zeros, data.known)
+        uncertain = doubts(data.zeros) if data.hangs else None
+        found = self.of_logs(data.logs, zeros, data.known, uncertain)
+        guessed = data.guessed
+        if guessed:
+            care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Severity.CARE)
+            found = found.with_findings(care)
+        if not data.unread:
+            return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
@@ -99,8 +108,11 @@ class WeakForm(Estimator):
         logs: Sequence[Log],
         zeros: Mapping[AddedMass, float],
         known: Knowledge = NOTHING,
+        uncertain: NDArray[np.float64] | None = None,
     ) -> ParameterEstimate:
-        """Estimate from logs, given the encoder's reading in rad at rest for each added mass.
+        """Estimate from logs, given the encoder's zero in rad for each added mass.
+
+        What a log tells of its own zero goes before it.
 
         Parameters
         ----------
@@ -108,6 +120,8 @@ class WeakForm(Estimator):
             The logs, and the readings.
         known
             What is known of the robot.
+        uncertain
+            (k, n) standard uncertainties in rad of k independent errors of the zeros of the n logs.
 
         Raises
         ------
@@ -120,7 +134,7 @@ class WeakForm(Estimator):
         masses = [log.added_mass for log in logs]
         refuse_without_scale(masses, known, driven=is_driven(logs))
         reference = Reference.of(masses, known)
-        windows = [self._windows(log, zeros[log.added_mass]) for log in logs]
+        windows = [self._windows(log, reading_of(log, zeros)) for log in logs]
         chosen = WeakTerms.of(windows, self.terms, reference.held, check=self.check)
         parameters = LumpedParameters(**chosen.held | chosen.fit.values)
         pairs = seen(logs, windows, parameters, zeros, self._windows)
@@ -134,8 +148,10 @@ class WeakForm(Estimator):
         blocks = blocks_of(len(logs), len(fit.solved.names))
         solved = replace(fit.solved, cluster=split(fit.solved.cluster, blocks))
         rivals = [each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals]
+        whole = reference.whole(solved)
+        doubt = None if uncertain is None else zero_covariance(fit, pairs, uncertain, whole.names)
         found = ParameterEstimate.from_rows(
-            reference.whole(solved),
+            whole,
             method="weak form",
             left_out=left_out,
             rivals=[reference.grown(each, solved.names) for each in rivals],
@@ -144,6 +160,7 @@ class WeakForm(Estimator):
             masses=masses,
             blocks=blocks,
             known=known,
+            besides=doubt,
         )
         return found.with_findings(*missing_terms(found, chosen.best))
 

@@ -4,7 +4,7 @@ from .findings import FindingKind as FindingKind
 from .findings import Severity as Severity
 from .profile_likelihood import Profile as Profile
 from .profile_likelihood import profile as profile
+from .splits import Split as Split
 from .term_selection import select_terms as select_terms
 from .validation import HeldOut as HeldOut
-from .validation import Split as Split
 from .validation import hold_out as hold_out

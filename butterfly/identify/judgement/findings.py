@@ -31,12 +31,16 @@ class FindingKind(StrEnum):
     SLIP = "slip"  # its name; the factor that undoes it
     POOR_FIT = "poor-fit"  # median FIT in per cent
     UNFOLLOWED = "unfollowed"  # least FIT in per cent of the logs that are named
+    UNFORETOLD = "unforetold"  # the same, of logs that were held out
     NO_INERTIA = "no-inertia"  # p1 with the least added inertia
     NEGATIVE = "negative"  # what cannot be
     NEGATIVE_GAIN = "negative-gain"
+    TOLD_APART = "told-apart"  # standard uncertainties between two things that were told
+    CONTRADICTED = "contradicted"  # physical parameters that would be below 0; standard errors
     PRIOR_APART = "prior-apart"  # standard errors between what was known and what the logs say
     LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
     REST_APART = "rest-apart"  # rad between the rest angles with different masses
+    ZERO_GUESSED = "zero-guessed"  # logs that do not tell where the encoder's angle is 0
     UNPREDICTABLE = "unpredictable"  # logs whose course no simulation from the start can follow
     MISSING_TERM = "missing-term"  # the first parameter; least share by which it moves the others
     SCANNED = "scanned"  # value of a parameter that was found by trying several

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.covariance import FEW
@@ -13,7 +13,7 @@ from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.knowledge import refuse_without_scale
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable
+    from collections.abc import Callable, Hashable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 CONFIDENCE = 0.95
 """Level of all intervals."""
+
+_REACH = float(ndtri(0.5 + CONFIDENCE / 2))  # of an interval, in standard deviations
 
 
 def without_each_mass(
@@ -67,6 +69,31 @@ def of_few_logs(count: int) -> list[Finding]:
     if count > FEW:
         return []
     return [Finding(kind=FindingKind.FEW_LOGS, number=count, severity=Severity.CARE)]
+
+
+def widened(
+    values: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    left_out: Sequence[NDArray[np.float64]],
+    rivals: Sequence[NDArray[np.float64]] = (),
+) -> NDArray[np.float64]:
+    """(n, n) covariance, wider along the ways that estimates of partial data and rivals went.
+
+    Parameters
+    ----------
+    values, covariance
+        (n,) estimates, and their (n, n) covariance.
+    left_out, rivals
+        As `honest_limits` takes them: each of the first counts as if it stood on a limit of its
+        interval.
+    """
+    if left_out:
+        apart = np.array(left_out) - values
+        covariance = covariance + apart.T @ apart / _REACH**2
+    if rivals:
+        apart = np.array(rivals) - values
+        covariance = covariance + apart.T @ apart / len(rivals)
+    return covariance
 
 
 def honest_limits(

@@ -103,7 +103,7 @@ def residual_torques(
     chosen = range(len(data.logs)) if numbers is None else numbers
     model = _Model(
         names=tuple(name for name in (*_AVERAGED, "tilt") if name in estimate.names),
-        owners=estimate.owners(data.masses),
+        owners=estimate.owners(data.unread),
         missing=missing_terms(estimate),
     )
     slow = slow_velocity(data.logs[k] for k in chosen)

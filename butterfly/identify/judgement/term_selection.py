@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.splits import Split, divide
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.progress import Track, untracked
 
@@ -34,7 +35,9 @@ def select_terms(
     *,
     track: Track = untracked,
 ) -> list[Structure]:
-    """Add terms greedily, each time the one that most raises the mean FIT of held-out masses.
+    """Add terms greedily, each time the one that most raises the mean FIT of what is left out.
+
+    That is one added mass at a time, or what `divide` finds to suit the logs.
 
     Stops when no term raises it by a tenth of a per cent.
 
@@ -51,13 +54,16 @@ def select_terms(
     def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
         return hold_out(data, estimator.with_terms(terms), split).summary
 
-    predictor = Predictor(data)
+    predictor, first = Predictor(data), divide(data).split
+    splits = [first]
+    if first is Split.MASS and len({point.omega for point in data.sines}) > 1:
+        splits.append(Split.FREQUENCY)
     chosen: tuple[str, ...] = ()
-    best = judge(chosen, Split.MASS)
+    best = judge(chosen, first)
     passed = [(chosen, best)]
     while rest := [term for term in candidates if term not in chosen]:
         trials = {
-            term: judge((*chosen, term), Split.MASS)
+            term: judge((*chosen, term), first)
             for term in track(rest, f"Trying a term beside {', '.join(chosen) or 'the first six'}")
         }
         term = max(trials, key=lambda name: trials[name].mean)
@@ -69,7 +75,7 @@ def select_terms(
         Structure(
             terms=terms,
             in_sample=FitSummary.of(predictor.fits(estimator.with_terms(terms)(data))),
-            held_out={Split.MASS: summary, Split.FREQUENCY: judge(terms, Split.FREQUENCY)},
+            held_out={first: summary} | {each: judge(terms, each) for each in splits[1:]},
         )
         for terms, summary in track(passed, "Judging the structures")
     ]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.identify.judgement.splits import ENOUGH_MASSES, Division, Split, divide, remedy
+from butterfly.identify.predict import FitSummary, FreeRun, Predictor, fit_of
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -23,34 +23,25 @@ if TYPE_CHECKING:
 
     Fitter = Callable[[DataSet], ParameterEstimate]
 
-FREQUENCY_FOLDS = 5
-"""Number of parts into which the drive frequencies are dealt, neighbours into different ones."""
-
-
-class Split(StrEnum):
-    """What is left out together."""
-
-    MASS = "mass"
-    FREQUENCY = "frequency"
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldOut:
-    """Prediction of logs that were left out.
+    """Prediction of what was left out.
 
     Parameters
     ----------
-    split
+    division
         What was left out together.
     fits
-        (n,) FIT in per cent of each log, simulated with the estimate from the others.
+        (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated
+        with the estimate from the others; NaN of logs that were never left out.
     estimates
         One for each part left out, by its name.
     horizon
         Longest stretch in s that was simulated at a time.
     """
 
-    split: Split
+    division: Division
     fits: NDArray[np.float64]
     estimates: dict[str, ParameterEstimate]
     horizon: float = math.inf
@@ -58,49 +49,83 @@ class HeldOut:
     @property
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
-        return FitSummary.of(self.fits, self.horizon)
+        return FitSummary.of(self.fits[~np.isnan(self.fits)], self.horizon)
 
 
 def hold_out(
-    data: DataSet, estimator: Fitter, split: Split, *, track: Track = untracked
+    data: DataSet,
+    estimator: Fitter,
+    split: Split = Split.AUTO,
+    *,
+    folds: int | None = None,
+    track: Track = untracked,
 ) -> HeldOut:
     """Estimate from all logs but a part, predict that part, and go on to the next.
 
-    Where the estimator finds no zero of the encoder, that of a held-out added mass is the mean
-    angle of its own logs.
+    Logs are simulated from their first sample on, also where a stretch of them was left out, whose
+    FIT alone counts. Where the estimator finds no zero of the encoder, that of a left-out added
+    mass is the mean angle of its own logs.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimator
+        Estimates from a part of them.
+    split, folds
+        See `butterfly.identify.judgement.splits.divide`.
+    track
+        Shows progress.
 
     Raises
     ------
+    InputError
+        If there cannot be so many folds.
     IdentifiabilityError
-        If there are fewer than two parts, or a part of the logs cannot determine the parameters.
+        If there are fewer than two parts, or the rest cannot determine the parameters.
     """
-    parts = _parts(data, split)
-    if len(parts) < 2:  # noqa: PLR2004 - nothing would be left to estimate from
-        raise IdentifiabilityError(f"all logs have the same {split}: none can be held out")
-    fits = np.empty(len(data.logs))
-    estimates, predictor = {}, Predictor(data)
+    division = divide(data, split, folds)
+    errors, estimates, predictor = _Errors(data), {}, Predictor(data)
     horizon = math.inf
-    for name, rows in track(parts.items(), f"Leaving out one {split} at a time"):
-        rest = data.take([k for k in range(len(data.logs)) if k not in rows])
+    for name, samples in track(division.parts.items(), f"In turns, {division.left_out}"):
         try:
-            found = estimator(rest)
+            found = estimator(division.kept(data, name))
         except IdentifiabilityError as error:
-            raise IdentifiabilityError(f"without {name}: {error}") from None
+            raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
         estimates[name] = found
-        fits[rows] = predictor.fits(found, rows)
+        for number, stretch in samples.items():
+            errors.add(number, stretch, predictor.run(number, found))
         horizon = min(horizon, predictor.horizon(found))
-    return HeldOut(split=split, fits=fits, estimates=estimates, horizon=horizon)
+    return HeldOut(division=division, fits=errors.fits, estimates=estimates, horizon=horizon)
 
 
-def _parts(data: DataSet, split: Split) -> dict[str, list[int]]:
-    parts: dict[str, list[int]] = {}
-    omegas = sorted({log.excitation.omega for log in data.logs if log.excitation})
-    for k, log in enumerate(data.logs):
-        if split is Split.MASS:
-            name = str(log.added_mass)
-        elif log.excitation is None:
-            continue
-        else:
-            name = f"part {omegas.index(log.excitation.omega) % FREQUENCY_FOLDS + 1}"
-        parts.setdefault(name, []).append(k)
-    return parts
+def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
+    """Say why the rest is too little, and which split leaves enough."""
+    if split is Split.MASS and len(data.masses) == ENOUGH_MASSES - 1:
+        return (
+            f"without {name} there is one added mass left of two, which tells p1..p4 but for a "
+            "common factor unless one of them is known (known: {p4: ...}, say)"
+            f"{remedy(data, besides=split)}"
+        )
+    return f"without {name}: {error}{remedy(data, besides=split)}"
+
+
+class _Errors:
+    """Sums of squares in rad^2 over what was left out of each log so far."""
+
+    def __init__(self, data: DataSet) -> None:
+        self._angles = [log.angle for log in data.logs]
+        self._squares = np.zeros((len(data.logs), 2))
+
+    def add(self, number: int, stretch: slice, run: FreeRun) -> None:
+        """Add the errors of a free run over a stretch of a log, and the motion there."""
+        measured = self._angles[number]
+        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+            error = float(np.sum((run.simulated[stretch] - measured[stretch]) ** 2))
+        motion = float(np.sum((measured[stretch] - measured.mean()) ** 2))
+        self._squares[number] += error, motion
+
+    @property
+    def fits(self) -> NDArray[np.float64]:
+        """(n,) FIT in per cent; NaN where nothing was left out."""
+        return np.array([fit_of(*each) if each.any() else np.nan for each in self._squares])

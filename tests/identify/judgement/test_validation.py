@@ -6,8 +6,9 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, OutputError
+from butterfly.identify.judgement.splits import Split
 from butterfly.identify.judgement.term_selection import select_terms
-from butterfly.identify.judgement.validation import Split, hold_out
+from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from tests.identify.simulated import ROBOT, SLOW, steady
 
@@ -85,11 +86,11 @@ def test_neighbouring_frequencies_are_left_out_in_different_parts():
 
 def test_one_mass_cannot_be_held_out(real):
     alone = real.data.take(range(14))
-    with pytest.raises(IdentifiabilityError, match="none can be held out"):
+    with pytest.raises(IdentifiabilityError, match=r"same added mass .*; split frequency works"):
         hold_out(alone, BALANCE, Split.MASS)
 
 
 def test_of_two_masses_it_is_said_which_was_left_out_when_one_is_too_few(real):
     two = real.data.take(range(27))
-    with pytest.raises(IdentifiabilityError, match=r"without .* g at .*: all logs carry the same"):
+    with pytest.raises(IdentifiabilityError, match=r"one added mass left of two.*; split freq"):
         hold_out(two, BALANCE, Split.MASS)

@@ -1,0 +1,165 @@
+"""Has my robot changed? Two identifications of it compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from plotly.graph_objects import Figure, Scatter
+
+from butterfly.api.identified import Identified
+from butterfly.api.result import aligned
+from butterfly.api.tabulated import Tabulated
+from butterfly.compare.change import change
+from butterfly.errors import InputError
+from butterfly.identify.judgement.slips.names import listed
+from butterfly.identify.judgement.verdict import Standing
+from butterfly.logs.log import InputKind
+from butterfly.report.change import (
+    change_rows,
+    change_sentences,
+    known,
+    shown_changes,
+    untested_sentences,
+)
+from butterfly.report.figures import PALETTE
+
+if TYPE_CHECKING:
+    from butterfly.api.sources import Named
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Changed(Tabulated):
+    """Whether the parameters of a robot have changed, and by how much."""
+
+    kind: ClassVar[str] = "change"
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the table as a person reads it."""
+        return shown_changes(self.table)
+
+    def shown_lines(self) -> list[str]:
+        """Return the table as lines."""
+        return aligned(self.shown_rows())
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        rows = [row for row in self.table if known(row)]
+        sizes = [abs(row["before"]) / 100 for row in rows]
+        differences = [row["after"] - row["before"] for row in rows]
+        drawn = Scatter(
+            x=[row["parameter"] for row in rows],
+            y=[each / size for each, size in zip(differences, sizes, strict=True)],
+            error_y={
+                "array": [
+                    (row["upper"] - each) / size
+                    for row, each, size in zip(rows, differences, sizes, strict=True)
+                ]
+            },
+            mode="markers",
+            marker={"color": PALETTE[0], "size": 9},
+        )
+        figure = Figure(drawn)
+        figure.add_hline(y=0, line={"color": "#888888", "width": 1, "dash": "dash"})
+        figure.update_yaxes(title="change in %, with 95 % intervals")
+        figure.update_layout(height=380)
+        return {"changes": figure}
+
+
+def changed(before: Identified | Named, after: Identified | Named) -> Changed:
+    """Tell whether a robot has changed between two identifications from independent logs.
+
+    Parameters
+    ----------
+    before, after
+        Identifications, or the files where they were saved.
+
+    Raises
+    ------
+    InputError
+        If one is none, their inputs are of different kinds, or they have no parameter in common of
+        which both know an error.
+    """
+    one, other = (_identified(each) for each in (before, after))
+    kinds = [each.origin["input"] for each in (one, other)]
+    if kinds[0] != kinds[1]:
+        raise InputError("changed", "input", kinds[1], f"{kinds[0]}, as the first has it")
+    found = change(one.estimate, other.estimate)
+    kind = InputKind(kinds[0])
+    return Changed(
+        title=f"{other.origin['name']!r} after {one.origin['name']!r}",
+        summary=(
+            *_with_reserve(change_sentences(found, kind), one, other),
+            *_warnings(one, other),
+            *untested_sentences(found),
+        ),
+        table=tuple(change_rows(found, kind)),
+    )
+
+
+def _identified(given: Identified | Named) -> Identified:
+    from butterfly.api.saved import load  # noqa: PLC0415 - it loads what is defined here
+
+    found = load(Path(given)) if isinstance(given, str | PathLike) else given
+    if not isinstance(found, Identified):
+        expected = "an identification, or the file where it was saved"
+        raise InputError("changed", "result", type(found).__name__, expected)
+    return found
+
+
+def _with_reserve(said: list[str], *both: Identified) -> list[str]:
+    """Say before anything else that values are not to be used."""
+    places = [
+        place
+        for place, each in zip(_PLACES, both, strict=True)
+        if each.judged.standing is Standing.NOT
+    ]
+    if not places:
+        return said
+    return [f"Not to be relied on, since {listed(places)} is not to be used: {said[0]}", *said[1:]]
+
+
+def _warnings(*both: Identified) -> list[str]:
+    """Say what else than the robot may make a difference."""
+    said = [
+        f"The verdict on {place}: {each.judged.sentence}"
+        for place, each in zip(_PLACES, both, strict=True)
+        if each.judged.standing is not Standing.GOOD
+    ]
+    one, other = (each.estimate for each in both)
+    if both[0].estimator != both[1].estimator:
+        said.append(
+            f"The first is by {both[0].estimator}, the second by {both[1].estimator}: a difference "
+            "may be theirs."
+        )
+    terms = sorted(set(one.names) ^ set(other.names))
+    if terms:
+        said.append(
+            f"Only one of them fits {listed(terms)}: what it takes up there, the other has in its "
+            "other parameters."
+        )
+    held = sorted(
+        name for name in one.held.keys() & other.held.keys() if one.held[name] != other.held[name]
+    )
+    if held:
+        said.append(f"They hold {listed(held)} at different values, on which the others rest.")
+    shared = _files(both[0]) & _files(both[1])
+    if shared:
+        said.append(
+            f"{len(shared)} of the logs are in both: the errors are taken to be independent, so "
+            "that a change is harder to see than it need be."
+        )
+    return said
+
+
+def _files(found: Identified) -> set[Path]:
+    """Return the files of its logs, as far as they are known."""
+    manifest: dict[str, Any] | None = found.origin["manifest"]
+    if manifest is None:
+        return set()
+    return {Path(manifest["root"]) / entry["file"] for entry in manifest["logs"]}
+
+
+_PLACES = ("the first", "the second")

@@ -1,0 +1,112 @@
+"""Parameters that somebody gives, in the place of an identification."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.identify.estimate import ParameterEstimate
+from butterfly.identify.judgement.findings import Ending, FindingKind
+from butterfly.identify.judgement.following import judge_fit
+from butterfly.identify.judgement.physics import judge_physics
+from butterfly.identify.other_parameters import best_gain, told_parameters
+from butterfly.identify.predict import Predictor
+from butterfly.model.terms import PARAMETERS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from butterfly.identify.data import DataSet
+    from butterfly.model.parameters import AddedMass
+
+METHOD = "given parameters"
+
+_OF_FITS = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.UNFORETOLD}
+
+
+def given_estimate(
+    told: Mapping[str, object],
+    source: str,
+    *,
+    data: DataSet | None = None,
+    masses: Sequence[AddedMass] = (),
+) -> ParameterEstimate:
+    """Return given parameters as an estimate of which no uncertainty is known.
+
+    Parameters
+    ----------
+    told
+        p1 and p3, and whatever else is not 0; ``zero`` is the encoder's reading in rad where the
+        model's angle is 0. Without p4 the one with the best FIT is taken.
+    source
+        For messages.
+    data
+        The logs that they are to foretell, if somebody recorded them.
+    masses
+        What the joint will carry.
+
+    Raises
+    ------
+    InputError
+        Naming the part that is wrong, or p4, where no log tells the best one.
+    """
+    values = dict(told)
+    zero = values.pop("zero", None)
+    parameters = told_parameters(values, source)
+    if math.isnan(parameters.p4):
+        if data is None:
+            raise InputError(source, "p4", "nothing", "a value")
+        parameters = replace(parameters, p4=best_gain(parameters, Predictor(data), source=source))
+    local: dict[AddedMass | str | None, dict[str, float]] = {}
+    if zero is not None:
+        local[None] = {"zero": _angle(zero, source)}
+    found = asdict(parameters)
+    count = len(PARAMETERS)
+    unknown = np.full(count, np.nan)
+    estimate = ParameterEstimate(
+        method=METHOD,
+        names=PARAMETERS,
+        values=np.array([found[name] for name in PARAMETERS]),
+        covariance=np.full((count, count), np.nan),
+        lower=unknown,
+        upper=unknown,
+        left_out={},
+        condition=math.nan,
+        on_bound=(),
+        ending=Ending.CONVERGED,
+        findings=(),
+        held={name: value for name, value in found.items() if name not in PARAMETERS},
+        local=local,
+    )
+    return estimate.with_findings(*judge_physics(estimate, masses))
+
+
+def judged_on(
+    estimate: ParameterEstimate, fits: NDArray[np.float64], names: Sequence[str]
+) -> ParameterEstimate:
+    """Return an estimate judged by how well it foretells logs, not by those it was made from.
+
+    Parameters
+    ----------
+    estimate
+        Of the parameters.
+    fits
+        (n,) FIT of each log in per cent.
+    names
+        Of the n logs.
+    """
+    rest = tuple(each for each in estimate.findings if each.kind not in _OF_FITS)
+    return replace(estimate, findings=(*rest, *judge_fit(fits, names)))
+
+
+def _angle(value: object, source: str) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]  # what is none is refused
+    except (TypeError, ValueError):
+        raise InputError(source, "zero", value, "an angle in rad") from None

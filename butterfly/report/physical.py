@@ -1,0 +1,110 @@
+"""Physical parameters as rows of texts, and what they leave open in plain English."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from butterfly.experiment.estimate_record import or_none
+from butterfly.identify.physical import Lack
+from butterfly.identify.physical_formulas import SYMBOLS
+from butterfly.model.known import plain
+from butterfly.model.parameters import JointKind
+from butterfly.report.format import interval, with_error
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from butterfly.identify.physical import PhysicalParameters, Unseparated
+
+HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
+"""Of the table."""
+
+TITLE = "Physical parameters"
+"""Of the table."""
+
+
+def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
+    """Return the rows of the table, as texts."""
+    return [
+        (
+            f"{SYMBOLS[each.name].symbol}, {SYMBOLS[each.name].meaning}",
+            with_error(each.value, each.standard_error),
+            "–" if or_none(each.standard_error) is None else f"{each.standard_error:#.2g}",
+            interval(each.value - each.reach, each.value + each.reach),
+            "" if each.told is None else str(each.told),
+            physical_unit(each.name, parameters.joint),
+        )
+        for each in parameters.found
+    ]
+
+
+def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]]:
+    """Return the same for programs, by name."""
+    return {
+        each.name: {
+            "value": each.value,
+            "standard_error": or_none(each.standard_error),
+            "lower": or_none(each.value - each.reach),
+            "upper": or_none(each.value + each.reach),
+            "told": each.told and plain(each.told),
+            "unit": physical_unit(each.name, parameters.joint),
+        }
+        for each in parameters.found
+    }
+
+
+def physical_unit(name: str, joint: JointKind) -> str:
+    """Return the unit of a physical parameter."""
+    symbol = SYMBOLS[name]
+    return symbol.of_slide if joint is JointKind.SLIDE else symbol.unit
+
+
+def physical_sentences(parameters: PhysicalParameters) -> list[str]:
+    """Say what is left open, and which measurement would tell."""
+    return [_SENTENCES[each.lack](each) for each in parameters.unseparated]
+
+
+def _back_emf(left: Unseparated) -> str:
+    most = "" if left.most is None else f" k_emf is {left.most.value:.3g} V s/rad at most."
+    return (
+        "Motion does not tell k_f from the back EMF (only p2 = k_f + N k_emf p4): turn the motor "
+        "and read the voltage on its open leads (back_emf_constant; without losses it is k_t in "
+        f"SI units).{most}"
+    )
+
+
+_SENTENCES: dict[Lack, Callable[[Unseparated], str]] = {
+    Lack.MASS: lambda _: (
+        "Motion does not tell m_p from l_c (only p3 = m_p g l_c), nor J_p from m_p l_c² (only "
+        "their sum in p1): weigh the hand (hand_mass)."
+    ),
+    Lack.GRAVITY: lambda _: (
+        "Across no gravity motion does not tell l_c, nor J_p from m_p l_c², though the hand be "
+        "weighed: log it with its axis level."
+    ),
+    Lack.ROTOR: lambda _: (
+        "Motion does not tell the hand's inertia from the rotor's N² J_r (only their sum p1): take "
+        "J_r from the motor's data sheet (rotor_inertia)."
+    ),
+    Lack.ROTOR_OF_SLIDE: lambda _: (
+        "Motion does not tell the mass that slides from the rotor's N² J_r (only their sum p1): "
+        "weigh it (hand_mass), or take J_r from the motor's data sheet (rotor_inertia)."
+    ),
+    Lack.GAIN: lambda _: (
+        "Motion does not tell k_t from R (only p4 = N k_t/R): measure R at standstill "
+        "(resistance), or take k_t from the motor's data sheet (torque_constant)."
+    ),
+    Lack.BACK_EMF: _back_emf,
+    Lack.GEAR: lambda _: (
+        "Nothing of the motor says anything of a slide before it is known how many rad it turns "
+        "per m (gear_ratio)."
+    ),
+    Lack.COMMAND: lambda _: (
+        "Motion does not tell what a unit of the command is. Say p4 if you know it: 1 where it is "
+        "N m at the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
+    ),
+    Lack.UNUSED: lambda left: (
+        f"{' and '.join(left.names)} say nothing here: the command is a torque, and R and back EMF "
+        "are hidden behind a current loop."
+    ),
+}

@@ -1,0 +1,189 @@
+"""What is known beforehand: exactly, with an uncertainty, wrongly, or not enough of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identify.data import DataSet
+from butterfly.identify.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identify.judgement.covariance import cluster_covariance
+from butterfly.identify.judgement.findings import FindingKind
+from butterfly.identify.prior import Prior
+from butterfly.model.known import Knowledge
+from tests.conftest import MASSES
+from tests.identify.simulated import ROBOT, SWINGS, steady, wild
+
+ONE = MASSES[1]
+METHODS = {
+    "harmonic-balance": HarmonicBalance(terms=(), check=False),
+    "weak-form": WeakForm(terms=(), check=False),
+    "output-error": OutputError(terms=(), check=False, workers=1),
+}
+LINEAR = ("p1", "p2", "p3", "p4", "coulomb")
+
+
+def noisy(logs, size=2e-4, seed=0):
+    rng = np.random.default_rng(seed)
+    return [
+        replace(log, angle=log.angle + size * rng.standard_normal(log.time.size)) for log in logs
+    ]
+
+
+@pytest.fixture(scope="module")
+def sines():
+    return noisy(log for log in steady(ROBOT, SWINGS) if log.added_mass == ONE)
+
+
+def knowing(logs, **told):
+    return DataSet.of(logs, known=Knowledge.told(told))
+
+
+def found(estimate):
+    return dict(zip(estimate.names, estimate.values.tolist(), strict=True)) | estimate.held
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_known_gain_takes_the_place_of_a_second_mass(sines, method):
+    estimate = METHODS[method](knowing(sines, p4=ROBOT.p4))
+    assert "p4" not in estimate.names
+    for name in LINEAR:
+        assert found(estimate)[name] == pytest.approx(getattr(ROBOT, name), rel=0.02), name
+    assert estimate.parameters.p4 == ROBOT.p4
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_any_parameter_that_is_known_sets_the_scale(name):
+    logs = wild(ROBOT, [ONE, ONE, ONE], duration=12.0)
+    estimate = METHODS["weak-form"](knowing(logs, **{name: getattr(ROBOT, name)}))
+    for other in ("p1", "p3", "p4"):
+        assert found(estimate)[other] == pytest.approx(getattr(ROBOT, other), rel=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_prior_that_alone_tells_the_scale_widens_all_by_its_share(sines, method):
+    share = 0.02
+    estimate = METHODS[method](knowing(sines, p4=(ROBOT.p4, share * ROBOT.p4)))
+    exact = METHODS[method](knowing(sines, p4=ROBOT.p4))
+    errors = dict(zip(estimate.names, estimate.standard_errors, strict=True))
+    rest = dict(zip(exact.names, exact.standard_errors, strict=True))
+    carried = {"p1": ONE.inertia, "p3": ONE.gravity_moment}
+    for name in ("p1", "p2", "p3", "p4"):
+        grown = getattr(ROBOT, name) + carried.get(name, 0.0)
+        closed = np.hypot(share * grown, rest.get(name, 0.0))
+        assert errors[name] == pytest.approx(closed, rel=0.05), name
+    assert found(estimate)["p4"] == pytest.approx(ROBOT.p4, rel=1e-3)
+
+
+def test_two_priors_are_weighed_by_their_uncertainties(sines):
+    told = {"p4": (1.01 * ROBOT.p4, 0.02 * ROBOT.p4), "p3": (ROBOT.p3, 0.002 * ROBOT.p3)}
+    one = METHODS["output-error"](knowing(sines, p3=told["p3"]))
+    both = METHODS["output-error"](knowing(sines, **told))
+    at = both.names.index("p4")
+    precisions = np.array([1 / one.covariance[at, at], 1 / told["p4"][1] ** 2])
+    weighed = precisions @ [one.values[at], told["p4"][0]] / precisions.sum()
+    assert both.values[at] == pytest.approx(weighed, rel=1e-4)
+    assert both.standard_errors[at] == pytest.approx(precisions.sum() ** -0.5, rel=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_priors_beside_three_masses_go_from_nothing_to_all(method):
+    logs = noisy(steady(ROBOT, SWINGS) if method == "harmonic-balance" else wild(ROBOT))
+    estimator = METHODS[method]
+    plain = estimator(DataSet.of(logs))
+    vague = estimator(knowing(logs, p4=(ROBOT.p4, 10.0)))
+    np.testing.assert_allclose(vague.values, plain.values, rtol=2e-4, atol=1e-6)
+    np.testing.assert_allclose(vague.standard_errors, plain.standard_errors, rtol=0.02)
+    tight = estimator(knowing(logs, p4=(1.0001 * ROBOT.p4, 1e-9)))
+    assert found(tight)["p4"] == pytest.approx(1.0001 * ROBOT.p4, rel=1e-6)
+
+
+def test_knowledge_that_the_logs_contradict_is_said():
+    logs = noisy(wild(ROBOT))
+    estimate = METHODS["weak-form"](knowing(logs, p4=(1.1 * ROBOT.p4, 0.01 * ROBOT.p4)))
+    (said,) = (f for f in estimate.findings if f.kind is FindingKind.PRIOR_APART)
+    assert said.parameters == ("p4",)
+    assert said.number > 5
+    agreeing = METHODS["weak-form"](knowing(logs, p4=(1.01 * ROBOT.p4, 0.01 * ROBOT.p4)))
+    assert not any(f.kind is FindingKind.PRIOR_APART for f in agreeing.findings)
+
+
+def test_a_term_may_be_known():
+    robot = replace(ROBOT, drag=1e-3)
+    logs = wild(robot, duration=12.0)
+    exact = METHODS["output-error"](knowing(logs, drag=1e-3))
+    assert exact.parameters.drag == 1e-3
+    assert exact.parameters.p2 == pytest.approx(robot.p2, rel=1e-3)
+    vague = METHODS["output-error"](knowing(logs, drag=(2e-3, 1.0)))
+    assert vague.parameters.drag == pytest.approx(1e-3, rel=0.05)
+
+
+def test_what_a_method_cannot_use_is_refused_with_one_that_can(sines):
+    with pytest.raises(InputError, match=r"known.tilt: got 0.1; expected the method output-error"):
+        METHODS["harmonic-balance"](knowing(sines, p4=1, tilt=0.1))
+    with pytest.raises(InputError, match=r"known.cogging_periods: .*expected an exact value"):
+        METHODS["output-error"](knowing(sines, p4=1, cogging_periods=(2, 1)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_that_tells_the_scale_is_refused_with_what_would(sines, method):
+    with pytest.raises(IdentifiabilityError, match=r"same added mass.*--known p4=1.*--known p3="):
+        METHODS[method](DataSet.of(sines))
+    with pytest.raises(IdentifiabilityError, match="known only up to a common factor"):
+        METHODS[method](knowing(sines, delay=0.0, p3=(0.0, 0.01)))
+
+
+def test_undriven_logs_need_a_gain_besides():
+    decays = [replace(log, input=np.zeros(log.time.size)) for log in wild(ROBOT, duration=6.0)]
+    with pytest.raises(IdentifiabilityError, match="--known p4="):
+        METHODS["weak-form"](knowing(decays, p3=0.04))
+
+
+def test_uncertain_masses_and_arms_widen_the_intervals():
+    logs = wild(ROBOT, duration=12.0)
+    share = 0.01
+
+    def estimated(factor, uncertainty):
+        told = [
+            replace(
+                log,
+                added_mass=replace(
+                    log.added_mass,
+                    arm=factor * log.added_mass.arm,
+                    arm_uncertainty=uncertainty * log.added_mass.arm,
+                ),
+            )
+            for log in logs
+        ]
+        return METHODS["weak-form"](DataSet.of(told))
+
+    exact, longer, vague = estimated(1, 0), estimated(1 + share, 0), estimated(1, share)
+    added = np.sqrt(np.diag(vague.covariance - exact.covariance))
+    for name in ("p1", "p3", "p4"):
+        at = exact.names.index(name)
+        assert added[at] == pytest.approx(abs(longer.values - exact.values)[at], rel=0.1)
+
+
+def test_covariance_with_a_prior_is_that_of_many_draws():
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((12, 4, 2)) @ np.array([[1.0, 0.9], [0.0, 0.05]])
+    truth, told, size = np.array([1.0, 2.0]), 0.3, 0.4
+    flat = rows.reshape(-1, 2)
+    prior = Prior(mean=truth, weight=np.array([0.0, (size / told) ** 2]), variance=size**2)
+    normal = np.linalg.inv(flat.T @ flat + prior.curvature)
+    values, covariances = [], []
+    for _ in range(1000):
+        noise = size * np.repeat(rng.standard_normal(12), 4) * np.tile([1, 0, 0, 0], 12)
+        noise += size * rng.standard_normal(48) * np.tile([0, 1, 1, 1], 12)
+        mean = truth + np.array([0, told * rng.standard_normal()])
+        fit = normal @ (flat.T @ (flat @ truth + noise) + prior.weight * mean)
+        values.append(fit)
+        covariances.append(
+            cluster_covariance(rows, (flat @ fit - flat @ truth - noise).reshape(12, 4), prior)[0]
+        )
+    np.testing.assert_allclose(
+        np.mean(covariances, axis=0), np.cov(np.transpose(values)), rtol=0.12
+    )

@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from butterfly.errors import InputError
+from butterfly.model.known import NOTHING, Knowledge, Known, known_of
+from butterfly.model.parameters import AddedMass, JointKind
+
+NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
+SIZES = st.floats(0, 1e3)
+
+
+@given(NUMBERS, SIZES)
+def test_a_value_is_read_back_from_every_form(value, uncertainty):
+    known = Known(value=value, uncertainty=uncertainty)
+    forms = (
+        known,
+        (value, uncertainty),
+        {"value": value, "uncertainty": uncertainty},
+        f"{value!r}+-{uncertainty!r}",
+        f"{value!r} ± {uncertainty!r}",
+    )
+    assert all(known_of(form) == known for form in forms)
+    assert known_of(value) == Known(value=value)
+
+
+@pytest.mark.parametrize("value", [True, None, "one", {"valu": 1}, [1, 2, 3], float("nan"), "1+-x"])
+def test_what_is_no_value_is_refused(value):
+    with pytest.raises(InputError, match=r"known.p4: got .*expected a"):
+        Knowledge.told({"p4": value})
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"p5": 1}, "known.p5: got an unknown name; expected"),
+        ({"p2": -1}, "known.p2: got -1; expected 0 or more"),
+        ({"resistance": 0}, "known.resistance: got 0; expected a positive number"),
+        ({"p4": (1, -1)}, "uncertainty: got -1; expected 0 or a positive number"),
+        (["p4"], "expected a mapping"),
+    ],
+)
+def test_slips_are_named(told, message):
+    with pytest.raises(InputError, match=message):
+        Knowledge.told(told)
+
+
+def test_what_is_said_later_goes_before():
+    first = Knowledge.told({"p4": 1, "p3": 0, "hand_mass": 0.3})
+    both = first.also(Knowledge.told({"p4": (1.1, 0.1)}))
+    assert both.uncertain == {"p4": Known(value=1.1, uncertainty=0.1)}
+    assert both.exact == {"p3": 0.0}
+    assert Knowledge.told(both.as_told()) == both
+    assert both.fitted(("p1", "p3")) == ("p1", "p4")
+    assert (both.scale, both.reference, NOTHING.reference) == (("p4",), "p4", None)
+    assert both.holding("p4").reference is None
+
+
+def test_a_slide_carries_masses_and_a_vertical_axis_no_moments():
+    slide = AddedMass(mass=0.2, arm=0.3, joint=JointKind.SLIDE)
+    assert slide.effect == (0.2, 0.0)
+    assert str(slide) == "200 g"
+    upright = AddedMass(mass=0.2, arm=0.3, gravity=0.0)
+    assert upright.effect == (pytest.approx(0.018), 0.0)
+    assert upright.weight == AddedMass(mass=0.2, arm=0.3).weight
+    assert AddedMass(mass=0.0, arm=0.3) == AddedMass()
