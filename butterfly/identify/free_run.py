@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from butterfly.logs.beginning import Beginning
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import compressed
 from butterfly.model.sensitivities import Columns, Readings, differentiate
 from butterfly.signals import hermite, hold
-from butterfly.signals.beginning import Beginning, beginning
 from butterfly.signals.resample import uniform_grid
 
 if TYPE_CHECKING:
@@ -56,7 +56,6 @@ class Trajectory:
 
     def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
         self.log = log
-        self.own = beginning(log)
         self._command = log.command
         grid = uniform_grid(log.time, grid_step(log, parameters))
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
@@ -71,7 +70,7 @@ class Trajectory:
     @property
     def starts_anew(self) -> bool:
         """Whether the log begins in motion, and its errors count from there."""
-        return self._first == 0 and self.own.velocity != 0
+        return self._first == 0 and self.log.beginning.velocity != 0
 
     def simulate(
         self, parameters: LumpedParameters, zero: float, begin: Begin = None
@@ -165,7 +164,7 @@ class Trajectory:
     def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
         """Return angle, from the hanging position, and velocity at the first sample."""
         if begin is None:
-            begin = self.own
+            begin = self.log.beginning
         elif not isinstance(begin, Beginning):
             begin = Beginning(float(self.log.angle[0]), begin)
         return begin.angle - zero, begin.velocity

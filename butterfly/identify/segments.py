@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from butterfly.identify.free_run import Trajectory
+from butterfly.logs.beginning import Beginning
 from butterfly.logs.log import MIN_SAMPLES
-from butterfly.signals.beginning import Beginning, rms_speed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,7 +60,9 @@ class Segments:
         self._edges = [*before, *(first + k for k in _edges(log.time[first:], horizon))]
         ends = [*self._edges[1:], log.time.size]
         self._segments = [
-            _Segment(log.piece(begin, end), parameters, rms_speed(log) / float(np.std(log.angle)))
+            _Segment(
+                log.piece(begin, end), parameters, log.rms_speed / (float(np.std(log.angle)) or 1.0)
+            )
             for begin, end in zip(self._edges, ends, strict=True)
         ]
         self._counted = self._segments[len(before) :]
@@ -171,7 +173,7 @@ class _Segment:
     def __init__(self, log: Log, parameters: LumpedParameters, rate: float) -> None:
         self.trajectory = Trajectory(log, parameters)
         self._units = np.array([1.0, rate])
-        self._latest = self.trajectory.own
+        self._latest = log.beginning
 
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
@@ -194,7 +196,7 @@ class _Segment:
         begin = self._latest
         at = self._about(_START, parameters, zero, begin)
         if not math.isfinite(at.cost):
-            begin = self.trajectory.own
+            begin = self.trajectory.log.beginning
             at = self._about(_START, parameters, zero, begin)
         reach = 1.0
         for _ in range(_ROUNDS):

@@ -7,6 +7,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 from difflib import get_close_matches
 from enum import StrEnum
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import PurePath
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
+from butterfly.logs.beginning import beginning, rms_speed
 from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    from butterfly.logs.beginning import Beginning
 
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
@@ -248,6 +252,16 @@ class Log:
             return self.time, self.input
         time = np.concatenate([self.lead.time, self.time])
         return time, np.concatenate([self.lead.input, self.input])
+
+    @cached_property
+    def rms_speed(self) -> float:
+        """Rms velocity in rad/s."""
+        return rms_speed(self.time, self.angle)
+
+    @cached_property
+    def beginning(self) -> Beginning:
+        """How it begins, at rest or in motion (see `butterfly.logs.beginning`)."""
+        return beginning(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
 
     @property
     def mean_step(self) -> float:

@@ -161,7 +161,7 @@ class OutputError(Estimator):
             If the logs cannot determine the parameters, or no first guess is a joint's.
         """
         if self.horizon is None:
-            horizon = horizon_of(logs, first[0].parameters, first[0].zeros)
+            horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
             found = replace(self, horizon=horizon).of_starts(logs, first, known)
             return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from butterfly.model.terms import TERMS
-from butterfly.signals.beginning import rms_speed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -116,7 +115,7 @@ def missing_terms(estimate: ParameterEstimate) -> tuple[str, ...]:
 
 def slow_velocity(logs: Iterable[Log]) -> float:
     """Return the velocity in rad/s at which Stribeck friction is looked for in logs."""
-    return _SLOW * float(np.median([rms_speed(log) for log in logs]))
+    return _SLOW * float(np.median([log.rms_speed for log in logs]))
 
 
 def name_left_over(balances: Sequence[Balance], least: float) -> tuple[LeftOver, list[LeftOver]]:

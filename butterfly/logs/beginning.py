@@ -10,8 +10,6 @@ from numpy.polynomial import polynomial
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from butterfly.logs.log import Log
-
     Samples = NDArray[np.float64]
 
 _SPAN = 0.05  # s, over which an angle advances by more than noise
@@ -29,41 +27,52 @@ class Beginning(NamedTuple):
     velocity: float
 
 
-def rms_speed(log: Log) -> float:
-    """Return the rms velocity in rad/s, over spans that are long against the noise."""
-    every = min(max(1, round(_SPAN / log.mean_step)), log.time.size // 2)
-    return float(np.std(np.diff(log.angle[::every]) / np.diff(log.time[::every])))
+def rms_speed(time: Samples, angle: Samples) -> float:
+    """Return the rms velocity in rad/s of (n,) angles, over spans that are long against noise."""
+    step = (time[-1] - time[0]) / (time.size - 1)
+    every = min(max(1, round(_SPAN / step)), time.size // 2)
+    return float(np.std(np.diff(angle[::every]) / np.diff(time[::every])))
 
 
-def beginning(log: Log) -> Beginning:
+def beginning(time: Samples, angle: Samples, speed: float, *, cut: bool) -> Beginning:
     """Return how a log begins.
 
     A piece of a longer recording begins in motion: angle and velocity are those of the cubic that
     fits its first samples best. A whole log begins at rest at its first sample, unless these say
     otherwise: their velocity is no noise, and half of them tell the same one. Of a joint that
     starts from rest half as long a stretch tells a quarter, or half, of it.
+
+    Parameters
+    ----------
+    time, angle
+        (n,) increasing stamps in s, and angles in rad.
+    speed
+        Rms velocity in rad/s.
+    cut
+        Whether it is a piece of a longer recording.
     """
-    speed, motion = rms_speed(log), float(np.std(log.angle))
-    rest = Beginning(float(log.angle[0]), 0.0)
+    rest = Beginning(float(angle[0]), 0.0)
     if not speed > 0:
         return rest
-    within = log.time - log.time[0] <= _REACH * motion / speed
-    count = max(int(np.count_nonzero(within)), _FEWEST)
-    found, _ = _fitted(log, count, 3)
-    if log.lead is not None:
-        return found
-    parts = [_fitted(log, max(count // share, _FEWEST), 2) for share in (1, 2)]
-    (whole, _), (half, error) = parts
-    sure = abs(half.velocity) > max(_SURE * error, _NOTABLE * speed)
-    settled = abs(whole.velocity - half.velocity) <= _SETTLED * abs(half.velocity)
-    return found if sure and settled else rest
+    span = _REACH * float(np.std(angle)) / speed
+    count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
+    if not cut:
+        half_count = max(count // 2, _FEWEST)
+        moved = float(np.ptp(angle[:half_count]))
+        if moved < _NOTABLE * speed * (time[half_count - 1] - time[0]) / 2:
+            return rest
+        whole, _ = _fitted(time[:count], angle[:count], 2)
+        half, error = _fitted(time[:half_count], angle[:half_count], 2)
+        sure = abs(half.velocity) > max(_SURE * error, _NOTABLE * speed)
+        if not sure or abs(whole.velocity - half.velocity) > _SETTLED * abs(half.velocity):
+            return rest
+    return _fitted(time[:count], angle[:count], 3)[0]
 
 
-def _fitted(log: Log, count: int, order: int) -> tuple[Beginning, float]:
-    """Fit a polynomial to the first samples; return its beginning, and its velocity's error."""
-    time, angle = log.time[:count] - log.time[0], log.angle[:count]
-    span = float(time[-1])
-    columns = polynomial.polyvander(time / span, order)
+def _fitted(time: Samples, angle: Samples, order: int) -> tuple[Beginning, float]:
+    """Fit a polynomial to (n,) first samples; return its beginning, and its velocity's error."""
+    span = float(time[-1] - time[0])
+    columns = polynomial.polyvander((time - time[0]) / span, order)
     coefficients, *_ = np.linalg.lstsq(columns, angle, rcond=None)
     left = angle - columns @ coefficients
     variance = float(left @ left) / max(angle.size - order - 1, 1)
