@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 _SPAN = 0.05  # s, over which an angle advances by more than noise
 _REACH = 0.7  # rad of the motion's own phase, over which a cubic follows it
+_WIDE = 1.0  # rad, beyond which a wider motion is no slower
 _FEWEST = 12  # samples that a cubic is fitted to
 _SURE = 6.0  # standard errors from 0 at which a velocity counts as one
 _SETTLED = 0.3  # share by which half as many samples may tell another velocity
@@ -54,7 +55,7 @@ def beginning(time: Samples, angle: Samples, speed: float, *, cut: bool) -> Begi
     rest = Beginning(float(angle[0]), 0.0)
     if not speed > 0:
         return rest
-    span = _REACH * float(np.std(angle)) / speed
+    span = _REACH * min(float(np.std(angle)), _WIDE) / speed
     count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
     if not cut:
         half_count = max(count // 2, _FEWEST)
