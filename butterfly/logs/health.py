@@ -12,7 +12,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
 from butterfly.logs.log import Lead
-from butterfly.logs.stamps import increasing, repeated
+from butterfly.logs.stamps import increasing, repeated, restarts
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -32,6 +32,9 @@ class Repair(StrEnum):
     BACKWARD = "backward"
     NON_FINITE = "non_finite"
 
+
+SPLIT = "split: restarts in a manifest, or --restarts"
+"""What makes a log of each of several recordings."""
 
 DEFAULT_REPAIRS = frozenset({Repair.DUPLICATE})
 """Only repeated stamps are dropped unasked; anything else must be allowed by name."""
@@ -116,7 +119,10 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     kept = increasing(sound.time)
     repeats = repeated(sound.time, kept)
     backward = ~(kept | repeats)
-    _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, "stamps in ascending order")
+    ascending = "stamps in ascending order"
+    if Repair.BACKWARD not in repairs and backward.any() and restarts(sound.time):
+        ascending += f" (or {SPLIT}, where several recordings were put together)"
+    _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, ascending)
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
     clean = _with_sound_lead(_only(sound, kept))
     _refuse_constant(clean)
