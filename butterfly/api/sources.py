@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from butterfly.api.identified import Identified
+from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import named_data
 from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.identify.data import DataSet
-from butterfly.logs.health import DEFAULT_REPAIRS
+from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import Knowledge, known_of
@@ -20,11 +21,17 @@ from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
+    from butterfly.logs.column_map import ColumnMap
+
+_OWN: tuple[dict[str, Any], frozenset[Repair]] = ({}, frozenset())  # of logs that are read already
 
 Named: TypeAlias = str | PathLike[str]
 """A path, or the name of something shipped."""
 
-Data: TypeAlias = DataSet | Identified | Log | Named | Sequence[DataSet | Identified | Log | Named]
+One: TypeAlias = DataSet | Identified | Log | Named | Table
+"""Whatever holds logs by itself."""
+
+Data: TypeAlias = One | Sequence[One]
 """Whatever `read` takes."""
 
 
@@ -35,7 +42,9 @@ def read(
     arm: float | None = None,
     input_kind: str | None = None,
     intersample: str | None = None,
-    columns: Mapping[str, str] | None = None,
+    columns: ColumnMap | None = None,
+    units: Mapping[str, str | float] | None = None,
+    repair: Collection[str] = (),
     known: Mapping[str, Any] | None = None,
     zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
     piece: tuple[float | None, float | None] | None = None,
@@ -48,16 +57,22 @@ def read(
     ----------
     source
         A manifest; a folder with one, or with logs named like Data_52__8__002.mat; a log file; a
-        saved result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identified`; or
-        several of these, whose files are then not remembered.
+        saved result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identified`; a
+        pandas frame, a mapping of arrays, or an array with named columns or of the columns t, u,
+        q[, dq]; or several of these, whose files are then not remembered.
     root
         Folder of the logs, if not the one that the manifest names.
     arm
         Pivot to added mass in m, where no manifest says it.
-    input_kind, intersample, columns
-        What the input commands (``voltage``, if not given, or ``torque``), how it is held
-        (``zero_order_hold``, if not given, or ``first_order_hold``), and the columns of a .csv file
-        (``time``, ``input``, ``angle``), where no manifest says so.
+    input_kind, intersample
+        What the input commands (``voltage``, if not given, or ``torque``), and how it is held
+        (``zero_order_hold``, if not given, or ``first_order_hold``), where no manifest says so.
+    columns, units
+        What holds ``time``, ``input`` and ``angle``: columns or variables, by name or number; and
+        their units, such as ``{"time": "ms", "angle": "deg"}`` (see `butterfly.logs.units`). Both
+        go before what a manifest says.
+    repair
+        Repairs that may be made besides: ``backward``, ``non_finite``, ``unwrap``.
     known
         What is known of the robot besides what manifests say: parameters of the model (``p4``,
         ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
@@ -86,46 +101,76 @@ def read(
         "input_kind": input_kind,
         "intersample": intersample,
         "columns": columns,
+        "units": units,
         "cut": None if cut == WHOLE else cut,
     }
-    data = _read(source, about, name).knowing(Knowledge.told(known or {}, "read"))
+    repairs = _repairs(repair)
+    data = _read(source, about, repairs, name).knowing(Knowledge.told(known or {}, "read"))
     return data if zero is None else data.with_zero(known_of(zero, "read", "zero"))
 
 
-def _read(source: Data, about: Mapping[str, Any], name: str) -> DataSet:
+def _read(source: Data, about: Mapping[str, Any], repairs: frozenset[Repair], name: str) -> DataSet:
     """Read a source, or several, about which something is told (see `read`)."""
     told = {key: value for key, value in about.items() if value is not None}
     if isinstance(source, DataSet | Identified | Log):
         if told:
             expected = "none beside logs that are read already"
             raise InputError("read", next(iter(told)), next(iter(told.values())), expected)
-        if isinstance(source, Log):
-            return DataSet.of([source], name=source.name or name)
-        return source if isinstance(source, DataSet) else source.data
+        return _repaired(source, repairs, name)
+    if isinstance(source, Sequence) and not isinstance(source, str):
+        return _together(source, name, about, repairs)
+    return _read_one(source, told, repairs, name)
+
+
+def _read_one(
+    source: Named | Table, told: dict[str, Any], repairs: frozenset[Repair], name: str
+) -> DataSet:
+    """Read a path, a name or a table."""
     if "root" in told:
         told["root"] = Path(told["root"])
     for key, kind in (("input_kind", InputKind), ("intersample", Intersample)):
         if key in told:
             told[key] = choice(kind, "read", key, told[key])
     if isinstance(source, str | PathLike):
-        return named_data(_path("read", "source", source), **told)
-    if not isinstance(source, Sequence):
-        expected = "a path, a name, logs, or several of these"
-        raise InputError("read", "source", type(source).__name__, expected)
-    if len(source) == 1 and not isinstance(source[0], Log):
-        return _read(source[0], about, name)
-    return _together(source, name, about)
+        return named_data(_path("read", "source", source), repair=repairs, **told)
+    if is_table(source):
+        return _repaired(log_of_table(source, told), repairs, name)
+    expected = "a path, a name, logs, a table, or several of these"
+    raise InputError("read", "source", type(source).__name__, expected)
 
 
-def _together(sources: Sequence[Any], name: str, about: Mapping[str, Any]) -> DataSet:
+def _repairs(told: Collection[str]) -> frozenset[Repair]:
+    if isinstance(told, str):
+        raise InputError("read", "repair", repr(told), f"a list such as [{told!r}]")
+    return frozenset(choice(Repair, "read", "repair", each) for each in told)
+
+
+def _repaired(source: DataSet | Identified | Log, repairs: frozenset[Repair], name: str) -> DataSet:
+    """Return the data set of what is read already, with more repairs."""
+    if isinstance(source, Log):
+        return DataSet.of([source], name=source.name or name, repairs=DEFAULT_REPAIRS | repairs)
+    data = source if isinstance(source, DataSet) else source.data
+    if repairs:
+        raise InputError(
+            "read", "repair", ", ".join(sorted(repairs)), "none of a repaired data set"
+        )
+    return data
+
+
+def _together(
+    sources: Sequence[Any], name: str, about: Mapping[str, Any], repairs: frozenset[Repair]
+) -> DataSet:
     """Read several sources as one data set; every source's own repairs are made."""
+    if len(sources) == 1 and not isinstance(sources[0], Log):
+        return _read(sources[0], about, repairs, name)
+    said = about, repairs
     parts = [
-        each if isinstance(each, Log) else _read(each, {} if _is_read(each) else about, name)
+        each if isinstance(each, Log) else _read(each, *(_OWN if _is_read(each) else said), name)
         for each in sources
     ]
     logs: list[Log] = []
     held: list[Log] = []
-    repairs = DEFAULT_REPAIRS
+    repairs |= DEFAULT_REPAIRS
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)

@@ -31,12 +31,12 @@ COMMANDS = {
     "inspect": Command(
         "log_commands",
         "inspect_command",
-        "Check logs: clock, gaps, saturation, clipping, and the dominant frequency.",
+        "Check logs: clock, gaps, saturation, clipping, turns, and the dominant frequency.",
     ),
     "manifest": Command(
         "log_commands",
         "manifest_command",
-        "Generate a data-set manifest from the names of the log files, to edit and keep.",
+        "Draft a data-set manifest of the logs in a folder, to edit and keep.",
     ),
     "identify": Command(
         "identify_commands",

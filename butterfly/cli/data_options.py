@@ -13,9 +13,11 @@ from butterfly.cli.options import (
     InputOption,
     IntersampleOption,
     KnownOption,
+    RepairOption,
     RestartsOption,
     RootOption,
     ToOption,
+    UnitsOption,
     ZeroOption,
     parse_pairs,
 )
@@ -25,10 +27,11 @@ from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import NOTHING, Knowledge, Known, known_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from pathlib import Path
 
     from butterfly.identify.data import DataSet
+    from butterfly.logs.health import Repair
     from butterfly.logs.manifest import Manifest
 
 _BESIDES = {"known", "zero", "cut"}  # said after a manifest is found
@@ -43,17 +46,19 @@ class DataOptions:
     input_kind: InputKind = InputKind.VOLTAGE
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
     columns: Mapping[str, str] | None = None
+    units: Mapping[str, str] | None = None
+    repair: Collection[Repair] = ()
     known: Knowledge = NOTHING
     zero: Known | None = None
     cut: Cut = WHOLE
 
-    def manifest(self, source: Path) -> Manifest:
-        """Describe the data that a user named."""
+    def manifest(self, source: Path, *, loose: bool = False) -> Manifest:
+        """Describe the data that a user named; loose if it may be a folder of any logs."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
         about = {name: value for name, value in vars(self).items() if name not in _BESIDES}
-        manifest = manifest_of(source, **about).knowing(self.known).with_zero(self.zero)
-        return self.cut.of(manifest)
+        told = manifest_of(source, loose=loose, **about)
+        return self.cut.of(told.knowing(self.known).with_zero(self.zero))
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -71,6 +76,8 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("input_kind", InputOption, silent.input_kind),
         option("intersample", IntersampleOption, silent.intersample),
         option("columns", ColumnsOption, silent.columns),
+        option("units", UnitsOption, None),
+        option("repair", RepairOption, None),
         option("known", KnownOption, None),
         option("zero", ZeroOption, None),
         option("begin", FromOption, None),
@@ -79,11 +86,16 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
-        columns, known, zero = (told.pop(name) for name in ("columns", "known", "zero"))
-        pairs = None if columns is None else parse_pairs(columns, "--columns")
-        facts = NOTHING if known is None else Knowledge.told(parse_pairs(known, "--known"), "data")
+        pairs: dict[str, Any] = {
+            name: None if text is None else parse_pairs(text, f"--{name}")
+            for name in ("columns", "units", "known")
+            for text in [told.pop(name)]
+        }
+        known, zero = pairs.pop("known"), told.pop("zero")
+        facts = NOTHING if known is None else Knowledge.told(known, "data")
         reading = None if zero is None else known_of(zero, "data", "--zero")
+        repair = told.pop("repair") or ()
         cut = Cut(**{name: told.pop(name) for name in ("begin", "end", "restarts")})
-        return DataOptions(columns=pairs, known=facts, zero=reading, cut=cut, **told)
+        return DataOptions(**pairs, repair=repair, known=facts, zero=reading, cut=cut, **told)
 
     return with_options(command, "options", declared, make)

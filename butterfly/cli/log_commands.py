@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from butterfly.cli.console import CONSOLE, new_table, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.options import (
+    ColumnsOption,
     DataArgument,
     InputOption,
     IntersampleOption,
     PlotOption,
+    RepairOption,
+    UnitsOption,
+    parse_pairs,
 )
 from butterfly.errors import InputError
+from butterfly.logs.drafted import has_thesis_names, manifest_from_names, manifest_of_files
 from butterfly.logs.formats import FORMATS
-from butterfly.logs.health import Repair, examine
+from butterfly.logs.health import DEFAULT_REPAIRS, examine
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    manifest_from_names,
-    write_manifest,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, write_manifest
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
-from butterfly.report.inspection import health_rows, write_inspection
+from butterfly.logs.remarks import Condition
+from butterfly.report.inspection import health_rows, hints, inspect_logs, write_inspection
 
 if TYPE_CHECKING:
-    from butterfly.logs.health import Health
+    from collections.abc import Iterable, Sequence
+
     from butterfly.logs.log import Log
-    from butterfly.logs.manifest import LogEntry, Manifest
+    from butterfly.logs.manifest import Manifest
+    from butterfly.logs.remarks import Remark
+    from butterfly.report.inspection import Inspected
+
+_STDOUT = Path("-")
 
 
 @takes_data_options
@@ -41,49 +49,70 @@ def inspect_command(
         int | None,
         typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
     ] = None,
-    repair: Annotated[
-        list[Repair] | None,
+    plot: PlotOption = None,
+    json_file: Annotated[
+        Path | None,
         typer.Option(
-            help="Fault to repair by dropping samples; may be repeated.", show_default=False
+            "--json", help="Write what was found to this file; - prints it.", show_default=False
         ),
     ] = None,
-    plot: PlotOption = None,
     options: DataOptions,
 ) -> None:
-    """Check logs: clock, gaps, saturation, clipping, and the dominant frequency.
+    """Check logs: clock, gaps, saturation, clipping, turns, and the dominant frequency.
 
-    One log is told in full, several in a line each; of several, --log N tells and draws one.
+    One log is told in full, several in a line each, the worst first; of several, --log N tells and
+    draws one. A folder needs no manifest.
 
     Example: `butterfly inspect Data_52__8__002.mat --plot log.html`
     """
-    manifest = options.manifest(data)
-    repairs = manifest.repair | frozenset(repair or ())
-    manifest = manifest.model_copy(update={"repair": repairs})
-    manifest = with_parts(manifest)
+    manifest = with_parts(options.manifest(data, loose=True))
     count = len(manifest.logs)
-    if number is None and count > 1:
-        if plot is not None:
-            raise InputError(data, "--plot", f"{count} logs", "one log (--log N)")
-        _show_all(data, manifest)
-        return
     if number is not None and number >= count:
         raise InputError(data, "--log", number, f"less than {count}")
-    entry = manifest.logs[number or 0]
-    log, health = _examined(manifest, entry)
+    chosen = manifest.logs if number is None else [manifest.logs[number]]
+    if plot is not None and len(chosen) > 1:
+        raise InputError(data, "--plot", f"{count} logs", "one log (--log N)")
+    part = manifest.model_copy(update={"logs": chosen})
+    if json_file is not None:
+        seen = inspect_logs(part)
+        _write_json(seen, json_file)
+        if json_file == _STDOUT:
+            _refuse_unusable(data, seen)
+            return
+    if len(chosen) > 1:
+        seen = inspect_logs(part)
+        _show_all(data, seen)
+        _say_zeros([each.log for each in seen if each.log is not None], manifest)
+        _show_hints(remark for each in seen for remark in each.remarks)
+        _refuse_unusable(data, seen)
+        return
+    ((_, recorded),) = read_pieces(manifest, chosen[0])
+    log, health = examine(recorded, manifest.repair)
     is_log = data.suffix.lower() in FORMATS
-    typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(entry))
+    typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(chosen[0]))
     show_pairs(health_rows(log, health))
     _say_zeros([log], manifest)
+    _show_hints(health.remarks)
     if plot is not None:
         write_inspection(log, health, plot)
         typer.echo(f"Plot: {plot}")
 
 
 def manifest_command(
-    folder: Annotated[Path, typer.Argument(help="Folder of logs named like Data_52__8__002.mat.")],
-    arm: Annotated[float, typer.Option(help="Pivot to added mass in m.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of logs.")],
+    *,
+    arm: Annotated[
+        float | None,
+        typer.Option(
+            help="Pivot to added mass in m, of logs named like Data_52__8__002.mat.",
+            show_default=False,
+        ),
+    ] = None,
     input_kind: InputOption = InputKind.VOLTAGE,
     intersample: IntersampleOption = Intersample.ZERO_ORDER_HOLD,
+    columns: ColumnsOption = None,
+    units: UnitsOption = None,
+    repair: RepairOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -91,18 +120,48 @@ def manifest_command(
         ),
     ] = None,
 ) -> None:
-    """Generate a data-set manifest from the names of the log files, to edit and keep."""
+    """Draft a data-set manifest of the logs in a folder, to edit and keep.
+
+    File names like Data_52__8__002.mat tell added mass, frequency and amplitude.
+
+    Example: `butterfly manifest logs --units time=ms,angle=deg`
+    """
     path = out or folder / MANIFEST_NAME
-    manifest = manifest_from_names(folder, arm=arm, input_kind=input_kind, intersample=intersample)
+    said: dict[str, Any] = {
+        "arm": arm,
+        "input_kind": input_kind,
+        "intersample": intersample,
+        "columns": None if columns is None else parse_pairs(columns, "--columns"),
+        "units": {} if units is None else parse_pairs(units, "--units"),
+        "repair": DEFAULT_REPAIRS | frozenset(repair or ()),
+    }
+    named = has_thesis_names(folder)
+    if named and arm is None:
+        raise InputError(folder, "--arm", "nothing", "the arm in m, of the masses in the names")
+    manifest = (manifest_from_names if named else manifest_of_files)(folder, **said)
     if out is None:
         manifest = manifest.model_copy(update={"root": "."})
     write_manifest(manifest, path)
     typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")
+    if not named:
+        typer.echo(
+            "The file names tell nothing: say in it what was added (added_mass, arm), and the "
+            "omega and amplitude of sines."
+        )
 
 
-def _examined(manifest: Manifest, entry: LogEntry) -> tuple[Log, Health]:
-    ((_, log),) = read_pieces(manifest, entry)
-    return examine(log, manifest.repair)
+def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
+    """Print a line for each log."""
+    table = new_table(str(data), "log", "state", "samples", "s", "ms")
+    table.columns[1].justify = "left"
+    table.add_column("findings", overflow="fold")
+    for each in seen:
+        health = each.health
+        numbers = ("–", "–", "–")
+        if health is not None:
+            numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
+        table.add_row(each.name, each.condition, *numbers, each.findings)
+    CONSOLE.print(table)
 
 
 def _say_zeros(logs: list[Log], manifest: Manifest) -> None:
@@ -112,24 +171,23 @@ def _say_zeros(logs: list[Log], manifest: Manifest) -> None:
         typer.echo(said)
 
 
-def _show_all(data: Path, manifest: Manifest) -> None:
-    """Print a line for each log; one that cannot be used says why, and is bad input in the end."""
-    table = new_table(str(data), "log", "samples", "duration in s", "interval in ms")
-    table.add_column("findings", overflow="fold")
-    refused, logs = 0, []
-    for entry in manifest.logs:
-        try:
-            log, health = _examined(manifest, entry)
-        except InputError as error:
-            refused += 1
-            why = f"{error.field}: got {error.value}; expected {error.expected}"
-            table.add_row(piece_name(entry), "–", "–", "–", why)
-            continue
-        logs.append(log)
-        findings = "; ".join(health.findings) or "none"
-        numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        table.add_row(piece_name(entry), *numbers, findings)
-    CONSOLE.print(table)
-    _say_zeros(logs, manifest)
+def _show_hints(remarks: Iterable[Remark]) -> None:
+    for hint in hints(remarks):
+        typer.echo(hint)
+
+
+def _write_json(seen: Sequence[Inspected], path: Path) -> None:
+    from butterfly.report.page import write_numbers  # noqa: PLC0415 - slow to import
+
+    numbers = {"logs": [each.as_dict() for each in seen]}
+    if path == _STDOUT:
+        typer.echo(json.dumps(numbers, indent=2, ensure_ascii=False))
+    else:
+        write_numbers(numbers, path)
+
+
+def _refuse_unusable(data: Path, seen: Sequence[Inspected]) -> None:
+    """Raise InputError if there are logs that cannot be used: all were told by now."""
+    refused = sum(each.condition is Condition.UNUSABLE for each in seen)
     if refused:
         raise InputError(data, "logs", f"{refused} that cannot be used", "logs without such faults")

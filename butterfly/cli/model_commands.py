@@ -17,6 +17,7 @@ from butterfly.experiment.named_robot import export, is_data
 from butterfly.experiment.reading import read_experiment
 from butterfly.identify.estimators import HarmonicBalance
 from butterfly.identify.identification import judged
+from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.twin import MASS, twin
@@ -142,4 +143,5 @@ def _named(source: Path, mass: float, options: DataOptions) -> tuple[Robot, Stan
 
 
 def _carried(added: float, options: DataOptions) -> AddedMass:
-    return AddedMass(mass=added, arm=_ARM if options.arm is None else options.arm)
+    told = None if options.arm is None else options.arm * Units.told(options.units).factor("arm")
+    return AddedMass(mass=added, arm=_ARM if told is None else told)

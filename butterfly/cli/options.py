@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from butterfly.errors import InputError
+from butterfly.logs.health import Repair
 from butterfly.logs.log import InputKind, Intersample
 
 ExperimentArgument = Annotated[
@@ -37,10 +38,22 @@ IntersampleOption = Annotated[
 ColumnsOption = Annotated[
     str | None,
     typer.Option(
-        help="Columns of a .csv file by commas (time=X, input=Y, angle=Z), where no manifest says "
-        "them.",
+        help="What holds time, input and angle (time=X,input=Y,angle=Z): columns of a table or "
+        "variables of a .mat file, by name or number.",
         show_default=False,
     ),
+]
+UnitsOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Units by commas (time=ms,angle=deg, counts/4096, a factor; a minus turns the sign), "
+        "also of arm, mass and omega.",
+        show_default=False,
+    ),
+]
+RepairOption = Annotated[
+    list[Repair] | None,
+    typer.Option(help="Fault that may be repaired; may be repeated.", show_default=False),
 ]
 
 KnownOption = Annotated[

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from butterfly.errors import InputError, require_number
 from butterfly.identify.data import DataSet, read_data_set
+from butterfly.logs.drafted import manifest_from_names, manifest_of_files, manifest_of_log
 from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import (
-    MANIFEST_NAME,
-    Manifest,
-    manifest_from_names,
-    manifest_of_log,
-    read_manifest,
-)
+from butterfly.logs.manifest import MANIFEST_NAME, Manifest, read_manifest
 from butterfly.logs.pieces import WHOLE, Cut
+from butterfly.logs.units import Units
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
 from butterfly.yaml_input import load_yaml
+
+if TYPE_CHECKING:
+    from butterfly.logs.column_map import ColumnMap
+    from butterfly.logs.health import Repair
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 
@@ -38,15 +39,25 @@ def named_data(
     arm: float | None = None,
     input_kind: InputKind = InputKind.VOLTAGE,
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD,
-    columns: Mapping[str, str] | None = None,
+    columns: ColumnMap | None = None,
+    units: Mapping[str, str | float] | None = None,
+    repair: Collection[Repair] = (),
     known: Knowledge = NOTHING,
     zero: Known | None = None,
     cut: Cut = WHOLE,
     track: Track = untracked,
 ) -> DataSet:
     """Read the data that a user named (see `manifest_of`), of a robot of which more is known."""
-    about = {"arm": arm, "input_kind": input_kind, "intersample": intersample, "columns": columns}
-    manifest = manifest_of(source, root=root, **about)  # type: ignore[arg-type]
+    manifest = manifest_of(
+        source,
+        root=root,
+        arm=arm,
+        input_kind=input_kind,
+        intersample=intersample,
+        columns=columns,
+        units=units,
+        repair=repair,
+    )
     return read_data_set(cut.of(manifest.knowing(known).with_zero(zero)), track)
 
 
@@ -57,7 +68,10 @@ def manifest_of(
     arm: float | None = None,
     input_kind: InputKind = InputKind.VOLTAGE,
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD,
-    columns: Mapping[str, str] | None = None,
+    columns: ColumnMap | None = None,
+    units: Mapping[str, str | float] | None = None,
+    repair: Collection[Repair] = (),
+    loose: bool = False,
 ) -> Manifest:
     """Describe the data that a user named, as a manifest.
 
@@ -70,9 +84,13 @@ def manifest_of(
         Folder of the logs, if not the one that the manifest names.
     arm
         Pivot to added mass in m, where no manifest says it.
-    input_kind, intersample, columns
-        What the input commands, how it is held, and the columns of a .csv file, where no manifest
-        says so.
+    input_kind, intersample
+        What the input commands, and how it is held, where no manifest says so.
+    columns, units, repair
+        What holds time, input and angle; units of the columns (see `butterfly.logs.units`); repairs
+        that may be made: in place of, or besides, what a manifest says.
+    loose
+        Whether a folder without a manifest may hold logs of any names, to which nothing was added.
 
     Raises
     ------
@@ -83,21 +101,37 @@ def manifest_of(
         require_number("data", unit="m", arm=arm)
     if columns is not None and not isinstance(columns, Mapping):
         raise InputError("data", "columns", columns, "a mapping such as {'time': 't', ...}")
+    Units.told(units, "data")
+    about: dict[str, Any] = {"arm": arm, "input_kind": input_kind, "intersample": intersample}
     path = locate(source)
+    said = {**about, "units": dict(units or {})}
+    if loose and path.is_dir() and not (path / MANIFEST_NAME).exists():
+        _refuse_sweep(path)
+        told = manifest_of_files(path, **said)
+    else:
+        told = _described(path, root, said)
+    more = {"units": {**told.units, **(units or {})}, "repair": told.repair | frozenset(repair)}
+    changed = more if columns is None else {**more, "columns": dict(columns)}
+    return told.model_copy(update=changed)
+
+
+def _described(path: Path, root: Path | None, about: Mapping[str, Any]) -> Manifest:
+    """Return the manifest of data, or draft one, of which ``about`` says what else is known."""
     if path.is_dir():
         if (path / MANIFEST_NAME).exists():
             return read_manifest(path / MANIFEST_NAME, root)
         _refuse_sweep(path)
-        if arm is None:
-            expected = "a manifest, or --arm and files named like Data_52__8__002.mat"
+        if about["arm"] is None:
+            expected = (
+                "a manifest, or --arm and files named like Data_52__8__002.mat "
+                "(`butterfly manifest FOLDER` drafts one)"
+            )
             raise InputError(path, MANIFEST_NAME, "no such file", expected)
-        return manifest_from_names(path, arm=arm, input_kind=input_kind, intersample=intersample)
+        return manifest_from_names(path, **about)
     if path.suffix.lower() in FORMATS:
         beside = path.parent / MANIFEST_NAME
-        listed = _entry_of(path, beside, root) if columns is None and beside.exists() else None
-        return listed or manifest_of_log(
-            path, arm=arm, input_kind=input_kind, intersample=intersample, columns=columns
-        )
+        listed = _entry_of(path, beside, root) if beside.exists() else None
+        return listed or manifest_of_log(path, **about)
     if path.suffix == RESULT:
         return _saved_manifest(path, root)
     if path.suffix.lower() not in _YAML:

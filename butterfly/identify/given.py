@@ -15,6 +15,7 @@ from butterfly.identify.judgement.following import judge_fit
 from butterfly.identify.judgement.physics import judge_physics
 from butterfly.identify.other_parameters import best_gain, told_parameters
 from butterfly.identify.predict import Predictor
+from butterfly.model.known import Known
 from butterfly.model.terms import PARAMETERS
 
 if TYPE_CHECKING:
@@ -59,13 +60,14 @@ def given_estimate(
     values = dict(told)
     zero = values.pop("zero", None)
     parameters = told_parameters(values, source)
+    local: dict[AddedMass | str | None, dict[str, float]] = {}
+    if zero is not None:
+        local[None] = {"zero": _angle(zero, source)}
+        data = data and data.with_zero(Known(value=local[None]["zero"]))
     if math.isnan(parameters.p4):
         if data is None:
             raise InputError(source, "p4", "nothing", "a value")
         parameters = replace(parameters, p4=best_gain(parameters, Predictor(data), source=source))
-    local: dict[AddedMass | str | None, dict[str, float]] = {}
-    if zero is not None:
-        local[None] = {"zero": _angle(zero, source)}
     found = asdict(parameters)
     count = len(PARAMETERS)
     unknown = np.full(count, np.nan)

@@ -1,56 +1,97 @@
-"""Logs in CSV files, whatever their columns are called."""
+"""Logs in text files (.csv, .tsv, .txt, .dat), whatever their columns are called."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow
 from pyarrow import csv
 
-from butterfly.errors import InputError, nearest
+from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.log import SAMPLED, Log
+from butterfly.logs.as_read import AS_WRITTEN, Reading
+from butterfly.logs.column_map import (
+    DEFAULT_COLUMNS,
+    ColumnMap,
+    checked_map,
+    has_column,
+    place,
+    unit_in,
+)
+from butterfly.logs.log import Log
+from butterfly.logs.text_table import is_number, read_text_table
+from butterfly.logs.units import AS_IS, Units, known_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
-"""Column map used when none is given: the columns carry the names of the fields of `Log`."""
+_TABS = {".tsv"}  # endings of files that are written with tabs
+
+_BY_NUMBER = (
+    "a line with the names of the columns, delimited as the numbers are, or columns by number "
+    "(--columns time=0,input=1,angle=2)"
+)
 
 
-def read_csv(path: Path, columns: Mapping[str, str] | None = None, **properties: Any) -> Log:  # noqa: ANN401
-    """Read a CSV file with one header line.
+@dataclass(frozen=True)
+class _Table:
+    """Names and columns of a file, and what else it says of them."""
+
+    names: Sequence[str]
+    columns: Sequence[pyarrow.ChunkedArray]
+    units: Sequence[str] | None = None
+    lines: Sequence[int] | None = None
+    reading: Reading = AS_WRITTEN
+
+
+def read_csv(
+    path: Path,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
+    """Read a table of numbers, delimited by commas, semicolons, tabs or blanks.
+
+    Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off is dropped and
+    counted. Units in brackets behind a column's name, or in a row below the names, are used.
 
     Parameters
     ----------
     path
         The file.
     columns
-        Which column of the file holds ``time`` (s), ``input``, ``angle`` (rad) and, if wanted,
-        ``velocity`` (rad/s); if not given, `DEFAULT_COLUMNS`, and ``velocity`` if there is one.
+        Which column of the file holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``,
+        by name or number; if not given, `DEFAULT_COLUMNS`, and ``velocity`` if there is one.
+    units
+        Of the columns, before those that the file says itself.
     properties
         Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
 
     Raises
     ------
     InputError
-        If the file is missing or no CSV, or a mapped column is absent or not numeric.
+        If the file is missing or no table, or a mapped column is absent or not numeric.
     """
-    mapping = dict(columns or DEFAULT_COLUMNS)
-    for field in mapping:
-        if field not in SAMPLED:
-            raise InputError(path, f"columns.{field}", "an unknown field", nearest(field, SAMPLED))
-    for field in DEFAULT_COLUMNS.keys() - mapping.keys():
-        raise InputError(path, f"columns.{field}", "nothing", "the name of a column")
-    table = _table(path)
-    if not columns and "velocity" in table.column_names:
+    mapping = checked_map(path, columns or DEFAULT_COLUMNS)
+    table = _table(path, mapping.values())
+    if not columns and has_column(table.names, "velocity"):
         mapping["velocity"] = "velocity"
-    arrays: dict[str, Any] = {field: _numeric(path, table, name) for field, name in mapping.items()}
-    return Log(**arrays, source=str(path), **properties)
+    places = {field: place(path, table.names, name) for field, name in mapping.items()}
+    arrays = {
+        field: _numeric(path, table, number, str(mapping[field]))
+        for field, number in places.items()
+    }
+    found = _own_units(path, table, places, units)
+    factors = {field: known_factor(field, unit) or 1.0 for field, unit in found.items()}
+    others = {field: unit for field, unit in found.items() if factors[field] != 1.0}
+    reading = replace(table.reading, units=others)
+    converted: dict[str, Any] = units.over(factors).applied(arrays)
+    return Log(**converted, source=str(path), reading=reading, **properties)
 
 
 def write_csv(log: Log, path: Path) -> None:
@@ -58,40 +99,80 @@ def write_csv(log: Log, path: Path) -> None:
 
     A missing velocity column is left out.
     """
+    delimiter = "\t" if path.suffix.lower() in _TABS else ","
     columns = log.columns()
     texts = (map(repr, column.astype(np.float64).tolist()) for column in columns.values())
     rows = zip(*texts, strict=True)
     with replacing(path) as draft:
-        draft.write_text("\n".join([",".join(columns), *map(",".join, rows), ""]))
+        draft.write_text("\n".join([delimiter.join(columns), *map(delimiter.join, rows), ""]))
 
 
 def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
-    """Read numeric columns of a CSV file by their names.
+    """Read numeric columns of a table by their names.
 
     Raises
     ------
     InputError
-        If the file is missing or no CSV, or a column is absent or not numeric.
+        If the file is missing or no table, or a column is absent or not numeric.
     """
-    table = _table(path)
-    return [_numeric(path, table, name) for name in names]
+    wanted = list(names)
+    table = _table(path, wanted)
+    return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
-def _table(path: Path) -> pyarrow.Table:
+def _table(path: Path, wanted: Iterable[str | int]) -> _Table:
+    """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it."""
+    wanted = list(wanted)
     try:
-        return csv.read_csv(path)
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing CSV file") from None
-    except (pyarrow.ArrowInvalid, OSError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(path, "content", f"unreadable ({reason})", "CSV with a header") from None
+        table = csv.read_csv(path)
+        plain = _Table(table.column_names, table.columns)
+        numbers = [place(path, plain.names, name) for name in wanted]
+    except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
+        return _loose(path, wanted)
+    told = all(_is_numeric(plain.columns[number]) for number in numbers)
+    return plain if told and not any(map(is_number, plain.names)) else _loose(path, wanted)
 
 
-def _numeric(path: Path, table: pyarrow.Table, name: str) -> np.ndarray[Any, Any]:
-    if name not in table.column_names:
-        raise InputError(path, name, "no such column", nearest(name, table.column_names))
-    column = table.column(name)
-    if not (pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type)):
+def _loose(path: Path, wanted: Sequence[str | int]) -> _Table:
+    table = read_text_table(path)
+    names = table.names
+    if names is None:
+        if not all(str(each).isdecimal() for each in wanted):
+            above = "no line" if table.above is None else repr(table.above)
+            found = f"{above} above rows of {len(table.columns)} numbers"
+            raise InputError(path, "header", found, _BY_NUMBER)
+        names = [""] * len(table.columns)
+    return _Table(names, table.columns, table.units, table.lines, table.reading)
+
+
+def _own_units(path: Path, table: _Table, places: dict[str, int], units: Units) -> dict[str, str]:
+    """Return the units that a file gives to the wanted columns, but for those that were told."""
+    found = {}
+    for field, number in places.items():
+        said = unit_in(table.names[number])
+        if said is not None and known_factor(field, said) is None:
+            said = None  # a bracket may hold anything
+        if table.units is not None:
+            said = table.units[number]
+        if not said or said == "-" or field in units.factors:
+            continue
+        if known_factor(field, said) is None:
+            expected = f"a unit that is known, or --units {field}=... (units: in the manifest)"
+            raise InputError(path, f"unit of {field}", said, expected)
+        found[field] = said
+    return found
+
+
+def _is_numeric(column: pyarrow.ChunkedArray) -> bool:
+    return bool(pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type))
+
+
+def _numeric(path: Path, table: _Table, number: int, name: str) -> NDArray[np.float64]:
+    column = table.columns[number]
+    if _is_numeric(column):
+        return np.asarray(column.to_numpy().astype(np.float64))
+    texts = [str(each).strip().strip('"') for each in column.to_pylist()]
+    row = next((k for k, text in enumerate(texts) if not is_number(text)), None)
+    if row is None or table.lines is None:
         raise InputError(path, name, f"a column of type {column.type}", "numbers")
-    values = column.to_numpy().astype(np.float64)
-    return np.asarray(values)
+    raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", "a number")

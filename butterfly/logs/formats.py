@@ -7,11 +7,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from butterfly.errors import InputError
+from butterfly.logs.units import AS_IS, Units
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from pathlib import Path
 
+    from butterfly.logs.column_map import ColumnMap
     from butterfly.logs.log import Log
 
 
@@ -23,16 +25,16 @@ class Format:
     ----------
     name
         Of the module of this package that does it, imported when it is used: each is slow.
-    mapped
-        Whether the file's columns may have any names, said by a map that ``read`` takes second.
+    texts
+        Whether files of this ending are often texts of another kind.
     """
 
     name: str
-    mapped: bool = False
+    texts: bool = False
 
     @property
     def read(self) -> Callable[..., Log]:
-        """Reader, of a path and the fields of `Log` that the file does not hold."""
+        """Reader, of a path, a column map, units and the fields of `Log` that no file holds."""
         return self._function("read")
 
     @property
@@ -48,15 +50,23 @@ class Format:
 
 FORMATS = {
     ".mat": Format(name="mat"),
-    ".csv": Format(name="csv", mapped=True),
+    ".csv": Format(name="csv"),
     ".parquet": Format(name="parquet"),
+    ".tsv": Format(name="csv"),
+    ".txt": Format(name="csv", texts=True),
+    ".dat": Format(name="csv", texts=True),
 }
 
 ENDINGS = " or ".join([", ".join(list(FORMATS)[:-1]), list(FORMATS)[-1]])
 """The endings, in words."""
 
 
-def read_log(path: Path, columns: Mapping[str, str] | None = None, **properties: Any) -> Log:  # noqa: ANN401 - the fields of Log that a file cannot know
+def read_log(
+    path: Path,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
     """Read one file, by its ending.
 
     Parameters
@@ -64,7 +74,10 @@ def read_log(path: Path, columns: Mapping[str, str] | None = None, **properties:
     path
         The file.
     columns
-        Column map, for formats whose columns may have any names.
+        What holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``: columns of a table
+        or variables of a .mat file, by name or number.
+    units
+        Of the columns.
     properties
         Fields of `Log` that the file does not hold; its ``name`` is the file's if not given.
 
@@ -73,9 +86,7 @@ def read_log(path: Path, columns: Mapping[str, str] | None = None, **properties:
     InputError
         If the file cannot be read, or is of none of the `FORMATS`.
     """
-    found = _format_of(path)
-    arguments = (columns,) if found.mapped else ()
-    return found.read(path, *arguments, **{"name": path.name} | properties)
+    return _format_of(path).read(path, columns, units, **{"name": path.name} | properties)
 
 
 def write_log(log: Log, path: Path) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import reduce
 from typing import TYPE_CHECKING
@@ -12,10 +13,13 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
 from butterfly.logs.log import Lead
+from butterfly.logs.remarks import Remark, remarks_on
 from butterfly.logs.stamps import increasing, repeated, restarts
+from butterfly.logs.turns import Wrapping, find_wrapping, unwrapped
+from butterfly.model.parameters import JointKind
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
 
     from numpy.typing import NDArray
 
@@ -26,11 +30,15 @@ GAP_FACTOR = 3.0
 
 
 class Repair(StrEnum):
-    """A repair that may be made to a log; each one drops the samples concerned and counts them."""
+    """A repair that may be made to a log, and is counted: each drops the samples concerned.
+
+    But for ``unwrap``, which adds the turns by which an angle falls back where the joint goes on.
+    """
 
     DUPLICATE = "duplicate"
     BACKWARD = "backward"
     NON_FINITE = "non_finite"
+    UNWRAP = "unwrap"
 
 
 SPLIT = "split: restarts in a manifest, or --restarts"
@@ -64,6 +72,16 @@ class Health:
         Samples that the angle spends on a flat top it ran into at speed.
     idle
         Samples of a log whose input never changes, as in a free decay.
+    wraps
+        Jumps of the angle by a turn, which were undone.
+    turns
+        How many times the joint turns round: the span of the angle over 2 pi; 0 of a slide.
+    middle
+        Median angle in rad.
+    cut_lines
+        Lines at the end of the file that were cut off, and dropped.
+    units
+        Units, other than the project's, that the file itself gives to its columns.
     """
 
     samples: int
@@ -79,21 +97,21 @@ class Health:
     saturated: int
     clipped: int
     idle: int
+    wraps: int = 0
+    turns: float = 0.0
+    middle: float = 0.0
+    cut_lines: int = 0
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """What is to be said of the log, worst first; nothing of a healthy one."""
+        return remarks_on(self)
 
     @property
     def findings(self) -> list[str]:
-        """The findings in words; empty for a healthy log."""
-        counted = {
-            "repeated stamp": self.duplicate_stamps,
-            "backward stamp": self.backward_stamps,
-            "sample not finite": self.non_finite,
-            "sample dropped": self.dropped,
-            f"gap bridged, longest {1e3 * self.longest_gap:.1f} ms": self.gaps,
-            "sample with the input saturated": self.saturated,
-            "sample with the angle clipped": self.clipped,
-            "sample with the same input throughout": self.idle,
-        }
-        return [f"{count} × {what}" for what, count in counted.items() if count]
+        """The same in words alone."""
+        return [remark.text for remark in self.remarks]
 
 
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
@@ -129,6 +147,11 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
     is_gap = intervals > GAP_FACTOR * step
+    turning = clean.added_mass.joint is JointKind.HINGE
+    wrapping = find_wrapping(clean.angle, is_gap) if turning else None
+    if wrapping is not None:
+        _refuse_wrapped(clean, wrapping, repairs)
+        clean = replace(clean, angle=unwrapped(clean.angle, wrapping))
     regular = intervals[~is_gap] if is_gap.any() else intervals
     health = Health(
         samples=log.time.size,
@@ -144,6 +167,11 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
         saturated=saturated(clean.input),
         clipped=clipped(clean.angle),
         idle=clean.time.size if np.ptp(clean.input) == 0 else 0,
+        wraps=0 if wrapping is None else wrapping.rows.size,
+        turns=float(np.ptp(clean.angle)) / (2 * math.pi) if turning else 0.0,
+        middle=float(np.median(clean.angle)),
+        cut_lines=log.reading.cut_lines,
+        units=log.reading.units,
     )
     return clean, health
 
@@ -175,8 +203,28 @@ def _refuse_unless_allowed(
     first = int(np.argmax(faulty))
     field = "time" if repair is not Repair.NON_FINITE else _first_not_finite(log, first)
     value = f"{log.columns()[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
-    hint = f"{expected} (or allow the repair {repair.value!r}, which drops and counts them)"
+    hint = f"{expected} (or allow the repair {repair.value!r}, which drops and counts them: "
+    hint += f"{_how(repair)})"
     raise InputError(log.source, field, value, hint)
+
+
+def _how(repair: Repair) -> str:
+    return f"--repair {repair}, or the manifest's key repair"
+
+
+def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -> None:
+    if Repair.UNWRAP in allowed and wrapping.exact:
+        return
+    first = log.time[wrapping.rows[0]]
+    value = f"{wrapping.rows.size} jumps by {wrapping.turn:.4g} rad, the first at {first:.6g} s"
+    hint = "an angle that goes on beyond a turn (or allow the repair 'unwrap', which undoes and "
+    hint += f"counts them: {_how(Repair.UNWRAP)})"
+    if not wrapping.exact:
+        hint = (
+            "jumps by whole turns of the joint, or a whole share of one: tell the angle's unit "
+            "(--units angle=counts/N), or undo the jumps before"
+        )
+    raise InputError(log.source, "angle", value, hint)
 
 
 def _first_not_finite(log: Log, row: int) -> str:

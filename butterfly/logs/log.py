@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
+from butterfly.logs.as_read import AS_WRITTEN, Reading
 from butterfly.logs.beginning import beginning, rms_speed
+from butterfly.logs.units import Units
 from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 
@@ -122,6 +124,8 @@ class Log:
         File or plant that the log came from, for messages.
     name
         What tells the log from the others of its data set (see `with_unique_names`).
+    reading
+        How its file was read.
     """
 
     time: NDArray[np.float64]
@@ -137,6 +141,7 @@ class Log:
     lead: Lead | None = None
     source: str = "log"
     name: str = ""
+    reading: Reading = AS_WRITTEN
 
     def __post_init__(self) -> None:
         for name in SAMPLED:
@@ -165,6 +170,7 @@ class Log:
         input: str = "input",  # noqa: A002 - the column's name in a log
         angle: str = "angle",
         velocity: str | None = None,
+        units: Mapping[str, str | float] | None = None,
         **properties: Any,  # noqa: ANN401 - the other fields of the class
     ) -> Log:
         """Make a log of the columns of a pandas frame, or of anything that has columns by name.
@@ -175,13 +181,15 @@ class Log:
             The table.
         time, input, angle, velocity
             Names of its columns; the last may be None.
+        units
+            Of the columns (see `butterfly.logs.units`); s, rad and the input's own if not given.
         properties
             The other fields.
 
         Raises
         ------
         InputError
-            If there is no such column, or one holds no numbers.
+            If there is no such column, one holds no numbers, or a unit is none of its column.
         """
         named = {"time": time, "input": input, "angle": angle, "velocity": velocity}
         columns = {}
@@ -192,7 +200,16 @@ class Log:
                 columns[field] = frame[name]
             except (KeyError, IndexError, ValueError, TypeError):
                 raise InputError("frame", field, name, "the name of a column") from None
-        return cls(**columns, **properties)
+        return cls(**columns, **properties).converted(Units.told(units, "frame"))
+
+    def converted(self, units: Units) -> Log:
+        """Return the log of columns that were recorded in other units."""
+        changed: dict[str, Any] = {
+            name: column
+            for name, column in units.applied(self.columns()).items()
+            if column is not getattr(self, name)
+        }
+        return replace(self, **changed) if changed else self
 
     def _column(self, name: str) -> NDArray[np.float64]:
         try:
@@ -318,7 +335,10 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
     forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
     chosen = set[int]()
     for name in names:
-        own = [k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)]
+        exact = [k for k, form in enumerate(forms) if name in form]
+        own = exact or [
+            k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)
+        ]
         if not own:
             known = [log.name for log in logs]
             (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]

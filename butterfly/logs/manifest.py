@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -20,27 +19,25 @@ from pydantic import (
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.formats import ENDINGS, FORMATS, read_log
+from butterfly.logs.formats import read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
+from butterfly.logs.units import Units
 from butterfly.model.known import Knowledge, Known, known_of, plain
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.yaml_input import StrictModel, read_yaml
 from butterfly.yaml_output import yaml_text
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
 MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
 
-_THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _SELDOM = {  # not written where it is as usual
     "sign": 1,
     "joint": "hinge",
     "gravity": GRAVITY,
     "known": {},
     "zeros": [],
+    "units": {},
     "holdout": [],
 }
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
@@ -131,13 +128,6 @@ class LogEntry(StrictModel):
             raise ValueError("from before to")
         return self
 
-    @property
-    def excitation(self) -> Sine | None:
-        """The sine that was commanded, if it was one."""
-        if self.omega is None or self.amplitude is None:
-            return None
-        return Sine(omega=self.omega, amplitude=self.amplitude)
-
 
 class MassZero(StrictModel):
     """The encoder's zero in the logs with one added mass.
@@ -163,7 +153,7 @@ class Manifest(StrictModel):
         For reports.
     root
         Folder of the files, relative to the manifest; ``${NAME}`` stands for an environment
-        variable.
+        variable, and a folder that begins with one is relative to where the command runs.
     input
         What the input column commands.
     intersample
@@ -186,8 +176,11 @@ class Manifest(StrictModel):
         that before this.
     zeros
         The same for single added masses.
+    units
+        Units of the columns, and of ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`).
     columns
-        Column map of CSV files.
+        What holds time, input and angle: columns of a table or variables of a .mat file, by name
+        or number.
     repair
         Repairs that may be made (see `butterfly.logs.health.Repair`).
     split
@@ -211,7 +204,8 @@ class Manifest(StrictModel):
     known: dict[str, Told] = Field(default_factory=dict)
     zero: Told | None = None
     zeros: list[MassZero] = Field(default_factory=list)
-    columns: dict[str, str] | None = None
+    units: dict[str, str | float] = Field(default_factory=dict)
+    columns: dict[str, str | int] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
     split: Split | None = None
     holdout: list[str] = Field(default_factory=list)
@@ -231,6 +225,11 @@ class Manifest(StrictModel):
         return self
 
     @model_validator(mode="after")
+    def _known_units(self) -> Manifest:
+        Units.told(self.units)
+        return self
+
+    @model_validator(mode="after")
     def _zeros_of_masses(self) -> Manifest:
         carried = {known_of(entry.added_mass).value for entry in self.logs}
         for each in self.zeros:
@@ -238,6 +237,11 @@ class Manifest(StrictModel):
                 masses = ", ".join(f"{mass:g}" for mass in sorted(carried))
                 raise ValueError(f"zeros of masses that logs carry: {masses} kg")
         return self
+
+    @property
+    def scale(self) -> Units:
+        """What makes the project's own units of the manifest's numbers and the files' columns."""
+        return Units.told(self.units).with_sign(self.sign)
 
     @property
     def knowledge(self) -> Knowledge:
@@ -268,13 +272,23 @@ class Manifest(StrictModel):
         """Return what the hand carried in a log."""
         mass = known_of(entry.added_mass)
         arm = known_of((self.arm if entry.arm is None else entry.arm) or 0.0)
+        of_mass, of_arm = map(self.scale.factor, ("mass", "arm"))
         return AddedMass(
-            mass=mass.value,
-            arm=arm.value,
-            mass_uncertainty=mass.uncertainty,
-            arm_uncertainty=arm.uncertainty,
+            mass=of_mass * mass.value,
+            arm=of_arm * arm.value,
+            mass_uncertainty=of_mass * mass.uncertainty,
+            arm_uncertainty=of_arm * arm.uncertainty,
             gravity=self.gravity,
             joint=self.joint,
+        )
+
+    def excitation(self, entry: LogEntry) -> Sine | None:
+        """Return the sine that was commanded in a log, if it was one; its amplitude is positive."""
+        if entry.omega is None or entry.amplitude is None:
+            return None
+        return Sine(
+            omega=self.scale.factor("omega") * entry.omega,
+            amplitude=abs(self.scale.factor("input")) * entry.amplitude,
         )
 
 
@@ -298,82 +312,6 @@ def read_manifest(path: Path, root: Path | None = None) -> Manifest:
     if not folder.is_dir():
         raise InputError(path, "root", folder, "an existing folder")
     return manifest.model_copy(update={"root": str(folder)})
-
-
-def manifest_from_names(
-    folder: Path, *, arm: float, input_kind: InputKind, intersample: Intersample
-) -> Manifest:
-    """Generate a manifest from the thesis's file names, ``Data_<grams>__<rad/s>__<0amplitude>``.
-
-    ``_`` stands for a decimal point within a number, and the amplitude's point follows its first
-    0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Subfolders are searched.
-
-    Raises
-    ------
-    InputError
-        If ``folder`` does not exist, holds no file of a known format, or one of another name.
-    """
-    if not folder.is_dir():
-        raise InputError(folder, "path", "no such folder", "a folder of logs")
-    entries = []
-    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in FORMATS):
-        entry = _entry_by_name(path, folder)
-        if entry is None:
-            raise InputError(
-                path, "file name", path.stem, "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
-            )
-        entries.append(entry)
-    if not entries:
-        raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
-    entries.sort(key=lambda entry: (known_of(entry.added_mass).value, entry.omega or 0.0))
-    return Manifest(
-        name=folder.resolve().name,
-        root=str(folder.resolve()),
-        input=input_kind,
-        intersample=intersample,
-        arm=arm,
-        logs=entries,
-    )
-
-
-def manifest_of_log(
-    path: Path,
-    *,
-    arm: float | None,
-    input_kind: InputKind,
-    intersample: Intersample,
-    columns: Mapping[str, str] | None = None,
-) -> Manifest:
-    """Generate the manifest of one log; its name tells mass and sine, where it follows the pattern.
-
-    Without an arm the added mass is not placed, and left out.
-    """
-    entry = _entry_by_name(path, path.parent) or LogEntry(file=path.name)
-    if arm is None:
-        entry = entry.model_copy(update={"added_mass": 0.0})
-    return Manifest(
-        name=path.name,
-        root=str(path.parent.resolve()),
-        input=input_kind,
-        intersample=intersample,
-        arm=arm,
-        columns=None if columns is None else dict(columns),
-        logs=[entry],
-    )
-
-
-def _entry_by_name(path: Path, folder: Path) -> LogEntry | None:
-    """Read added mass and sine off a file name as the thesis forms it; None if it is another."""
-    match = _THESIS_NAME.fullmatch(path.stem)
-    if match is None:
-        return None
-    grams, omega, digits = match.groups()
-    return LogEntry(
-        file=path.relative_to(folder).as_posix(),
-        added_mass=float(grams.replace("_", ".")) / 1e3,
-        omega=float(omega.replace("_", ".")),
-        amplitude=float(f"0.{digits}"),
-    )
 
 
 def manifest_text(manifest: Manifest) -> str:
@@ -407,16 +345,18 @@ def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
         "input_kind": manifest.input,
         "intersample": manifest.intersample,
         "added_mass": manifest.added_mass(entry),
-        "excitation": entry.excitation,
+        "excitation": manifest.excitation(entry),
         "zero": manifest.zero_of(entry),
         "name": entry.file,
     }
-    log = read_log(path, columns=manifest.columns, **properties)
-    return log if manifest.sign == 1 else replace(log, input=-log.input)
+    return read_log(path, columns=manifest.columns, units=manifest.scale, **properties)
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:
-    """Resolve ``root`` against the manifest's folder, environment variables filled in."""
+    """Resolve ``root``, environment variables filled in.
+
+    It is relative to the manifest's folder; what begins with a variable, to where the command runs.
+    """
 
     def expand(match: re.Match[str]) -> str:
         if match[1] not in os.environ:
@@ -428,4 +368,5 @@ def _expand_root(manifest_path: Path, root: str) -> Path:
             )
         return os.environ[match[1]]
 
-    return (manifest_path.parent / _VARIABLE.sub(expand, root)).resolve()
+    base = Path() if _VARIABLE.match(root) else manifest_path.parent
+    return (base / _VARIABLE.sub(expand, root)).resolve()

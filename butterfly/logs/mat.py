@@ -1,39 +1,69 @@
-"""The thesis's .mat form: one matrix ``D`` with the columns t, u, q, dq."""
+"""Logs in MATLAB's files: the thesis's matrix ``D`` of columns t, u, q, dq, or named variables."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.io import loadmat, savemat
+from scipy.io import loadmat, savemat, whosmat
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
+from butterfly.logs.column_map import checked_map
 from butterfly.logs.log import SAMPLED, Log
+from butterfly.logs.mat73 import is_mat73, load73, names73
+from butterfly.logs.units import AS_IS, Units
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
     from pathlib import Path
 
+    from numpy.typing import NDArray
 
-def read_mat(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fields of Log that a file cannot know
-    """Read the matrix ``D`` of a MATLAB v4 to v7 file; other variables are ignored.
+    from butterfly.logs.column_map import ColumnMap
+
+_MATRIX = "D"
+_OBJECTS = (
+    "a MATLAB object (timeseries, table, Simulink.SimulationOutput), which only MATLAB can read",
+    "plain vectors, saved as t = x.Time; u = x.Data; save('log.mat', 't', 'u')",
+)
+
+
+def read_mat(
+    path: Path,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
+    """Read a MATLAB file; v7.3 needs the extra ``hdf5``. Other variables are ignored.
 
     Parameters
     ----------
     path
         The file.
+    columns
+        Which variable holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``: a vector
+        (``t``), a field of a struct (``data.t``), a column of a matrix (``M.0``, or ``0`` of
+        ``D``). If not given, the columns of ``D`` in this order.
+    units
+        Of the columns.
     properties
         Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
 
     Raises
     ------
     InputError
-        If the file is missing, is not a (whole) .mat file, holds no ``D``, or ``D`` is not a real
-        matrix of three or four columns.
+        If the file is missing, is not a (whole) .mat file, or lacks what is wanted as real numbers.
     """
-    matrix = _load_matrix(path)
-    columns = dict(zip(SAMPLED, np.ascontiguousarray(matrix.T, dtype=np.float64), strict=False))
-    return Log(**columns, source=str(path), **properties)
+    if columns is None:
+        matrix = _matrix(path)
+        arrays = dict(zip(SAMPLED, np.ascontiguousarray(matrix.T, dtype=np.float64), strict=False))
+    else:
+        mapping = {field: _parts(name) for field, name in checked_map(path, columns).items()}
+        variables = _load(path, {parts[0] for parts in mapping.values()})
+        arrays = {field: _vector(path, variables, parts) for field, parts in mapping.items()}
+    converted: dict[str, Any] = units.applied(arrays)
+    return Log(**converted, source=str(path), **properties)
 
 
 def write_mat(log: Log, path: Path) -> None:
@@ -44,27 +74,94 @@ def write_mat(log: Log, path: Path) -> None:
     """
     matrix = np.column_stack(list(log.columns().values()))
     with replacing(path) as draft:
-        savemat(draft, {"D": matrix})
+        savemat(draft, {_MATRIX: matrix})
 
 
-def _load_matrix(path: Path) -> np.ndarray[Any, Any]:
+def _parts(name: str | int) -> list[str]:
+    """Split the name of a variable, field or column; a number alone is a column of ``D``."""
+    parts = str(name).split(".")
+    return [_MATRIX, *parts] if parts[0].isdecimal() else parts
+
+
+def _matrix(path: Path) -> NDArray[Any]:
+    matrix = _load(path, {_MATRIX}).get(_MATRIX)
+    if matrix is None:
+        _refuse_objects(path, _MATRIX)
+        listed = ", ".join(_names(path)) or "none"
+        found = f"no such variable (there are: {listed})"
+        expected = "a matrix D with columns t, u, q[, dq], or --columns time=T,input=U,angle=Q"
+        raise InputError(path, _MATRIX, found, expected)
+    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
+        found = type(matrix).__name__
+        found = f"shape {matrix.shape}" if isinstance(matrix, np.ndarray) else found
+        raise InputError(path, _MATRIX, found, "shape (n, 3) or (n, 4): t, u, q[, dq]")
+    if matrix.dtype.kind not in "fiu":
+        raise InputError(path, _MATRIX, f"type {matrix.dtype}", "real numbers")
+    return matrix
+
+
+def _load(path: Path, names: Collection[str]) -> dict[str, Any]:
+    """Return the variables of some names that there are: arrays, or mappings of fields."""
     if not path.is_file():
         raise InputError(path, "path", "no such file", "an existing .mat file")
+    if is_mat73(path):
+        return load73(path, names)
     try:
-        matrix = loadmat(path, variable_names=["D"]).get("D")
-    except NotImplementedError:
-        raise InputError(
-            path, "content", "MATLAB v7.3 (HDF5)", "MATLAB v7 or older: save it with '-v7'"
-        ) from None
+        return dict(loadmat(path, variable_names=list(names), simplify_cells=names != {_MATRIX}))
     except Exception as error:  # scipy's reader meets corrupt bytes with whatever they lead to
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
-    if matrix is None:
-        raise InputError(path, "D", "no such variable", "a matrix D with columns t, u, q[, dq]")
-    if matrix.ndim != 2 or matrix.shape[1] not in (3, 4):  # noqa: PLR2004 - t, u, q[, dq]
-        raise InputError(
-            path, "D", f"shape {matrix.shape}", "shape (n, 3) or (n, 4): t, u, q[, dq]"
-        )
-    if matrix.dtype.kind not in "fiu":
-        raise InputError(path, "D", f"type {matrix.dtype}", "real numbers")
-    return np.asarray(matrix)
+
+
+def _names(path: Path) -> list[str]:
+    return names73(path) if is_mat73(path) else [name for name, *_ in whosmat(path) if name]
+
+
+def _vector(path: Path, variables: dict[str, Any], parts: list[str]) -> NDArray[np.float64]:
+    """Return a vector by the name of its variable and what follows."""
+    wanted = ".".join(parts)
+    if parts[0] not in variables:
+        _refuse_objects(path, wanted)
+        raise InputError(path, wanted, "no such variable", _listing(parts[0], _names(path)))
+    found: Any = variables[parts[0]]
+    for k, part in enumerate(parts[1:], 1):
+        if isinstance(found, dict) and part in found:
+            found = found[part]
+        elif isinstance(found, np.ndarray) and part.isdecimal() and _is_column(found, int(part)):
+            found = found[:, int(part)]
+        else:
+            where = ".".join(parts[:k])
+            valid = list(found) if isinstance(found, dict) else _column_numbers(found)
+            raise InputError(path, wanted, f"no {part} in {where}", _listing(part, valid))
+    if type(found).__name__.startswith("Matlab"):
+        raise InputError(path, wanted, *_OBJECTS)
+    if isinstance(found, dict):
+        expected = f"one of its fields: {', '.join(f'{wanted}.{each}' for each in found)}"
+        raise InputError(path, wanted, "a struct", expected)
+    values = np.asarray(found)
+    if values.dtype.kind not in "fiu":
+        raise InputError(path, wanted, f"type {values.dtype}", "real numbers")
+    if values.size != max(values.shape, default=0):
+        expected = f"a vector, or one of its columns: {wanted}.0, ..."
+        raise InputError(path, wanted, f"shape {values.shape}", expected)
+    return np.asarray(values.ravel(), dtype=np.float64)
+
+
+def _refuse_objects(path: Path, wanted: str) -> None:
+    """Raise InputError if a file of before v7.3 holds objects, whose names it does not tell."""
+    if not is_mat73(path) and any(kind == "opaque" for _, _, kind in whosmat(path)):
+        raise InputError(path, wanted, *_OBJECTS)
+
+
+def _is_column(values: NDArray[Any], number: int) -> bool:
+    return values.ndim == 2 and number < values.shape[1]  # noqa: PLR2004 - a matrix
+
+
+def _column_numbers(found: Any) -> list[str]:  # noqa: ANN401 - whatever the file holds
+    return [str(k) for k in range(np.shape(found)[1])] if np.ndim(found) == 2 else []  # noqa: PLR2004
+
+
+def _listing(wanted: str, valid: list[str]) -> str:
+    return (
+        nearest(wanted, valid) if valid else "a file that holds it: there is nothing to name here"
+    )

@@ -11,19 +11,33 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.log import SAMPLED, Log
+from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
+from butterfly.logs.log import Log
+from butterfly.logs.units import AS_IS, Units
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from butterfly.logs.column_map import ColumnMap
 
-def read_parquet(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fields of Log that a file cannot know
-    """Read a log; columns other than time, input, angle and velocity are ignored.
+
+def read_parquet(
+    path: Path,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
+) -> Log:
+    """Read a log; columns that are not asked for are ignored.
 
     Parameters
     ----------
     path
         The file.
+    columns
+        Which column of the file holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``,
+        by name or number; if not given, those of these names.
+    units
+        Of the columns.
     properties
         Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
 
@@ -39,18 +53,17 @@ def read_parquet(path: Path, **properties: Any) -> Log:  # noqa: ANN401 - the fi
     except (pa.ArrowException, OSError) as error:
         first = str(error).splitlines()[0]
         raise InputError(path, "content", first, "a whole Parquet file") from None
-    columns = {}
-    for name in SAMPLED:
-        if name not in table.column_names:
-            if name == "velocity":
-                continue
-            found = ", ".join(table.column_names)
-            raise InputError(path, name, f"columns {found}", f"a column {name!r}")
-        column = table.column(name)
+    mapping = checked_map(path, columns or DEFAULT_COLUMNS)
+    if not columns and "velocity" in table.column_names:
+        mapping["velocity"] = "velocity"
+    arrays = {}
+    for field, name in mapping.items():
+        column = table.column(place(path, table.column_names, name))
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
-            raise InputError(path, name, f"a column of {column.type}", "numbers")
-        columns[name] = column.to_numpy().astype(np.float64)
-    return Log(**columns, source=str(path), **properties)
+            raise InputError(path, str(name), f"a column of {column.type}", "numbers")
+        arrays[field] = column.to_numpy().astype(np.float64)
+    converted: dict[str, Any] = units.applied(arrays)
+    return Log(**converted, source=str(path), **properties)
 
 
 def write_parquet(log: Log, path: Path) -> None:

@@ -91,21 +91,21 @@ def known(row: Mapping[str, Any]) -> bool:
 def _shown(row: Mapping[str, Any]) -> dict[str, str]:
     before, after, error = (row[key] for key in ("before", "after", "standard_error"))
     size, unit = (abs(before) / 100, " %") if known(row) else (1.0, "")
-    digits = f"+.{_decimals(error / size)}f" if known(row) else "+.2g"
+    digits = f".{_decimals(error / size)}f" if known(row) else ".2g"
     change, reach = (after - before) / size, (row["upper"] - row["lower"]) / 2 / size
     return {
         "": row["parameter"],
         "first": with_error(before, error),
         "second": with_error(after, error),
-        "change, 95 %": f"{change:{digits}} ± {reach:{digits[1:]}}{unit}",
+        "change, 95 %": f"{change:+{digits}} ± {reach:{digits}}{unit}",
         "by chance": f"{row['probability']:.2g}",
         "seen from": f"{row['detectable'] / size:.2g}{unit}",
     }
 
 
 def _decimals(error: float) -> int:
-    """Return the places after the point that show the first two digits of an error."""
-    return min(max(1 - math.floor(math.log10(error)), 0), 4)
+    """Return the places after the point that show the first digit of an error."""
+    return max(-math.floor(math.log10(error)), 0)
 
 
 def _moved(each: ParameterChange, unit: str) -> str:

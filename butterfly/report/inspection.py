@@ -1,21 +1,123 @@
-"""What `butterfly inspect` says about one log."""
+"""What `butterfly inspect` says about logs."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
+from butterfly.errors import InputError
 from butterfly.files import replacing
+from butterfly.logs.health import examine
+from butterfly.logs.pieces import piece_name, read_pieces
+from butterfly.logs.remarks import Condition, Remark
 from butterfly.signals.amplitude import rms_amplitude
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from butterfly.logs.health import Health
     from butterfly.logs.log import Log
+    from butterfly.logs.manifest import LogEntry, Manifest
+
+_TURN = 2 * math.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspected:
+    """A log of a data set, looked at.
+
+    Parameters
+    ----------
+    name
+        Of the log.
+    log
+        The log, repaired; None if it cannot be used.
+    health
+        Its record; None if it cannot be used.
+    remarks
+        What is to be said of it, worst first.
+    """
+
+    name: str
+    log: Log | None = None
+    health: Health | None = None
+    remarks: tuple[Remark, ...]
+
+    @property
+    def condition(self) -> Condition:
+        """What may be done with it."""
+        return Condition.worst(remark.condition for remark in self.remarks)
+
+    @property
+    def findings(self) -> str:
+        """The remarks in words."""
+        return "; ".join(remark.text for remark in self.remarks) or "none"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain values, for JSON."""
+        numbers = (
+            {}
+            if self.health is None
+            else {
+                "samples": self.health.samples,
+                "duration": self.health.duration,
+                "step": self.health.step,
+            }
+        )
+        remarks = [each._asdict() for each in self.remarks]
+        return {"log": self.name, "condition": self.condition.value, **numbers, "findings": remarks}
+
+
+def inspect_logs(manifest: Manifest) -> list[Inspected]:
+    """Look at every log of a data set; the worst come first."""
+    seen = _apart([_inspected(manifest, entry) for entry in manifest.logs])
+    return sorted(seen, key=lambda each: -list(Condition).index(each.condition))
+
+
+def hints(remarks: Iterable[Remark]) -> list[str]:
+    """Return what to do about remarks, each hint once."""
+    return list(dict.fromkeys(remark.hint for remark in remarks if remark.hint))
+
+
+def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
+    try:
+        ((_, recorded),) = read_pieces(manifest, entry)
+        log, health = examine(recorded, manifest.repair)
+    except InputError as error:
+        why = f"{error.field}: {error.value}"
+        hint = f"{error.field}: expected {error.expected}"
+        return Inspected(name=piece_name(entry), remarks=(Remark(Condition.UNUSABLE, why, hint),))
+    return Inspected(name=piece_name(entry), log=log, health=health, remarks=tuple(health.remarks))
+
+
+def _apart(seen: Sequence[Inspected]) -> list[Inspected]:
+    """Remark logs that swing whole turns away from where the others do."""
+    middles = [each.health.middle for each in seen if _swings(each.health)]
+    middles.sort(key=abs)
+    home = middles[(len(middles) - 1) // 2] if len(middles) > 1 else 0.0
+    where = "the others" if len(middles) > 1 else "the encoder's 0"
+    return [_away(each, home, where) for each in seen]
+
+
+def _away(seen: Inspected, home: float, where: str) -> Inspected:
+    turns = round((seen.health.middle - home) / _TURN) if _swings(seen.health) else 0
+    if not turns:
+        return seen
+    text = f"swings {turns:+d} turn{'s' * (abs(turns) > 1)} from {where}"
+    remarks = (*seen.remarks, Remark(Condition.NOTE, text))
+    return replace(seen, remarks=remarks)
+
+
+def _swings(health: Health | None) -> TypeGuard[Health]:
+    """Whether a joint stays within a turn, so that it has a middle; a slide has none."""
+    return health is not None and 0.0 < health.turns <= 1.0
 
 
 def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
@@ -40,6 +142,8 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
             f"{rms_amplitude(swing):.4g} rad about the mean {log.angle.mean():.4g} rad",
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
+        ("file", ", ".join(log.reading.layout) or "as usual"),
+        ("state", Condition.worst(remark.condition for remark in health.remarks)),
         ("findings", "; ".join(health.findings) or "none"),
     ]
 

@@ -236,7 +236,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.NEGATIVE_GAIN: lambda f, _: (
         f"{_joined(f)} is negative: a positive input turns the hand towards negative angles. If "
-        "the angle or the input counts the other way, say so in the manifest (sign: -1)."
+        "the angle or the input counts the other way, say so: sign: -1 in the manifest, or "
+        "--units input=-1."
     ),
     FindingKind.TOLD_APART: lambda f, _: (
         f"{_joined(f)} as it is told and as it follows from what is known of motor and hand lie "

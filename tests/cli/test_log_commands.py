@@ -1,5 +1,6 @@
 """The commands that look at logs."""
 
+import json
 import shutil
 
 import numpy as np
@@ -59,7 +60,7 @@ def test_several_logs_are_told_in_a_line_each(butterfly, quick_data):
     for entry in read_manifest(quick_data / "manifest.yaml").logs:
         (line,) = [line for line in out.splitlines() if entry.file in line]
         samples = len(loadmat(quick_data / entry.file)["D"])
-        assert line.split()[1] == str(samples)
+        assert line.split()[1:3] == ["ok", str(samples)]
         assert line.split()[-1] == "none"
 
 
@@ -116,3 +117,88 @@ def test_a_log_that_a_manifest_beside_it_does_not_list_is_read_all_the_same(
     (folder / second).unlink()
     (folder / first).rename(folder / "other.mat")
     assert butterfly("inspect", folder / "other.mat")[0] == 0
+
+
+@pytest.fixture
+def loose(sine_log, tmp_path):
+    """A folder of logs without a manifest: degrees and ms, one wrapped, one a turn away."""
+    folder = tmp_path / "loose"
+    folder.mkdir()
+    time = sine_log.time[::10]
+    swing = sine_log.angle[::10]
+    angles = {
+        "a_good": swing,
+        "b_round": (8 * np.sin(0.7 * time) + np.pi) % (2 * np.pi) - np.pi,
+        "c_away": swing + 2 * np.pi,
+    }
+    for name, angle in angles.items():
+        table = np.column_stack([1e3 * time, sine_log.input[::10], np.degrees(angle)])
+        np.savetxt(folder / f"{name}.txt", table, delimiter=";", header="t;volts;phi", comments="")
+    return folder
+
+
+COLUMNS = ("--columns", "time=t,input=volts,angle=phi", "--units", "time=ms,angle=deg")
+
+
+def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly, loose):
+    code, out, err = butterfly("inspect", loose, *COLUMNS)
+    assert code == 2
+    assert "1 that cannot be used" in err
+    rows = [line.split()[:3] for line in out.splitlines() if ".txt" in line]
+    assert rows == [
+        ["b_round.txt", "do", "not"],
+        ["c_away.txt", "note", "4000"],
+        ["a_good.txt", "ok", "4000"],
+    ]
+    assert "swings +1 turn from the others" in " ".join(out.split())
+    assert "--repair unwrap" in out
+    code, out, _ = butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap")
+    assert code == 0
+    assert "jump by a turn undone; turns 2.5 times round" in " ".join(out.split())
+
+
+def test_what_is_found_is_written_as_json_or_printed(butterfly, loose, tmp_path):
+    path = tmp_path / "found.json"
+    butterfly("inspect", loose, *COLUMNS, "--json", path)
+    found = json.loads(path.read_text())["logs"]
+    _, out, _ = butterfly("inspect", loose, *COLUMNS, "--json", "-")
+    assert json.loads(out)["logs"] == found
+    conditions = {each["log"]: each["condition"] for each in found}
+    expected = {"b_round.txt": "do not use", "c_away.txt": "note", "a_good.txt": "ok"}
+    assert conditions == expected
+    assert found[0]["findings"][0]["hint"]
+    assert found[2]["step"] == pytest.approx(0.01)
+
+
+def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, loose):
+    code, out, _ = butterfly("manifest", loose, *COLUMNS, "--repair", "unwrap")
+    assert code == 0
+    assert "added_mass" in out
+    manifest = read_manifest(loose / "manifest.yaml")
+    assert manifest.units == {"time": "ms", "angle": "deg"}
+    assert "unwrap" in manifest.repair
+    assert butterfly("inspect", loose)[0] == 0
+
+
+def test_one_log_says_how_its_file_was_read(butterfly, loose):
+    path = loose / "a_good.txt"
+    path.write_text(path.read_text() + "4000")
+    code, out, _ = butterfly("inspect", path, *COLUMNS)
+    assert code == 0
+    assert "semicolons between columns" in out
+    assert "1 × last line cut off, and dropped" in out
+    assert "rad about the mean" in out
+
+
+def test_a_log_in_degrees_or_milliseconds_is_told_the_option_to_use(butterfly, loose):
+    said = "--columns", COLUMNS[1]
+    out = butterfly("inspect", loose / "a_good.txt", *said)[1]
+    assert "--units time=ms" in " ".join(out.split())
+    assert "--units angle=deg" in " ".join(
+        butterfly("inspect", loose / "c_away.txt", *said)[1].split()
+    )
+
+
+def test_an_unknown_unit_is_refused_with_those_that_are_known(butterfly, loose):
+    result = butterfly("inspect", loose, "--columns", COLUMNS[1], "--units", "angle=dge")
+    assert_one_line_error(result, "units.angle: got dge", "rad, mrad, deg, turns")

@@ -116,9 +116,9 @@ def test_logs_that_are_gone_are_asked_for(quick_data, tmp_path):
 
 
 def test_a_file_of_another_ending_is_no_data(tmp_path):
-    (tmp_path / "a.txt").write_text("1 2 3")
-    with pytest.raises(InputError, match=r"file name: got \.txt; expected \.mat"):
-        named_data(tmp_path / "a.txt")
+    (tmp_path / "a.xls").write_text("1 2 3")
+    with pytest.raises(InputError, match=r"file name: got \.xls; expected \.mat"):
+        named_data(tmp_path / "a.xls")
 
 
 def test_an_experiment_is_no_data_and_says_so():
@@ -134,3 +134,20 @@ def test_an_arm_that_is_none_is_refused(sine_log, tmp_path, arm):
             named_data(source, arm=arm)
     with pytest.raises(InputError, match="columns: got"):
         named_data(tmp_path / THESIS, columns="time=t")
+
+
+def test_what_is_told_of_columns_units_and_repairs_goes_before_what_a_manifest_says(
+    quick_data, tmp_path
+):
+    folder = shutil.copytree(quick_data, tmp_path / "data")
+    text = (folder / "manifest.yaml").read_text()
+    (folder / "manifest.yaml").write_text(text + "units: {time: ms, angle: deg}\n")
+    manifest = manifest_of(folder, units={"angle": "-rad"}, repair=["unwrap"], columns={"time": 0})
+    assert manifest.units == {"time": "ms", "angle": "-rad"}
+    assert manifest.repair == {"duplicate", "unwrap"}
+    assert manifest.columns == {"time": 0}
+    one = manifest_of(folder / manifest.logs[0].file, units={"angle": "rad"})
+    assert (one.units["time"], one.units["angle"]) == ("ms", "rad")
+    assert len(one.logs) == 1
+    with pytest.raises(InputError, match=r"data: units\.angle: got dge"):
+        manifest_of(folder, units={"angle": "dge"})

@@ -56,6 +56,8 @@ def test_logs_are_held_out_by_name_and_put_back(sine_log):
     twice = data.holding_out(["a"]).holding_out(["c.mat"])
     assert [log.name for log in twice.held.logs] == ["two/c.mat", "one/a.mat"]
     assert data.holding_out([]) is data
+    piece = DataSet.of([replace(sine_log, name=name) for name in ("a.mat", "a.mat [part 2]")])
+    assert [log.name for log in piece.holding_out(["a.mat [part 2]"]).logs] == ["a.mat"]
     with pytest.raises(InputError, match=r"bench: holdout: got d; expected .* such as"):
         data.holding_out(["d"])
     with pytest.raises(InputError, match="some left to estimate from"):

@@ -43,7 +43,7 @@ def test_a_wrong_map_is_named(tmp_path, columns, message):
 def test_text_among_numbers_is_named(tmp_path):
     path = _write(tmp_path / "a.csv", "time,input,angle,x")
     path.write_text(path.read_text() + "\n1,oops,2,3")
-    with pytest.raises(InputError, match="input: got a column of type string"):
+    with pytest.raises(InputError, match="input: got 'oops' in line 22; expected a number"):
         read_csv(path, **KIND)
 
 

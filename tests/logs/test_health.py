@@ -7,7 +7,10 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from butterfly.errors import InputError
+from butterfly.logs.as_read import Reading
 from butterfly.logs.health import Repair, examine
+from butterfly.logs.remarks import Condition
+from butterfly.model.parameters import JointKind
 
 ALL = frozenset(Repair)
 
@@ -140,3 +143,62 @@ def test_a_free_decay_needs_no_input(sine_log):
     clean, health = examine(released)
     assert clean.time.size == sine_log.time.size
     assert any("same input throughout" in finding for finding in health.findings)
+
+
+def _turning(log, **changes):
+    angle = 8.0 * np.sin(0.7 * log.time)
+    return replace(log, angle=(angle + np.pi) % (2 * np.pi) - np.pi, **changes), angle
+
+
+def test_a_wrapped_angle_is_refused_unless_allowed_and_then_unwrapped_and_counted(sine_log):
+    wrapped, angle = _turning(sine_log)
+    jumps = np.sum(np.abs(np.diff(wrapped.angle)) > np.pi)
+    with pytest.raises(InputError, match=rf"angle: got {jumps} jumps by 6\.283.*--repair unwrap"):
+        examine(wrapped)
+    clean, health = examine(wrapped, ALL)
+    np.testing.assert_allclose(clean.angle, angle, atol=1e-9)
+    assert (health.wraps, health.dropped) == (jumps, 0)
+    assert health.turns == pytest.approx(16 / (2 * np.pi), rel=1e-3)
+
+
+def test_a_turn_that_is_none_of_the_joint_is_refused_even_if_allowed(sine_log):
+    turn = 2 * np.pi / 7.3
+    with pytest.raises(InputError, match=r"expected jumps by whole turns.*counts/N"):
+        examine(replace(sine_log, angle=(8.0 * np.sin(0.7 * sine_log.time)) % turn), ALL)
+
+
+def test_a_slide_does_not_wrap_and_does_not_turn(sine_log):
+    slide = replace(sine_log.added_mass, joint=JointKind.SLIDE)
+    wrapped, _ = _turning(sine_log, added_mass=slide)
+    clean, health = examine(wrapped)
+    assert clean is wrapped
+    assert (health.wraps, health.turns) == (0, 0.0)
+
+
+def test_what_reading_did_stands_in_the_record(sine_log):
+    read = replace(sine_log, reading=Reading(cut_lines=1, units={"time": "ms"}))
+    _, health = examine(read)
+    assert (health.cut_lines, health.units) == (1, {"time": "ms"})
+    assert health.findings == [
+        "1 × last line cut off, and dropped",
+        "units of the file's own: time ms",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "condition"),
+    [
+        ({}, "ok"),
+        ({"time": lambda log: np.repeat(log.time[::2], 2)}, "care"),
+        ({"time": lambda log: np.concatenate([log.time[:1], log.time[:-1]])}, "note"),
+        ({"input": lambda log: np.clip(log.input, -0.15, 0.15)}, "care"),
+        ({"time": lambda log: 1e3 * log.time}, "care"),
+        ({"angle": lambda log: 90 * log.angle}, "note"),
+    ],
+)
+def test_findings_have_a_condition_and_the_worst_comes_first(sine_log, changes, condition):
+    changed = {name: change(sine_log) for name, change in changes.items()}
+    _, health = examine(replace(sine_log, **changed))
+    conditions = [remark.condition for remark in health.remarks]
+    assert Condition.worst(conditions) == condition
+    assert conditions == sorted(conditions, key=lambda each: each != Condition.CARE)

@@ -2,39 +2,15 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from butterfly.errors import InputError
+from butterfly.logs.drafted import manifest_from_names
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import (
-    manifest_from_names,
-    read_entry,
-    read_manifest,
-    write_manifest,
-)
+from butterfly.logs.manifest import read_entry, read_manifest, write_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.model.known import Known
 
 HOW = {"arm": 0.104, "input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
-
-
-def test_file_names_tell_mass_frequency_and_amplitude(tmp_path):
-    (tmp_path / "sub").mkdir()
-    (tmp_path / "sub/Data_120_5__3_5__0015.mat").touch()
-    (tmp_path / "Data_52__10__004.mat").touch()
-    (tmp_path / "notes.txt").touch()
-    manifest = manifest_from_names(tmp_path, **HOW)
-    first, second = manifest.logs
-    assert (first.added_mass, first.omega, first.amplitude) == (0.052, 10.0, 0.04)
-    assert second.file == "sub/Data_120_5__3_5__0015.mat"
-    assert (second.added_mass, second.omega, second.amplitude) == (0.1205, 3.5, 0.015)
-
-
-def test_the_shipped_manifest_is_what_the_file_names_say(logs_folder, real_manifest):
-    generated = manifest_from_names(logs_folder, **HOW)
-    assert len(generated.logs) == 41
-    assert real_manifest.logs == generated.logs
 
 
 def test_the_commanded_sine_is_in_every_real_log(real):
@@ -68,6 +44,38 @@ def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path,
     logs = [read_entry(each, each.logs[0]) for each in (usual, backwards)]
     assert np.array_equal(logs[0].input, -logs[1].input)
     assert np.array_equal(logs[0].angle, logs[1].angle)
+
+
+def test_units_make_the_projects_own_of_files_and_numbers(tmp_path, sine_log):
+    write_mat(sine_log, tmp_path / "a.mat")
+    entry = "{file: a.mat, added_mass: {value: 52, uncertainty: 1}, omega: 2, amplitude: 300}"
+    units = "{time: ms, input: -mV, angle: counts/4096, mass: g, arm: mm, omega: Hz}"
+    path = tmp_path / "m.yaml"
+    path.write_text(f"name: a\ninput: voltage\narm: 104\nunits: {units}\nlogs: [{entry}]\n")
+    manifest = read_manifest(path)
+    log = read_entry(manifest, manifest.logs[0])
+    np.testing.assert_allclose(log.time, sine_log.time / 1000)
+    np.testing.assert_allclose(log.input, -sine_log.input / 1000)
+    np.testing.assert_allclose(log.angle, sine_log.angle * 2 * np.pi / 4096)
+    mass = log.added_mass
+    assert (mass.mass, mass.arm, mass.mass_uncertainty) == pytest.approx((0.052, 0.104, 0.001))
+    assert log.excitation.omega == pytest.approx(4 * np.pi)
+    assert log.excitation.amplitude == pytest.approx(0.3)
+    write_manifest(manifest, path)
+    assert read_manifest(path) == manifest
+
+
+def test_a_root_that_begins_with_a_variable_is_relative_to_where_the_command_runs(
+    tmp_path, monkeypatch
+):
+    for folder in ("here/logs", "there/logs"):
+        (tmp_path / folder).mkdir(parents=True)
+    path = tmp_path / "there/m.yaml"
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("MY_LOGS", "logs")
+    for root, expected in (("${MY_LOGS}", "here"), ("./${MY_LOGS}", "there"), ("logs", "there")):
+        path.write_text(VALID.replace("name: a", f"name: a\nroot: {root}"))
+        assert read_manifest(path).root == str(tmp_path / expected / "logs")
 
 
 ZEROS = """\
@@ -117,6 +125,7 @@ logs:
         ("torque", "force", "input: got 'force'; expected 'voltage' or 'torque'"),
         ("input: torque\n", "", "input: got nothing"),
         ("name: a", "name: [a", "line 2: got expected"),
+        ("arm: 0.1", "arm: 0.1\nunits: {angle: dge}", "units.angle: got dge; expected one of rad"),
         ("arm: 0.1", "arm: .nan", "arm: got nan; expected a finite number"),
         ("arm: 0.1", "arm: 0.1\nroot: ${NO_SUCH_VARIABLE}", "root: got ${NO_SUCH_VARIABLE}"),
         ("arm: 0.1", "arm: 0.1\nroot: nowhere", "root: got"),
@@ -129,24 +138,3 @@ def test_a_slip_in_a_manifest_is_named_with_file_field_and_value(tmp_path, old, 
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         read_manifest(path)
     assert str(path) in str(caught.value)
-
-
-def test_a_folder_without_logs_or_with_other_names_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no such folder"):
-        manifest_from_names(tmp_path / "nowhere", **HOW)
-    with pytest.raises(InputError, match=r"no \.mat, \.csv or \.parquet file"):
-        manifest_from_names(tmp_path, **HOW)
-    (tmp_path / "run7.mat").touch()
-    with pytest.raises(InputError, match="got run7"):
-        manifest_from_names(tmp_path, **HOW)
-
-
-@given(grams=st.decimals(0, 500, places=1), omega=st.decimals(1, 30, places=2))
-def test_any_name_of_the_pattern_is_read_back(tmp_path_factory, grams, omega):
-    folder = tmp_path_factory.mktemp("names")
-    stem = f"Data_{grams}__{omega}".replace(".", "_")
-    (folder / f"{stem}__001.mat").touch()
-    (entry,) = manifest_from_names(folder, **HOW).logs
-    assert entry.added_mass == pytest.approx(float(grams) / 1e3)
-    assert entry.omega == pytest.approx(float(omega))
-    assert entry.amplitude == 0.01

@@ -36,7 +36,7 @@ def test_other_columns_are_ignored_integers_are_numbers_and_velocity_may_be_miss
     [
         (
             {"time": RAMP, "input": RAMP},
-            "angle: got columns time, input; expected",
+            "angle: got no such column; expected one of 'time', 'input'",
         ),
         ({"time": RAMP, "input": RAMP, "angle": ["a"] * 20}, "angle: got a column of string"),
         ({"time": RAMP[:3], "input": RAMP[:3], "angle": RAMP[:3]}, "time: got 3 samples"),

@@ -12,6 +12,7 @@ from butterfly.identify.judgement.identifiability import SINGULAR_CONDITION, Con
 from butterfly.identify.judgement.nested import Nested
 from butterfly.identify.judgement.term_choice import (
     NEGLIGIBLE,
+    SLACK_OF_STRETCHES,
     choose_terms,
     folds_of,
     stretches_of,
@@ -80,6 +81,7 @@ class FreeRunTerms:
             cost=at.squares,
             folds=folds_of(masses) if stretches == 1 else np.arange(len(at.logs)),
             negligible=NEGLIGIBLE,
+            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
             prior=problem.prior,
         )
         kept = tuple(label for label in labels if label not in optional)

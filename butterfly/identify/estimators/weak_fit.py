@@ -11,7 +11,11 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.covariance import split
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.nested import Nested
-from butterfly.identify.judgement.term_choice import NEGLIGIBLE, stretches_of
+from butterfly.identify.judgement.term_choice import (
+    NEGLIGIBLE,
+    SLACK_OF_STRETCHES,
+    stretches_of,
+)
 from butterfly.identify.prior import Prior
 from butterfly.identify.regression import Regression
 from butterfly.identify.solved import Solved
@@ -219,6 +223,7 @@ class WeakFit:
             cost=np.array([float(left @ left) for _, left in parts]),
             folds=folds if stretches == 1 else np.arange(len(parts)),
             negligible=NEGLIGIBLE,
+            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
             prior=regression.prior,
         )
 

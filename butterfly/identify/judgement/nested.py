@@ -48,6 +48,8 @@ class Nested:
         Size of an error that is none, as rounding leaves it to exact data.
     prior
         What is known besides, in every part of the data.
+    slack
+        Standard errors by which a fit with fewer parameters may foretell worse.
     """
 
     names: tuple[str, ...]
@@ -61,6 +63,7 @@ class Nested:
     demanded: tuple[str, ...] = ()
     negligible: float = 0.0
     prior: Prior | None = None
+    slack: float = 1.0
 
     @cached_property
     def _total(self) -> tuple[Samples, Samples]:

@@ -82,7 +82,7 @@ class Division:
         for number, log in enumerate(data.logs):
             stretch = samples.get(number)
             pieces += [log] if stretch is None else pieces_beside(log, stretch)
-        return DataSet.of(pieces, name=data.name, known=data.known)
+        return DataSet.of(pieces, name=data.name, known=data.told)
 
 
 def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -> Division:

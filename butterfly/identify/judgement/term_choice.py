@@ -39,6 +39,8 @@ _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
 _LEAST_FOLDS = 3
 _STRETCHES = 6
+SLACK_OF_STRETCHES = 2.0
+"""Standard errors where stretches of time are foretold, whose errors are alike."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,6 +178,11 @@ def choose_terms(
     trials = _all_trials(fits, always, demanded)
     best = min(trials, key=lambda trial: trial.score)
     as_good = [trial for trial in trials if _as_good(trial, best)]
+    if not as_good:
+        raise IdentifiabilityError(
+            "simulations of these logs run away, so that no terms can be chosen by them: the "
+            "method weak-form simulates nothing from the start"
+        )
     chosen = min(as_good, key=lambda trial: (len(trial.terms), trial.score))
     tried = {name for trial in trials for name in trial.terms}
     return TermChoice(
@@ -276,7 +283,8 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
     """Whether a set of terms predicts as well as the best, but for a standard error."""
     worse = trial.errors - best.errors
     error = float(np.std(worse, ddof=1)) / worse.size**0.5
-    return bool(worse.mean() <= max(error, best.nested.negligible))
+    slack = max(best.nested.slack * error, best.nested.negligible)
+    return bool(worse.mean() <= slack)
 
 
 def _kept(nested: Nested, always: Sequence[str], terms: Sequence[str]) -> NDArray[np.bool_]:

@@ -7,13 +7,13 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import HarmonicBalance
+from butterfly.identify.estimators import HarmonicBalance, WeakForm
 from butterfly.identify.judgement.splits import Split, divide, remedy
 from butterfly.identify.judgement.validation import hold_out
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
-from tests.identify.simulated import ROBOT, SLOW, steady
+from tests.identify.simulated import ROBOT, SLOW, steady, wild
 
 BALANCE = HarmonicBalance(terms=(), check=False)
 HEAVY = AddedMass(mass=0.1, arm=0.1)
@@ -85,6 +85,12 @@ def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines):
     whole = sum(float(log.time[-1]) for log in data.logs)
     assert all(sum(lengths) < 0.7 * whole for lengths in seen)
     assert held.summary.worst > 98
+
+
+def test_stretches_of_any_motion_are_predicted():
+    data = DataSet.of(wild(ROBOT))
+    held = hold_out(data, WeakForm(terms=(), check=False), Split.TIME, folds=3)
+    assert held.summary.worst > 99
 
 
 def test_refusals_name_what_works(sines):

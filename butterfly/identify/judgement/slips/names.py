@@ -37,6 +37,11 @@ class Slip(StrEnum):
 _AGREE = "the logs agree with a joint"
 
 
+def _said(what: str, unit: str) -> str:
+    """Tell how to say the unit that was meant."""
+    return f"Say so: --units {what}={unit}, or units: {{{what}: {unit}}} in the manifest."
+
+
 def slip_in_words(finding: Finding) -> str:
     """Name the slip that a finding tells of, and the factor that undoes it."""
     return _TEXTS[Slip(finding.parameters[0])](finding)
@@ -65,9 +70,10 @@ def _factor(finding: Finding) -> float:
 
 def _counts(finding: Finding) -> str:
     factor = _factor(finding)
+    turn = f"{2 * math.pi / factor:.0f}"
     return (
-        f"The angle looks like encoder counts: times {factor:.4g} (2 pi/{2 * math.pi / factor:.0f})"
-        f" {_AGREE}."
+        f"The angle looks like encoder counts: times {factor:.4g} (2 pi/{turn}) {_AGREE}. "
+        + _said("angle", f"counts/{turn}")
     )
 
 
@@ -91,26 +97,39 @@ def _mass(finding: Finding) -> str:
 
 
 _TEXTS: dict[Slip, Callable[[Finding], str]] = {
-    Slip.DEGREES: lambda _: f"The angle looks like degrees: times pi/180 (0.01745) {_AGREE}.",
+    Slip.DEGREES: lambda _: (
+        f"The angle looks like degrees: times pi/180 (0.01745) {_AGREE}. {_said('angle', 'deg')}"
+    ),
     Slip.COUNTS: _counts,
-    Slip.MILLISECONDS: lambda _: f"The stamps look like milliseconds: times 0.001 {_AGREE}.",
-    Slip.MICROSECONDS: lambda _: f"The stamps look like microseconds: times 1e-6 {_AGREE}.",
-    Slip.SWAPPED: lambda _: f"Input and angle look swapped: the other way round {_AGREE}.",
+    Slip.MILLISECONDS: lambda _: (
+        f"The stamps look like milliseconds: times 0.001 {_AGREE}. {_said('time', 'ms')}"
+    ),
+    Slip.MICROSECONDS: lambda _: (
+        f"The stamps look like microseconds: times 1e-6 {_AGREE}. {_said('time', 'us')}"
+    ),
+    Slip.SWAPPED: lambda _: (
+        f"Input and angle look swapped: the other way round {_AGREE}. The manifest's key columns, "
+        "or --columns, says which is which."
+    ),
     Slip.PER_MINUTE: lambda _: (
         "The manifest's omegas look like revolutions per minute: times 2 pi/60 (0.1047) they are "
-        "the frequencies of the recorded inputs."
+        f"the frequencies of the recorded inputs. {_said('omega', 'rpm')}"
     ),
     Slip.HERTZ: lambda _: (
         "The manifest's omegas look like Hz: times 2 pi they are the frequencies of the recorded "
-        "inputs."
+        f"inputs. {_said('omega', 'Hz')}"
     ),
     Slip.OMEGA: _omega,
-    Slip.MILLIMETRES: lambda _: f"The arms look like millimetres: times 0.001 {_AGREE}.",
-    Slip.CENTIMETRES: lambda _: f"The arms look like centimetres: times 0.01 {_AGREE}.",
+    Slip.MILLIMETRES: lambda _: (
+        f"The arms look like millimetres: times 0.001 {_AGREE}. {_said('arm', 'mm')}"
+    ),
+    Slip.CENTIMETRES: lambda _: (
+        f"The arms look like centimetres: times 0.01 {_AGREE}. {_said('arm', 'cm')}"
+    ),
     Slip.MASS: _mass,
     Slip.GRAMS: lambda _: (
         "The added masses look like grams: so much has hardly room at such an arm, or is hardly "
         "moved by such a joint, which the motion cannot tell. If they are, times 0.001 all values "
-        "but the delay hold."
+        f"but the delay hold. {_said('mass', 'g')}"
     ),
 }

@@ -1,0 +1,96 @@
+"""Logs that stand in memory: frames, mappings of arrays, arrays with columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import InputError
+from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
+from butterfly.logs.log import SAMPLED, Log
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class Frame(Protocol):
+    """What pandas and others like it have."""
+
+    @property
+    def columns(self) -> Iterable[Any]:
+        """Names of the columns."""
+
+    def __getitem__(self, name: Any, /) -> Any:  # noqa: ANN401 - whatever names a column
+        """Return a column."""
+
+
+Table: TypeAlias = Frame | Mapping[str, Any] | NDArray[Any]
+"""Columns by name, or by number."""
+
+_OF_FILES = ("root", "arm")
+
+
+def is_table(source: object) -> TypeGuard[Table]:
+    """Whether an object is a frame, a mapping, or an array."""
+    if isinstance(source, Mapping | np.ndarray):
+        return True
+    return hasattr(source, "columns") and hasattr(source, "__getitem__")
+
+
+def log_of_table(table: Table, told: Mapping[str, Any]) -> Log:
+    """Make a log of a table.
+
+    Parameters
+    ----------
+    table
+        The table.
+    told
+        What `butterfly.api.sources.read` was told besides.
+
+    Raises
+    ------
+    InputError
+        If the table lacks a column, or one holds no numbers, or something was told that only files
+        have.
+    """
+    for key in _OF_FILES:
+        if key in told:
+            expected = "none beside a table: bf.Log has the field added_mass"
+            raise InputError("read", key, told[key], expected)
+    columns = _columns(table)
+    names = list(columns)
+    mapping: dict[str, Any] = dict(told.get("columns") or _default_map(names, table))
+    places = {
+        field: place("table", names, name) for field, name in checked_map("table", mapping).items()
+    }
+    chosen = {field: columns[names[number]] for field, number in places.items()}
+    velocity = "velocity" if "velocity" in chosen else None
+    about = {key: told[key] for key in ("units", "input_kind", "intersample") if key in told}
+    return Log.from_frame(chosen, velocity=velocity, source="table", **about)
+
+
+def _columns(table: Table) -> dict[str, Any]:
+    """Return the columns by name; those of a plain array by number."""
+    if isinstance(table, np.ndarray):
+        if table.dtype.names is not None:
+            return {name: table[name] for name in table.dtype.names}
+        if table.ndim != 2:  # noqa: PLR2004 - a matrix
+            raise InputError("read", "source", f"an array of shape {table.shape}", "columns (n, k)")
+        return {str(k): column for k, column in enumerate(table.T)}
+    if isinstance(table, Mapping):
+        return {str(name): column for name, column in table.items()}
+    return {str(name): table[name] for name in table.columns}
+
+
+def _default_map(names: list[str], table: Table) -> dict[str, Any]:
+    """Return the fields' own names, or their order in an array without names."""
+    if isinstance(table, np.ndarray) and table.dtype.names is None:
+        return dict(zip(SAMPLED, range(len(names)), strict=False))
+    return {
+        name: name
+        for name in (*DEFAULT_COLUMNS, "velocity")
+        if name in names or name in DEFAULT_COLUMNS
+    }

@@ -1,0 +1,156 @@
+"""Manifests of logs that come without one, from their files' names and what is said of them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from butterfly.errors import InputError
+from butterfly.logs.formats import ENDINGS, FORMATS
+from butterfly.logs.manifest import LogEntry, Manifest
+from butterfly.logs.units import Units
+from butterfly.model.known import known_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from butterfly.logs.log import InputKind, Intersample
+
+_THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
+_DIGITS = 12  # of a number in another unit: the last ones are those of rounding
+
+
+def manifest_from_names(
+    folder: Path,
+    *,
+    arm: float,
+    input_kind: InputKind,
+    intersample: Intersample,
+    **said: Any,  # noqa: ANN401 - other fields of Manifest
+) -> Manifest:
+    """Generate a manifest from the thesis's file names, ``Data_<grams>__<rad/s>__<0amplitude>``.
+
+    ``_`` stands for a decimal point within a number, and the amplitude's point follows its first
+    0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Subfolders are searched.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` does not exist, holds no file of a known format, or one of another name.
+    """
+    entries = []
+    units = Units.told(said.get("units"))
+    for path in log_files(folder):
+        entry = _entry_by_name(path, folder, units)
+        if entry is None and _may_be_other(path):
+            continue
+        if entry is None:
+            raise InputError(
+                path, "file name", path.stem, "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
+            )
+        entries.append(entry)
+    if not entries:
+        raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
+    entries.sort(key=lambda entry: (known_of(entry.added_mass).value, entry.omega or 0.0))
+    about = {"input": input_kind, "intersample": intersample, "arm": arm, **said}
+    return _of_folder(folder, entries, about)
+
+
+def manifest_of_files(
+    folder: Path,
+    *,
+    arm: float | None,
+    input_kind: InputKind,
+    intersample: Intersample,
+    **said: Any,  # noqa: ANN401 - other fields of Manifest
+) -> Manifest:
+    """Generate a manifest of all logs in a folder, whatever their names: nothing was added to any.
+
+    Files that are often texts of another kind are logs if they hold a table. Subfolders are
+    searched.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` does not exist, or holds no log.
+    """
+    from butterfly.logs.text_table import holds_table  # noqa: PLC0415 - slow to import
+
+    paths = [path for path in log_files(folder) if not _may_be_other(path) or holds_table(path)]
+    if not paths:
+        raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
+    entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
+    about = {"input": input_kind, "intersample": intersample, "arm": arm, **said}
+    return _of_folder(folder, entries, about)
+
+
+def manifest_of_log(
+    path: Path,
+    *,
+    arm: float | None,
+    input_kind: InputKind,
+    intersample: Intersample,
+    **said: Any,  # noqa: ANN401 - other fields of Manifest
+) -> Manifest:
+    """Generate the manifest of one log; its name tells mass and sine, where it follows the pattern.
+
+    Without an arm the added mass is not placed, and left out.
+    """
+    units = Units.told(said.get("units"))
+    entry = _entry_by_name(path, path.parent, units) or LogEntry(file=path.name)
+    if arm is None:
+        entry = entry.model_copy(update={"added_mass": 0.0})
+    return Manifest(
+        name=path.name,
+        root=str(path.parent.resolve()),
+        input=input_kind,
+        intersample=intersample,
+        arm=arm,
+        logs=[entry],
+        **said,
+    )
+
+
+def log_files(folder: Path) -> list[Path]:
+    """Return the files below a folder that end as logs do.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, "path", "no such folder", "a folder of logs")
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in FORMATS)
+
+
+def has_thesis_names(folder: Path) -> bool:
+    """Whether a file below a folder is named as the thesis does it."""
+    return any(_THESIS_NAME.fullmatch(path.stem) for path in log_files(folder))
+
+
+def _may_be_other(path: Path) -> bool:
+    return FORMATS[path.suffix.lower()].texts
+
+
+def _of_folder(folder: Path, entries: list[LogEntry], said: dict[str, Any]) -> Manifest:
+    whole = folder.resolve()
+    return Manifest(name=whole.name, root=str(whole), logs=entries, **said)
+
+
+def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:
+    """Read added mass and sine off a file name as the thesis forms it; None if it is another."""
+    match = _THESIS_NAME.fullmatch(path.stem)
+    if match is None:
+        return None
+    grams, omega, digits = match.groups()
+    return LogEntry(
+        file=path.relative_to(folder).as_posix(),
+        added_mass=_in_unit(float(grams.replace("_", ".")) / 1e3, units.factor("mass")),
+        omega=_in_unit(float(omega.replace("_", ".")), units.factor("omega")),
+        amplitude=float(f"0.{digits}"),
+    )
+
+
+def _in_unit(value: float, factor: float) -> float:
+    return value if factor == 1.0 else float(f"{value / factor:.{_DIGITS}g}")

@@ -1,0 +1,92 @@
+"""Units and signs, by what they make of numbers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from butterfly.errors import InputError
+from butterfly.logs.log import InputKind, Log
+from butterfly.logs.units import AS_IS, Units, factor_of
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "factor"),
+    [
+        ("time", "ms", 1e-3),
+        ("time", "µs", 1e-6),
+        ("time", "min", 60.0),
+        ("input", "mV", 1e-3),
+        ("input", "mN m", 1e-3),
+        ("input", "-Nm", -1.0),
+        ("angle", "deg", math.pi / 180),
+        ("angle", "-°", -math.pi / 180),
+        ("angle", "turns", 2 * math.pi),
+        ("angle", "counts/4096", 2 * math.pi / 4096),
+        ("angle", "-counts/1000", -2 * math.pi / 1000),
+        ("angle", "mm", 1e-3),
+        ("angle", "0.5", 0.5),
+        ("angle", -0.5, -0.5),
+        ("velocity", "rpm", 2 * math.pi / 60),
+        ("velocity", "deg/s", math.pi / 180),
+        ("omega", "Hz", 2 * math.pi),
+        ("mass", "g", 1e-3),
+        ("arm", "mm", 1e-3),
+    ],
+)
+def test_a_unit_is_a_factor(name, unit, factor):
+    assert factor_of(name, unit) == pytest.approx(factor, rel=1e-15)
+    assert Units.told({name: unit}).factor(name) == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"angle": "degs"}, r"units\.angle: got degs; expected one of rad, mrad, deg, turns"),
+        ({"time": "deg"}, r"units\.time: got deg; expected one of s, ms, us"),
+        ({"angle": "counts/0"}, r"units\.angle: got counts/0"),
+        ({"angle": 0}, r"units\.angle: got 0"),
+        ({"angle": math.nan}, r"units\.angle: got nan"),
+        ({"angle": True}, r"units\.angle: got True"),
+        ({"angel": "deg"}, r"units\.angel: got an unknown name; expected 'angle'"),
+        ({"time": -1}, r"units\.time: got -1; expected no minus"),
+        ({"mass": "-g"}, r"units\.mass: got -g; expected no minus"),
+        ("deg", r"units: got deg; expected a mapping"),
+    ],
+)
+def test_what_is_no_unit_is_refused_with_those_that_are(told, message):
+    with pytest.raises(InputError, match=message):
+        Units.told(told)
+
+
+@pytest.mark.parametrize("minus", ["-", "-1", -1])
+def test_a_minus_alone_turns_the_sign_and_leaves_the_unit_to_the_file(minus):
+    units = Units.told({"angle": minus})
+    assert units.factor("angle") == -1.0
+    assert units.over({"angle": 0.1}).factor("angle") == -0.1
+    assert Units.told({"angle": "rad"}).over({"angle": 0.1}).factor("angle") == 1.0
+
+
+def test_a_sign_of_the_input_and_a_minus_cancel_each_other():
+    assert AS_IS.with_sign(-1).factor("input") == -1.0
+    assert Units.told({"input": "-mV"}).with_sign(-1).factor("input") == pytest.approx(1e-3)
+
+
+def test_a_frame_is_read_in_its_units():
+    ramp = np.arange(20.0)
+    frame = {"t": ramp, "u": ramp, "q": ramp, "dq": ramp}
+    log = Log.from_frame(
+        frame,
+        time="t",
+        input="u",
+        angle="q",
+        velocity="dq",
+        units={"time": "ms", "input": "-mV", "angle": "deg", "velocity": "rpm"},
+        input_kind=InputKind.VOLTAGE,
+    )
+    np.testing.assert_allclose(log.time, ramp / 1000)
+    np.testing.assert_allclose(log.input, -ramp / 1000)
+    np.testing.assert_allclose(log.angle, np.radians(ramp))
+    np.testing.assert_allclose(log.velocity, ramp * 2 * np.pi / 60)
+    with pytest.raises(InputError, match=r"frame: units\.time: got hours"):
+        Log.from_frame(frame, time="t", input="u", angle="q", units={"time": "hours"})
