@@ -124,7 +124,7 @@ def piece_name(entry: LogEntry) -> str:
         begin = "start" if entry.begin is None else f"{entry.begin:g} s"
         end = "end" if entry.end is None else f"{entry.end:g} s"
         told.append(f"{begin} to {end}")
-    return f"{entry.file} [{', '.join(told)}]" if told else entry.file
+    return f"{entry.file} ({', '.join(told)})" if told else entry.file
 
 
 def _parts(whole: Log) -> list[Log]:

@@ -1,11 +1,13 @@
 """Segments, against closed loops about the upright that the independent integrator simulates."""
 
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import OutputError
 from butterfly.identify.free_run import Trajectory
@@ -144,6 +146,14 @@ def test_the_judgement_sees_segments_and_says_so(noisy):
     assert found.summary.over == " over segments of 0.8 s"
     assert found.summary.median > 99
     assert not judge_misfit(noisy, found.estimate).beyond_sensors
+
+
+def test_a_saved_estimate_keeps_its_horizon(exact):
+    found = _fit(exact[:1], horizon=0.5)
+    for horizon in (None, 0.5, math.inf):
+        content = json.loads(json.dumps(estimate_content(replace(found, horizon=horizon))))
+        assert estimate_of(content).horizon == horizon
+    assert estimate_of({k: v for k, v in content.items() if k != "horizon"}).horizon is None
 
 
 def test_logs_that_were_left_out_have_starts_of_their_own(noisy):

@@ -30,7 +30,7 @@ def _read(folder, text):
 
 def test_recordings_put_together_are_split_where_the_clock_falls_back(folder):
     data = _read(folder, "split: restarts\nlogs: [{file: a.csv}]\n")
-    assert [log.name for log in data.logs] == [f"a.csv [part {k}]" for k in (1, 2, 3)]
+    assert [log.name for log in data.logs] == [f"a.csv (part {k})" for k in (1, 2, 3)]
     assert [log.time.size for log in data.logs] == [400] * 3
     assert all(log.lead is None for log in data.logs)
     assert data.logs[1].input[0] == pytest.approx(np.sin(1.0))
@@ -40,12 +40,12 @@ def test_pieces_have_names_and_what_was_commanded_before(folder):
     entries = "{file: a.csv, part: 2, from: 1.5, to: 3.2}, {file: a.csv, part: 3, to: 2}"
     data = _read(folder, f"logs: [{entries}]\n")
     first, second = data.logs
-    assert first.name == "a.csv [part 2, 1.5 s to 3.2 s]"
+    assert first.name == "a.csv (part 2, 1.5 s to 3.2 s)"
     assert (first.time[0], first.time[-1]) == (1.5, 3.2)
     assert first.lead is not None
     np.testing.assert_allclose(first.lead.time, TIME[:150])
     np.testing.assert_allclose(first.lead.input, np.sin(3 * TIME[:150] + 1))
-    assert second.name == "a.csv [part 3, start to 2 s]"
+    assert second.name == "a.csv (part 3, start to 2 s)"
     assert second.lead is None
 
 
@@ -58,7 +58,7 @@ def test_a_part_of_the_set_is_read_again_by_its_own_manifest(folder):
     assert again == part
     for manifest in (again, read_manifest(folder / "part.yaml")):
         names = [log.name for log in read_data_set(manifest).logs]
-        assert names == ["a.csv [part 2]", "a.csv [part 1, 1 s to end]"]
+        assert names == ["a.csv (part 2)", "a.csv (part 1, 1 s to end)"]
 
 
 @pytest.mark.parametrize(
