@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test lint types bench bench-short coverage wheel clean
+.PHONY: demo test lint types bench bench-short coverage kinds wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -36,6 +36,10 @@ ROBOTS ?= 100
 SEED ?= 1
 coverage: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.coverage --robots $(ROBOTS) --seed $(SEED)
+
+# The same of robots of unknown kind, each as its owner knows it: 20 of each by ROBOTS=20.
+kinds: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.kinds --robots $(ROBOTS) --seed $(SEED)
 
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
 from butterfly.logs.log import SAMPLED, Log
+from butterfly.model.parameters import AddedMass
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -69,7 +70,8 @@ def log_of_table(table: Table, told: Mapping[str, Any]) -> Log:
     chosen = {field: columns[names[number]] for field, number in places.items()}
     velocity = "velocity" if "velocity" in chosen else None
     about = {key: told[key] for key in ("units", "input_kind", "intersample") if key in told}
-    return Log.from_frame(chosen, velocity=velocity, source="table", **about)
+    carried = AddedMass(**{key: told[key] for key in ("joint", "gravity") if key in told})
+    return Log.from_frame(chosen, velocity=velocity, source="table", added_mass=carried, **about)
 
 
 def _columns(table: Table) -> dict[str, Any]:

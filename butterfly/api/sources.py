@@ -17,6 +17,7 @@ from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import Knowledge, known_of
+from butterfly.model.parameters import JointKind
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
@@ -30,6 +31,8 @@ Named: TypeAlias = str | PathLike[str]
 
 One: TypeAlias = DataSet | Identified | Log | Named | Table
 """Whatever holds logs by itself."""
+
+_CHOICES = (("input_kind", InputKind), ("intersample", Intersample), ("joint", JointKind))
 
 Data: TypeAlias = One | Sequence[One]
 """Whatever `read` takes."""
@@ -46,6 +49,8 @@ def read(
     units: Mapping[str, str | float] | None = None,
     repair: Collection[str] = (),
     known: Mapping[str, Any] | None = None,
+    joint: str | None = None,
+    gravity: float | None = None,
     zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
     piece: tuple[float | None, float | None] | None = None,
     restarts: bool | None = None,
@@ -77,6 +82,9 @@ def read(
         What is known of the robot besides what manifests say: parameters of the model (``p4``,
         ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
         pair of a value and its standard uncertainty.
+    joint, gravity
+        How the joint moves (``hinge`` or ``slide``), and the gravity in m/s^2 across its axis, if
+        not as manifests say.
     zero
         What the encoder reads in rad where the hand hangs, in place of what manifests and logs
         tell: a number, or a pair of a value and its standard uncertainty.
@@ -96,6 +104,8 @@ def read(
     begin, end = piece or (None, None)
     cut = Cut(begin=begin, end=end, restarts=bool(restarts))
     about: dict[str, Any] = {
+        "joint": joint,
+        "gravity": gravity,
         "root": root,
         "arm": arm,
         "input_kind": input_kind,
@@ -128,7 +138,7 @@ def _read_one(
     """Read a path, a name or a table."""
     if "root" in told:
         told["root"] = Path(told["root"])
-    for key, kind in (("input_kind", InputKind), ("intersample", Intersample)):
+    for key, kind in _CHOICES:
         if key in told:
             told[key] = choice(kind, "read", key, told[key])
     if isinstance(source, str | PathLike):

@@ -10,8 +10,10 @@ from butterfly.cli.options import (
     ArmOption,
     ColumnsOption,
     FromOption,
+    GravityOption,
     InputOption,
     IntersampleOption,
+    JointOption,
     KnownOption,
     RepairOption,
     RestartsOption,
@@ -33,8 +35,9 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.logs.health import Repair
     from butterfly.logs.manifest import Manifest
+    from butterfly.model.parameters import JointKind
 
-_BESIDES = {"known", "zero", "cut"}  # said after a manifest is found
+_BESIDES = {"known", "zero", "joint", "gravity", "cut"}  # said after a manifest is found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +53,8 @@ class DataOptions:
     repair: Collection[Repair] = ()
     known: Knowledge = NOTHING
     zero: Known | None = None
+    joint: JointKind | None = None
+    gravity: float | None = None
     cut: Cut = WHOLE
 
     def manifest(self, source: Path, *, loose: bool = False) -> Manifest:
@@ -58,7 +63,8 @@ class DataOptions:
 
         about = {name: value for name, value in vars(self).items() if name not in _BESIDES}
         told = manifest_of(source, loose=loose, **about)
-        return self.cut.of(told.knowing(self.known).with_zero(self.zero))
+        moving = told.moving(self.joint, self.gravity)
+        return self.cut.of(moving.knowing(self.known).with_zero(self.zero))
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -80,6 +86,8 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("repair", RepairOption, None),
         option("known", KnownOption, None),
         option("zero", ZeroOption, None),
+        option("joint", JointOption, None),
+        option("gravity", GravityOption, None),
         option("begin", FromOption, None),
         option("end", ToOption, None),
         option("restarts", RestartsOption, False),

@@ -10,6 +10,7 @@ import typer
 from butterfly.errors import InputError
 from butterfly.logs.health import Repair
 from butterfly.logs.log import InputKind, Intersample
+from butterfly.model.parameters import JointKind
 
 ExperimentArgument = Annotated[
     Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
@@ -56,6 +57,21 @@ RepairOption = Annotated[
     typer.Option(help="Fault that may be repaired; may be repeated.", show_default=False),
 ]
 
+JointOption = Annotated[
+    JointKind | None,
+    typer.Option(
+        help="How the joint moves: a slide's angle is a way in m, its p1 a mass in kg.",
+        show_default="what the manifest says, or hinge",
+    ),
+]
+GravityOption = Annotated[
+    float | None,
+    typer.Option(
+        min=0,
+        help="In m/s², across the joint's axis; 0 for a joint that turns about the vertical.",
+        show_default="what the manifest says, or 9.81",
+    ),
+]
 KnownOption = Annotated[
     str | None,
     typer.Option(

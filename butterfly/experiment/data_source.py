@@ -23,6 +23,7 @@ from butterfly.yaml_input import load_yaml
 if TYPE_CHECKING:
     from butterfly.logs.column_map import ColumnMap
     from butterfly.logs.health import Repair
+    from butterfly.model.parameters import JointKind
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 
@@ -44,6 +45,8 @@ def named_data(
     repair: Collection[Repair] = (),
     known: Knowledge = NOTHING,
     zero: Known | None = None,
+    joint: JointKind | None = None,
+    gravity: float | None = None,
     cut: Cut = WHOLE,
     track: Track = untracked,
 ) -> DataSet:
@@ -58,7 +61,8 @@ def named_data(
         units=units,
         repair=repair,
     )
-    return read_data_set(cut.of(manifest.knowing(known).with_zero(zero)), track)
+    told = manifest.moving(joint, gravity).knowing(known).with_zero(zero)
+    return read_data_set(cut.of(told), track)
 
 
 def manifest_of(

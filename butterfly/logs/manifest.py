@@ -254,6 +254,13 @@ class Manifest(StrictModel):
             return self
         return self.model_copy(update={"known": self.knowledge.also(known).as_told()})
 
+    def moving(self, joint: JointKind | None, gravity: float | None) -> Manifest:
+        """Return the manifest of a joint that moves otherwise, as far as that is said."""
+        said = {"joint": joint, "gravity": gravity}
+        return self.model_copy(
+            update={name: each for name, each in said.items() if each is not None}
+        )
+
     def with_zero(self, zero: Known | None) -> Manifest:
         """Return the manifest with another encoder's zero of all logs, if one is given."""
         if zero is None:

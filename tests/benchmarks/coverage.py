@@ -23,6 +23,8 @@ from butterfly.model.terms import PARAMETERS
 from tests.independent.robots import FAMILIES, draw
 from tests.independent.scores import METHODS, Score, score
 
+_NAMED = 4  # robots of one refusal
+
 
 def main(arguments=None):
     """Score, print, and write what was asked for."""
@@ -95,7 +97,7 @@ def report(scores: list[Score]) -> str:
         "local minima:",
         *_local_minima(scores),
         "refused:",
-        *(f"  {each.name} {each.method}: {each.refused}" for each in scores if each.refused),
+        *_refusals(scores),
     ]
     return "\n".join(parts)
 
@@ -176,6 +178,17 @@ def _local_minima(scores):
                 f"the truth, {each.ending}, FIT {each.fit:.1f} %, {worst} off by "
                 f"{100 * each.readings[worst].miss:.0f} %"
             )
+
+
+def _refusals(scores):
+    """Those of one text together."""
+    texts = {}
+    for each in scores:
+        if each.refused:
+            texts.setdefault(each.refused, []).append(f"{each.name} {each.method}")
+    for text, names in texts.items():
+        more = ", ..." * (len(names) > _NAMED)
+        yield f"  {len(names)} times, {', '.join(names[:_NAMED])}{more}: {text}"
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@
 Friction is coulomb + excess exp(-(thd/excess_velocity)^2) against the motion; at rest it holds up
 to coulomb + excess. The input is held from stamp to stamp, 0 before the first. A step ends where a
 stamp, a change of the input or a zero of the velocity is: the torque is constant within it, so that
-a joint at rest slips at the beginning of a step or not at all.
+a joint at rest slips at the beginning of a step or not at all. The input is given, or a law makes
+it at every stamp of what an encoder reads there.
 """
 
 from __future__ import annotations
@@ -39,31 +40,83 @@ class Joint(NamedTuple):
     delay: float = 0.0
 
 
+class Law(NamedTuple):
+    """What makes the input of an encoder's readings: kp e + kd (rate wanted - slope) +- pump.
+
+    The readings are multiples of ``count`` rad; their slope is filtered, each new one of weight
+    ``share``. The input stays within ``limit``; gains are per unit of input.
+    """
+
+    stiffness: float
+    damping: float
+    limit: float
+    count: float
+    share: float = 1.0
+
+
 def motion(joint, stamps, inputs, angle=0.0, velocity=0.0, *, step=STEP):
     """Return (n,) angles in rad and velocities in rad/s at (n,) stamps in s, for (n,) inputs."""
     return _motion(joint, np.asarray(stamps), np.asarray(inputs), (angle, velocity), step)
 
 
+def tracking(joint, law, plan, angle=0.0, velocity=0.0, *, step=STEP):
+    """Return (n,) angles, velocities, inputs and readings of a joint under a law.
+
+    ``plan`` is (n,) stamps in s, angles in rad and rates in rad/s that are wanted, pumps in units
+    of input that act along the readings' slope, and what the encoder adds to the angle in rad.
+    """
+    columns = tuple(np.asarray(column, dtype=np.float64) for column in plan)
+    return _tracking(joint, law, columns, (angle, velocity), step)
+
+
 @numba.njit(cache=True)
 def _motion(joint, stamps, inputs, start, step):
-    (x, v), latest = start, -1
+    state, latest = start, -1
     angles, velocities = np.empty(stamps.size), np.empty(stamps.size)
-    angles[0], velocities[0] = x, v
+    angles[0], velocities[0] = state
     for k in range(stamps.size - 1):
-        now, end = stamps[k], stamps[k + 1]
-        while now < end:
-            while latest + 1 < stamps.size and stamps[latest + 1] + joint.delay <= now:
-                latest += 1
-            stop = end
-            if latest + 1 < stamps.size:
-                stop = min(end, stamps[latest + 1] + joint.delay)
-            torque = joint.bias + (joint.gain * inputs[latest] if latest >= 0 else 0.0)
-            count = math.ceil((stop - now) / step)
-            for _ in range(count):
-                x, v = _advance(joint, (x, v), torque, (stop - now) / count)
-            now = stop
-        angles[k + 1], velocities[k + 1] = x, v
+        state, latest = _to_next_stamp(joint, (stamps, inputs, k), (state, latest), step)
+        angles[k + 1], velocities[k + 1] = state
     return angles, velocities
+
+
+@numba.njit(cache=True)
+def _to_next_stamp(joint, driven, now_and_latest, step):
+    """Return the state at stamp k + 1, and the number of the input that acts there."""
+    (stamps, inputs, k), (state, latest) = driven, now_and_latest
+    now, end = stamps[k], stamps[k + 1]
+    while now < end:
+        while latest + 1 < stamps.size and stamps[latest + 1] + joint.delay <= now:
+            latest += 1
+        stop = end
+        if latest + 1 < stamps.size:
+            stop = min(end, stamps[latest + 1] + joint.delay)
+        torque = joint.bias + (joint.gain * inputs[latest] if latest >= 0 else 0.0)
+        count = math.ceil((stop - now) / step)
+        for _ in range(count):
+            state = _advance(joint, state, torque, (stop - now) / count)
+        now = stop
+    return state, latest
+
+
+@numba.njit(cache=True)
+def _tracking(joint, law, plan, start, step):
+    stamps, wanted, rates, pumps, offsets = plan
+    state, latest, slope = start, -1, 0.0
+    angles, velocities = np.empty(stamps.size), np.empty(stamps.size)
+    inputs, readings = np.empty(stamps.size), np.empty(stamps.size)
+    for k in range(stamps.size):
+        angles[k], velocities[k] = state
+        readings[k] = law.count * np.rint((state[0] + offsets[k]) / law.count)
+        if k > 0:
+            raw = (readings[k] - readings[k - 1]) / (stamps[k] - stamps[k - 1])
+            slope += law.share * (raw - slope)
+        command = law.stiffness * (wanted[k] - readings[k]) + law.damping * (rates[k] - slope)
+        command += pumps[k] * (1.0 if slope >= 0.0 else -1.0)
+        inputs[k] = min(max(command, -law.limit), law.limit)
+        if k + 1 < stamps.size:
+            state, latest = _to_next_stamp(joint, (stamps, inputs, k), (state, latest), step)
+    return angles, velocities, inputs, readings
 
 
 @numba.njit(cache=True)

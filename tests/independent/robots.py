@@ -17,6 +17,7 @@ import numpy as np
 from butterfly.identify.data import DataSet
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from tests.independent.drives import chirp, clock, log_uniform, multisine
 from tests.independent.integrator import Joint, motion
 
 if TYPE_CHECKING:
@@ -85,11 +86,11 @@ def draw(family: str, number: int, seed: int = 1, repeat: int = 0) -> RandomRobo
         truth, masses = _hand(rng)
         truth, runs = (_other_inputs if family == "C" else _sines)(family, truth, masses, rng)
         truth, runs = _in_volts(truth, runs, rng)
-        clock = rng.uniform(1e-3, 5e-3), rng.uniform(0.0, 0.5)
+        ticks = rng.uniform(1e-3, 5e-3), rng.uniform(0.0, 0.5)
         duration = rng.uniform(40.0, 60.0) if family != "C" else rng.uniform(15.0, 30.0)
         encoder = 2.0 * np.pi / 2 ** int(rng.integers(12, 17)), rng.uniform(0.0, 1e-3)
         zero = rng.uniform(-0.5, 0.5)
-        clean = [_clean(truth, run, _stamps(rng, duration, *clock)) for run in runs]
+        clean = [_clean(truth, run, clock(rng, duration, *ticks)) for run in runs]
         if all(_accepted(log, _WIDEST[family], encoder[0]) for log in clean):
             logs = tuple(_seen(log, zero, *encoder, noise) for log in clean)
             return RandomRobot(
@@ -104,20 +105,16 @@ def draw(family: str, number: int, seed: int = 1, repeat: int = 0) -> RandomRobo
     raise RuntimeError(f"no robot {family}{number} of seed {seed} moves as it should")
 
 
-def _log_uniform(rng, low, high, size=None):
-    return np.exp(rng.uniform(math.log(low), math.log(high), size))
-
-
 def _hand(rng):
     """Draw p1, p2, p3 and the delay, and what the hand carries: nothing, and two masses."""
-    p1 = _log_uniform(rng, 1e-3, 1e-2)
-    p3 = p1 * _log_uniform(rng, 0.5, 9.0) ** 2
+    p1 = log_uniform(rng, 1e-3, 1e-2)
+    p3 = p1 * log_uniform(rng, 0.5, 9.0) ** 2
     arm = rng.uniform(0.08, 0.2)
     shares = rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2)
     masses = [NO_ADDED_MASS, *(AddedMass(mass=p1 * share / arm**2, arm=arm) for share in shares)]
     middle = masses[1]
     stiff = (p1 + middle.inertia) * (p3 + middle.gravity_moment)
-    p2 = 2.0 * _log_uniform(rng, 0.005, 0.1) * math.sqrt(stiff)
+    p2 = 2.0 * log_uniform(rng, 0.005, 0.1) * math.sqrt(stiff)
     delay = rng.uniform(0.0, 0.01)
     return LumpedParameters(p1=p1, p2=p2, p3=p3, p4=1.0, delay=delay), masses
 
@@ -178,7 +175,7 @@ def _other_terms(truth, masses, drive, speed, rng):
         "load": rng.uniform(0.1, 1.0) * truth.coulomb / masses[-1].weight,
         "bias": rng.choice([-1, 1]) * rng.uniform(0.01, 0.1) * min(truth.p3, drive),
     }
-    slow = _log_uniform(rng, 0.02, 0.3)
+    slow = log_uniform(rng, 0.02, 0.3)
     order = rng.permutation(list(sizes))
     chosen = order[: int(rng.integers(1, len(sizes) + 1))]
     settings = {"stribeck_velocity": float(slow)} if "stribeck" in chosen else {}
@@ -206,24 +203,13 @@ def _other_inputs(_, truth, masses, rng):
 
 
 def _multisine(added, resonance, size, rng):
-    omegas = resonance * _log_uniform(rng, 0.4, 2.2, 6)
-    phases = rng.uniform(0.0, 2.0 * np.pi, 6)
-    each = size / math.sqrt(phases.size)
-
-    def torque(time):
-        return each * np.sin(np.outer(time, omegas) + phases).sum(axis=1)
-
-    return _Run(added=added, torque=torque, size=each * phases.size)
+    torque, most = multisine(resonance, size, rng)
+    return _Run(added=added, torque=torque, size=most)
 
 
 def _chirp(added, resonance, size, rng):
-    first, last = resonance * rng.uniform(0.3, 0.7), resonance * rng.uniform(1.5, 2.5)
-
-    def torque(time):
-        rate = (last - first) / time[-1]
-        return size * np.sin(first * time + 0.5 * rate * time**2)
-
-    return _Run(added=added, torque=torque, size=size)
+    torque, most = chirp(resonance, size, rng)
+    return _Run(added=added, torque=torque, size=most)
 
 
 def _decay(added, _, size, rng):
@@ -236,13 +222,7 @@ def _in_volts(truth, runs, rng):
     least, most = sizes.max() / 5.0, sizes.min() / 0.05
     if least > most:
         return replace(truth, p4=float(math.sqrt(least * most))), runs
-    return replace(truth, p4=float(_log_uniform(rng, least, most))), runs
-
-
-def _stamps(rng, duration, step, jitter):
-    """Stamps of cycles whose lengths have a standard deviation of ``jitter`` of their mean."""
-    cycles = step * (1.0 + jitter * rng.standard_normal(round(duration / step)))
-    return np.concatenate([[0.0], np.cumsum(np.maximum(cycles, 0.1 * step))])
+    return replace(truth, p4=float(log_uniform(rng, least, most))), runs
 
 
 def _clean(truth, run, stamps):

@@ -120,9 +120,10 @@ def _judged(robot, estimator):
     found = identify(robot.data, estimator)
     seconds = time.perf_counter() - began
     estimate = found.estimate
+    truth = {name: getattr(robot.truth, name) for name in PARAMETERS}
     verdict = getattr(estimate, "verdict", "") or getattr(found, "verdict", "")
     return {
-        "readings": _readings(robot, estimate),
+        "readings": readings_of(estimate, truth, max(m.gravity_moment for m in robot.masses)),
         "fit": found.summary.median,
         "condition": estimate.condition,
         "ending": str(estimate.ending),
@@ -132,7 +133,8 @@ def _judged(robot, estimator):
     }
 
 
-def _readings(robot, estimate):
+def readings_of(estimate, truth, heaviest):
+    """Compare an estimate with true values by name; the heaviest added moment sizes p3's error."""
     claimed = {
         name
         for each in estimate.findings
@@ -145,21 +147,20 @@ def _readings(robot, estimate):
             estimate.names, estimate.values, estimate.lower, estimate.upper, strict=True
         )
     }
-    heaviest = max(mass.gravity_moment for mass in robot.masses)
     readings = {}
     for name in PARAMETERS:
-        if name not in limits:
+        if name not in limits or name not in truth:
             continue
         value, lower, upper = (float(each) for each in limits[name])
-        truth = getattr(robot.truth, name)
-        size = abs(truth) + (heaviest if name == "p3" else 0.0)
+        true = truth[name]
+        size = abs(true) + (heaviest if name == "p3" else 0.0)
         unit = _MILLI if name == "delay" else 100.0 / size if size else 1.0
         readings[name] = Reading(
-            error=float(unit * (value - truth)),
+            error=float(unit * (value - true)),
             half_width=float(unit * (upper - lower) / 2),
-            covered=bool(lower <= truth <= upper),
+            covered=bool(lower <= true <= upper),
             claimed=name in claimed,
-            miss=float(abs(value - truth) / (abs(truth) or 1.0)),
+            miss=float(abs(value - true) / (abs(true) or 1.0)),
         )
     return readings
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.independent.integrator import Joint, motion
+from tests.independent.integrator import Joint, Law, motion, tracking
 
 JOINT = Joint(
     inertia=3e-3,
@@ -90,3 +90,25 @@ def test_a_hand_at_rest_slips_when_the_torque_exceeds_what_friction_holds(share,
     held = share * (joint.coulomb + joint.excess) / joint.gain
     _, velocity = motion(joint, np.arange(0.0, 1.0, 1e-3), np.full(1000, held))
     assert bool(velocity.any()) is moves
+
+
+def test_a_law_makes_its_input_of_what_it_reads_and_the_joint_moves_by_that_input():
+    stamps, _ = _driven(3.0, 8e-3)
+    rng = np.random.default_rng(1)
+    law = Law(stiffness=40.0, damping=5.0, limit=25.0, count=1e-2, share=0.3)
+    wanted, rates = 1.0 - np.cos(stamps), np.sin(stamps)
+    pumps, offsets = np.where(stamps < 1.0, 2.0, 0.0), 0.3 + 1e-2 * rng.standard_normal(stamps.size)
+    angles, velocities, inputs, readings = tracking(
+        DRY, law, (stamps, wanted, rates, pumps, offsets), 0.2
+    )
+    np.testing.assert_array_equal(readings, 1e-2 * np.rint((angles + offsets) / 1e-2))
+    slope = 0.0
+    for k in range(stamps.size):
+        if k:
+            slope += 0.3 * (np.diff(readings)[k - 1] / np.diff(stamps)[k - 1] - slope)
+        told = 40.0 * (wanted[k] - readings[k]) + 5.0 * (rates[k] - slope)
+        told += pumps[k] if slope >= 0 else -pumps[k]
+        assert inputs[k] == pytest.approx(np.clip(told, -25.0, 25.0), abs=1e-9)
+    assert np.ptp(np.abs(inputs)) > 10.0
+    for ours, again in zip((angles, velocities), motion(DRY, stamps, inputs, 0.2), strict=True):
+        np.testing.assert_array_equal(ours, again)

@@ -125,6 +125,23 @@ def test_a_joint_breaks_loose_at_the_instant_at_which_the_drive_exceeds_friction
         np.testing.assert_allclose(angle, 0.37 * free**3 / 0.6, atol=1e-12)
 
 
+@pytest.mark.parametrize("first", [-1.5, -1.05, -1.0, -0.95])
+def test_a_joint_that_is_pushed_one_way_and_then_the_other_within_a_step_follows(first):
+    """A parabola that stands for a step of the input overshoots before it."""
+    joint = LumpedParameters(p1=0.1, p2=0.0, p3=0.0, p4=1.0, coulomb=0.2)
+    drive = np.polynomial.Polynomial.fit([0.0, 0.5, 1.0], [first * 0.2, 3.0, 20.0], 2)
+    whole, fine = np.array([0.0, 0.01]), np.linspace(0.0, 0.01, 1001)
+    found, exact = (
+        simulate(
+            joint, time, drive((time[:-1, None] + np.diff(time)[:, None] * [0, 0.5, 1]) / 0.01), 0.0
+        )
+        for time in (whole, fine)
+    )
+    assert exact[1][-1] > 0.5
+    assert found[1][-1] == pytest.approx(exact[1][-1], rel=1e-6)
+    assert found[0][-1] == pytest.approx(exact[0][-1], rel=1e-6)
+
+
 def test_an_input_that_starts_from_zero_moves_a_joint_without_friction_at_once():
     parameters = LumpedParameters(p1=0.1, p2=0, p3=0, p4=1)
     time = np.array([0.0, 1.0])

@@ -122,8 +122,9 @@ def told_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
 
 def weightless(masses: Iterable[AddedMass], known: Knowledge) -> bool:
     """Whether no gravity moment acts, so that it does not matter where the angle is 0."""
-    balanced = known.exact.get("p3") == 0
-    return balanced and not any(mass.gravity_moment for mass in masses)
+    carried = list(masses)
+    balanced = known.exact.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
+    return balanced or not any(mass.gravity for mass in carried)
 
 
 def stribeck_velocities(fastest: float, known: Knowledge) -> list[float]:

@@ -34,7 +34,7 @@ from butterfly.model.kernel.linearise import linearise
 from butterfly.model.kernel.steps import MAX_REVERSALS, advance
 
 _ROWS = 128
-_MOST = 2 * MAX_REVERSALS + 4  # rows that one part of an interval may take
+_MOST = 3 * MAX_REVERSALS + 4  # rows that one part of an interval may take
 
 
 @compiled

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from butterfly.compiled import compiled
+
+_ROUNDING = 1e-12  # share of an interval
 
 
 @compiled
@@ -19,6 +23,33 @@ def drive_slope(drives, fraction):
     start, middle, end = drives
     bend = 2.0 * (start - 2.0 * middle + end)
     return end - start - bend + 2.0 * bend * fraction
+
+
+@compiled
+def exceeds_at(drives, begin, load, most):
+    """Return where a parabola and a load first exceed ``most`` from a fraction on, and their sign.
+
+    The fraction is 1 where they do not; at ``begin`` they do not yet.
+    """
+    start, middle, end = drives
+    bend = 2.0 * (start - 2.0 * middle + end)
+    slope = end - start - bend
+    first, side = 1.0, 0.0
+    for sign in (-1.0, 1.0):
+        offset = start + load - sign * most
+        square = slope**2 - 4.0 * bend * offset
+        if square <= 0.0:
+            continue
+        outward = sign * math.sqrt(square)  # the slope where it is exceeded
+        if slope * outward >= 0.0:
+            at = -2.0 * offset / (slope + outward)
+        elif bend != 0.0:
+            at = (outward - slope) / (2.0 * bend)
+        else:
+            continue
+        if begin - _ROUNDING <= at < first:
+            first, side = max(at, begin), sign
+    return first, side
 
 
 @compiled

@@ -131,11 +131,13 @@ def come_to_rest(drives, begin, motor, h, c, own, tangents, column):
 def break_loose(drives, tape, row, c, own, stages, tangents, column):
     """Move the derivatives from where a joint came to rest on to where it breaks loose.
 
-    It does so at the share ``loose`` = (hold - net)/(final - net) of the rest of the interval.
+    There the drive exceeds what holds the joint. With a lag the motor's torque goes on straight,
+    and it does so at the share ``loose`` = (hold - net)/(final - net) of the rest of the interval.
     """
     begin, sign = tape[row, BEGIN], tape[row, SIGN]
-    x, net, final = tape[row, STAGE], tape[row, STAGE + 1], tape[row, STAGE + 2]
-    loose = ((c.coulomb + c.stribeck) * sign - net) / (final - net)
+    x, net = tape[row, STAGE], tape[row, STAGE + 1]
+    final, at = tape[row, STAGE + 2], tape[row, STAGE + 3]
+    loose = ((c.coulomb + c.stribeck) * sign - net) / (final - net) if c.lag > 0.0 else 0.0
     still, shape = (x, 0.0, 0.0, 0.0), (math.sin(x), math.cos(x), 1.0)
     linearise(still, (0.0, 0.0, 0.0), shape, 0.0, c, True, stages, 0)
     for j in range(column.size):
@@ -144,16 +146,15 @@ def break_loose(drives, tape, row, c, own, stages, tangents, column):
         if k in (P3, P3_OFFSET, BIAS) or COGGING <= k <= PERIODS:
             pull += c.p1 * stages[0, V, BASIS + k]
         hold = sign if k in (COULOMB, STRIBECK) else 0.0
-        if c.lag > 0.0:
-            by_net, by_final = pull + tangents[BEFORE, j], pull + tangents[M, j]
-        else:
-            by_net, by_final = pull + drive_slope(drives, begin) * late, pull
+        if c.lag == 0.0:
             if k >= DRIVES:
                 q = k - DRIVES
-                by_net += drive_at((own[q, 0], own[q, 1], own[q, 2]), begin)
-                by_final += own[q, 2]
+                pull += drive_at((own[q, 0], own[q, 1], own[q, 2]), at)
+            slope = drive_slope(drives, at)
+            tangents[LATE, j] = (hold - pull) / slope if slope != 0.0 else 0.0
+            continue
+        by_net, by_final = pull + tangents[BEFORE, j], pull + tangents[M, j]
         by_loose = (hold - by_net - loose * (by_final - by_net)) / (final - net)
         tangents[LATE, j] = late * (1.0 - loose) + (1.0 - begin) * by_loose
-        if c.lag > 0.0:
-            risen = tangents[BEFORE, j] + loose * (tangents[M, j] - tangents[BEFORE, j])
-            tangents[M, j] = risen + by_loose * (final - net)
+        risen = tangents[BEFORE, j] + loose * (tangents[M, j] - tangents[BEFORE, j])
+        tangents[M, j] = risen + by_loose * (final - net)

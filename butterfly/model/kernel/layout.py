@@ -10,7 +10,8 @@ tape (n, 48)
     sliding, then the number of the interval, of its part, and how many parts there are. From
     `STAGE` on: at each of the four stages of a step, x v m z v' m' z' and sin x, cos x and the
     excess of Stribeck friction, which cost more than all the rest; for a rest, x and the motor's
-    torque; for breaking loose, x, the net torque at the rest's beginning and at the interval's end.
+    torque; for breaking loose, x, with a lag the net torque at the rest's beginning and at the
+    interval's end, and the fraction at which it does.
     The first row counts those that follow (`COUNT`) and says where in time the simulation is, and
     which interval the derivatives are in (`CURRENT`).
 tangents (6, k)

@@ -12,7 +12,7 @@ import numpy as np
 
 from butterfly.compiled import compiled
 from butterfly.model.kernel.constants import COULOMB, STRIBECK, M, V, X, Z
-from butterfly.model.kernel.drive import drive_at, part_of, piece_of
+from butterfly.model.kernel.drive import drive_at, exceeds_at, part_of, piece_of
 from butterfly.model.kernel.equation import least_steps, pull, rates
 from butterfly.model.kernel.layout import COUNT, LOOSE, REST, REVERSAL, STAGE, STEP
 from butterfly.model.kernel.tape import note, record
@@ -64,23 +64,30 @@ def advance(state, drives, h, c, tape, column):
     for _ in range(MAX_REVERSALS):
         x, v, m, z = state
         sign = np.sign(v)
+        loosened = False
         if v == 0.0:
             load = pull(x, c)
             net = (m if c.lag > 0.0 else drive_at(drives, begin)) + load
+            sign = np.sign(net)
             if abs(net) <= holding and holding > 0.0:
                 rest = _rest(state, drives, begin, h, c, tape)
-                final = (rest[M] if c.lag > 0.0 else drive_at(drives, 1.0)) + load
-                if abs(final) <= holding:
+                later, final = 1.0, rest[M] + load
+                if c.lag == 0.0:
+                    later, sign = exceeds_at(drives, begin, load, holding)
+                elif abs(final) > holding:
+                    sign = np.sign(final)
+                    loose = (holding * sign - net) / (final - net)
+                    later = begin + loose * (1.0 - begin)
+                    state = (x, v, m + loose * (rest[M] - m), z)
+                if later >= 1.0:
                     return rest
                 if tape is not None:
                     row = int(tape[0, COUNT]) + 1
                     tape[row, STAGE], tape[row, STAGE + 1], tape[row, STAGE + 2] = x, net, final
-                    note(LOOSE, begin, 0.0, np.sign(final), tape)
-                loose = (holding * np.sign(final) - net) / (final - net)
-                begin += loose * (1.0 - begin)
-                state = (x, v, m + loose * (rest[M] - m), z)
-                net = final
-            sign = np.sign(net)
+                    tape[row, STAGE + 3] = later
+                    note(LOOSE, begin, 0.0, sign, tape)
+                begin = later
+                loosened = True
         share = 1.0 - begin
         after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
         unchecked = v == 0.0 and holding == 0.0  # nothing could hold the joint where it is
@@ -88,7 +95,7 @@ def advance(state, drives, h, c, tape, column):
             if tape is not None:
                 note(STEP, begin, share, sign, tape)
             return after
-        if v == 0.0:
+        if loosened and c.lag > 0.0:
             break  # pushed back at once: friction holds the joint
         share, after = _to_reversal(state, drives, begin, share, after[V], h, sign, c, tape)
         if tape is not None:
@@ -102,16 +109,17 @@ def advance(state, drives, h, c, tape, column):
 def _to_reversal(state, drives, begin, whole, final, h, sign, c, tape):
     """Return the share of the interval in which the velocity falls to 0, and the state then.
 
-    After the share ``whole`` it would be ``final`` and have the other sign.
+    After the share ``whole`` it would be ``final`` and have the other sign. A joint that sets out
+    from rest comes back to it.
     """
     v = state[V]
     share, after = whole * (v / (v - final)), state
     tried = share
-    for _ in range(_REFINEMENTS):
+    for _ in range(_REFINEMENTS if v != 0.0 else 0):
         tried = share
         after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)
         share = min(share * v / (v - after[V]), whole)
-    if abs(share - tried) <= _ASTRAY * tried:
+    if v != 0.0 and abs(share - tried) <= _ASTRAY * tried:
         return share, after
     lower, upper = 0.0, whole
     for _ in range(_BISECTIONS):

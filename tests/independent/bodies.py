@@ -1,0 +1,239 @@
+"""Random joints that turn or slide, and recordings of them as an encoder sees them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tests.independent.drives import clock, log_uniform
+from tests.independent.integrator import Joint, Law, motion, tracking
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+GRAVITY = 9.81
+MOST_FRICTION = 0.3  # Coulomb torque over the drive's amplitude, in every log
+
+_LEAST_MOTION = 1e-3  # rad rms in the second half of a driven log, and three steps of the encoder
+
+_NAMES = {
+    "p1": "inertia",
+    "p2": "viscous",
+    "p3": "gravity",
+    "p4": "gain",
+    "coulomb": "coulomb",
+    "drag": "drag",
+    "delay": "delay",
+}
+
+
+class Mass(NamedTuple):
+    """What a joint carries: kg, and m from its axis."""
+
+    mass: float = 0.0
+    arm: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """A joint, and how it likes to be moved.
+
+    Parameters
+    ----------
+    joint
+        Bare.
+    masses
+        That it carries, one after another.
+    pace
+        Angular frequency in rad/s that moves it well, where gravity gives it none.
+    gravity
+        In m/s^2, on the masses.
+    reach
+        What is as large a motion as 1 rad is: 1, or in m for a slide.
+    slides
+        Whether it does.
+    """
+
+    joint: Joint
+    masses: tuple[Mass, ...]
+    pace: float
+    gravity: float = GRAVITY
+    reach: float = 1.0
+    slides: bool = False
+
+    def carrying(self, mass: Mass) -> Joint:
+        """Return the joint with a mass."""
+        inertia = mass.mass if self.slides else mass.mass * mass.arm**2
+        return self.joint._replace(
+            inertia=self.joint.inertia + inertia,
+            gravity=self.joint.gravity + mass.mass * self.gravity * mass.arm,
+        )
+
+    def pace_of(self, mass: Mass) -> float:
+        """Return the angular frequency about which it is moved."""
+        loaded = self.carrying(mass)
+        if loaded.gravity == 0.0:
+            return self.pace
+        return max(math.sqrt(loaded.gravity / loaded.inertia), 1.0)
+
+    def torque_of(self, mass: Mass, omega: float, swing: float) -> float:
+        """Return the amplitude that swings it by ``swing`` rad, by describing functions."""
+        loaded, swing = self.carrying(mass), swing * self.reach
+        speed = omega * swing
+        shape = 1.0 - swing**2 / 8.0
+        in_phase = (loaded.gravity * shape - loaded.inertia * omega**2) * swing
+        braking = loaded.viscous * speed + 8 / (3 * np.pi) * loaded.drag * speed**2
+        return math.hypot(in_phase, braking + 4 / np.pi * loaded.coulomb)
+
+    def having(self, **torques: float) -> Body:
+        """Return it with other parameters of the joint."""
+        return replace(self, joint=self.joint._replace(**torques))
+
+    def truth(self) -> dict[str, float]:
+        """Return the parameters by the names that the program gives them."""
+        return {name: float(getattr(self.joint, each)) for name, each in _NAMES.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A torque of (n,) stamps in s, of a body let go at ``start`` rad; or a law and its plan.
+
+    Parameters
+    ----------
+    size
+        Amplitude of the torque.
+    omega
+        Of a sine.
+    plan
+        Angles and rates that a law shall track, and its pumps, of (n,) stamps.
+    """
+
+    mass: Mass
+    torque: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+    size: float
+    omega: float | None = None
+    start: float = 0.0
+    law: Law | None = None
+    plan: Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ...]] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """(n,) stamps in s, inputs, the encoder's readings in rad or m, and what was carried."""
+
+    time: NDArray[np.float64]
+    input: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    mass: Mass
+    omega: float | None = None
+    amplitude: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Encoder:
+    """Its step, its noise's standard deviation and its reading at angle 0, in rad or m."""
+
+    count: float
+    spread: float
+    zero: float
+
+    @classmethod
+    def drawn(cls, rng, zero: float, reach: float = 1.0) -> Encoder:
+        """Draw one of 12 to 16 bits a turn."""
+        count = 2.0 * np.pi / 2 ** int(rng.integers(12, 17))
+        return cls(count=reach * count, spread=reach * rng.uniform(0.0, 1e-3), zero=reach * zero)
+
+
+def hinge(rng, masses: int, *, balance: bool = False, upright: bool = False) -> Body:
+    """Draw a joint that turns: bare, or with a number of masses of which the first is none.
+
+    A ``balance`` has no gravity moment of its own, an ``upright`` axis gives none to masses either.
+    """
+    inertia = log_uniform(rng, 1e-4, 1.0)
+    pace = log_uniform(rng, 1.0, 9.0)
+    arm = rng.uniform(0.08, 0.4)
+    shares = [0.0, rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2)][:masses]
+    return _damped(
+        rng,
+        Body(
+            joint=Joint(
+                inertia=float(inertia),
+                viscous=0.0,
+                gravity=0.0 if balance or upright else float(inertia * pace**2),
+                gain=1.0,
+            ),
+            masses=tuple(Mass(inertia * share / arm**2, arm if share else 0.0) for share in shares),
+            pace=float(pace),
+            gravity=0.0 if upright else GRAVITY,
+        ),
+    )
+
+
+def slide(rng, masses: int) -> Body:
+    """Draw a joint that slides, of 0.1 to 30 kg."""
+    inertia, pace = log_uniform(rng, 0.1, 30.0), log_uniform(rng, 2.0, 15.0)
+    shares = [0.0, rng.uniform(0.1, 0.4), rng.uniform(0.5, 1.2)][:masses]
+    joint = Joint(inertia=float(inertia), viscous=0.0, gravity=0.0, gain=1.0)
+    carried = tuple(Mass(inertia * share) for share in shares)
+    reach = float(log_uniform(rng, 0.03, 0.3))
+    body = Body(joint=joint, masses=carried, pace=float(pace), reach=reach, slides=True)
+    return _damped(rng, replace(body, gravity=0.0))
+
+
+def _damped(rng, body: Body) -> Body:
+    inertia = body.carrying(body.masses[-1]).inertia
+    delay = rng.uniform(0.0, 0.01) if rng.integers(3) else rng.uniform(0.0, 0.5e-3)
+    viscous = 2.0 * log_uniform(rng, 0.005, 0.1) * inertia * body.pace_of(body.masses[-1])
+    return body.having(viscous=float(viscous), delay=float(delay))
+
+
+def dry(rng, body: Body, sizes) -> Body:
+    """Draw Coulomb friction that torques of these sizes overcome, and some drag now and then."""
+    drag = 0.0
+    if rng.integers(3) == 0:
+        speed = rng.uniform(0.2, 1.0) * body.pace_of(body.masses[0]) * body.reach
+        drag = rng.uniform(0.1, 1.0) * body.joint.viscous / speed
+    return body.having(
+        coulomb=float(min(sizes) * rng.uniform(0.0, MOST_FRICTION)), drag=float(drag)
+    )
+
+
+def record(rng, body: Body, run: Run, encoder: Encoder, *, ticks, duration) -> Recording:
+    """Return what is seen of a run; ``ticks`` are mean cycle in s and its relative spread."""
+    stamps, joint = clock(rng, duration, *ticks), body.carrying(run.mass)
+    offsets = encoder.zero + encoder.spread * rng.standard_normal(stamps.size)
+    if run.plan is None:
+        inputs = run.torque(stamps) / joint.gain
+        angle, _ = motion(joint, stamps, inputs, run.start)
+        readings = encoder.count * np.rint((angle + offsets) / encoder.count)
+    else:
+        wanted, rates, pumps = run.plan(stamps)
+        plan = (stamps, wanted + encoder.zero, rates, pumps / joint.gain, offsets)
+        law = run.law._replace(
+            stiffness=run.law.stiffness / joint.gain,
+            damping=run.law.damping / joint.gain,
+            limit=run.law.limit / joint.gain,
+            count=encoder.count,
+        )
+        _, _, inputs, readings = tracking(joint, law, plan, run.start)
+    return Recording(
+        time=stamps,
+        input=inputs,
+        angle=readings,
+        mass=run.mass,
+        omega=run.omega,
+        amplitude=run.size / joint.gain if run.omega else None,
+    )
+
+
+def moves(body: Body, recording: Recording, encoder: Encoder, widest: float) -> bool:
+    """Whether it moves enough, and not too far, in rad or as far as its reach makes of it."""
+    angle = recording.angle - encoder.zero
+    later = angle[angle.size // 2 :] if np.ptp(recording.input) else angle
+    least = max(_LEAST_MOTION * body.reach, 3.0 * encoder.count)
+    return bool(np.abs(angle).max() < widest * body.reach and np.std(later) > least)
