@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,7 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
         "held": estimate.held,
         "known": estimate.known.as_told(),
         "resonances": [[_key(mass), omega] for mass, omega in estimate.resonances.items()],
+        "horizon": 0.0 if estimate.horizon == math.inf else estimate.horizon,
         "local": [[_key(key), values] for key, values in estimate.local.items()],
     }
 
@@ -84,8 +86,14 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         findings=tuple(_finding(**each) for each in content["findings"]),
         held=held,
         resonances={_mass(key): float(_array(omega)) for key, omega in content["resonances"]},
+        horizon=_horizon(content.get("horizon")),
         local={_keyed(key): dict(each) for key, each in content["local"]},
     )
+
+
+def _horizon(said: float | None) -> float | None:
+    """Return the horizon of an estimate; 0 stands for whole logs."""
+    return None if said is None else float(said) or math.inf
 
 
 def _finding(

@@ -132,7 +132,7 @@ class Identified(Result):
             **self.judged.numbers(),
             "summary": list(self.summary),
             "parameters": {row.pop("parameter"): row for row in self.rows()},
-            "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
+            "fit": fit.numbers(),
             "fits": self.fits,
             "held_out": self.held_out,
             "data": self.origin,
@@ -151,7 +151,9 @@ class Identified(Result):
     @property
     def title(self) -> str:  # type: ignore[override]
         """Method, data, and the values with their standard errors."""
-        return f"{self.estimator} of {self.origin['name']!r}, median FIT {self.fit.median:.1f} %"
+        fit = self.fit
+        name = self.origin["name"]
+        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit.median:.1f} %"
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: value, standard error, 95 % interval, unit."""
@@ -258,7 +260,7 @@ class Identified(Result):
     @property
     def fit(self) -> FitSummary:
         """Median, mean and worst FIT in per cent."""
-        return FitSummary.of(np.array(list(self.fits.values())))
+        return FitSummary.of(np.array(list(self.fits.values())), self.estimate.horizon)
 
     @property
     def data(self) -> DataSet:

@@ -78,7 +78,7 @@ class IdentifiedModel:
         """Return the frequency in rad/s at which the linearisation's gain peaks; 0 if nowhere."""
         return resonance_frequency(self.with_added_mass(added_mass))
 
-    def simulate(self, log: Log, *, zero: float = 0.0, velocity: float = 0.0) -> Log:
+    def simulate(self, log: Log, *, zero: float = 0.0, velocity: float | None = None) -> Log:
         """Return a log with its angle simulated from the first sample on, with its own input.
 
         Parameters
@@ -88,7 +88,7 @@ class IdentifiedModel:
         zero
             Reading of the encoder in rad where the hand hangs.
         velocity
-            At the first sample, in rad/s.
+            At the first sample, in rad/s; as the log's own first samples tell, if not given.
         """
         from butterfly.identify.predict import Setting, free_run  # noqa: PLC0415 - slow to import
 

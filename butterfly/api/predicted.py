@@ -144,10 +144,13 @@ def _followed(
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
         return [f"{count} that nobody has recorded, simulated with these values from rest."]
-    fit = FitSummary.of(np.array([each.run.fit for each in predictions]))
+    fits = np.array([each.run.fit for each in predictions])
+    fit = FitSummary.of(fits, predictions[0].run.horizon)
+    start = "in segments, each from a start that was fitted to it" if fit.over else ""
     like = "They move like this robot: " if standing is Standing.GOOD else ""
     said = [
-        f"{like}{count} simulated with these values from the first sample on, median FIT "
+        f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
+        f"FIT{fit.over} "
         f"{fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
     ]
     inside = {name: _share(predictions, name) for name in predictions[0].bands}

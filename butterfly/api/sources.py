@@ -15,6 +15,7 @@ from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.identify.data import DataSet
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import Knowledge, known_of
 from butterfly.model.parameters import JointKind
 from butterfly.resources import locate
@@ -51,6 +52,8 @@ def read(
     joint: str | None = None,
     gravity: float | None = None,
     zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
+    piece: tuple[float | None, float | None] | None = None,
+    restarts: bool | None = None,
     name: str = "logs",
 ) -> DataSet:
     """Read logs, check them, repair what may be repaired, and fit the steady response of sines.
@@ -85,6 +88,11 @@ def read(
     zero
         What the encoder reads in rad where the hand hangs, in place of what manifests and logs
         tell: a number, or a pair of a value and its standard uncertainty.
+    piece
+        First and last instant in s, by its own clock, of what is meant of a single log; None for
+        its ends.
+    restarts
+        Whether a file whose clock falls back holds several recordings, each a log.
     name
         Of the data set, where several logs are put together.
 
@@ -93,6 +101,8 @@ def read(
     InputError
         Naming file, field, value and what was expected.
     """
+    begin, end = piece or (None, None)
+    cut = Cut(begin=begin, end=end, restarts=bool(restarts))
     about: dict[str, Any] = {
         "joint": joint,
         "gravity": gravity,
@@ -102,6 +112,7 @@ def read(
         "intersample": intersample,
         "columns": columns,
         "units": units,
+        "cut": None if cut == WHOLE else cut,
     }
     repairs = _repairs(repair)
     data = _read(source, about, repairs, name).knowing(Knowledge.told(known or {}, "read"))

@@ -91,20 +91,22 @@ class Validated(Tabulated):
     @classmethod
     def of(cls, data: DataSet, label: str, held: HeldOut, whole: ParameterEstimate) -> Validated:
         """Tabulate what was held out, beside an estimate from all logs."""
-        seen = Predictor(data).fits(whole)
+        predictor = Predictor(data)
+        seen = predictor.fits(whole)
         rows = tuple(
             {**_about(log), "FIT seen in %": float(inside), "FIT left out in %": float(outside)}
             for log, inside, outside in zip(data.logs, seen, held.fits, strict=True)
         )
-        within, without, judged = FitSummary.of(seen), held.summary, verdict_on(whole)
+        within = FitSummary.of(seen, predictor.horizon(whole))
+        without, judged = held.summary, verdict_on(whole)
         return cls(
             title=f"{label} of {data.name!r}, {held.division.left_out} at a time",
             summary=(
                 judged.sentence,
                 held.division.said,
-                f"What was left out is followed with a median FIT of {without.median:.1f} % "
-                f"(mean {without.mean:.1f} %, worst {without.worst:.1f} %); those that were seen, "
-                f"{within.median:.1f} %.",
+                f"What was left out is followed with a median FIT{without.over} of "
+                f"{without.median:.1f} % (mean {without.mean:.1f} %, worst {without.worst:.1f} %); "
+                f"those that were seen, {within.median:.1f} %.",
                 *held_out_sentences(held_out_fits(data, whole)),
             ),
             table=rows,

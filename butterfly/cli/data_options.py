@@ -9,19 +9,23 @@ from butterfly.cli.console import show_progress
 from butterfly.cli.options import (
     ArmOption,
     ColumnsOption,
+    FromOption,
     GravityOption,
     InputOption,
     IntersampleOption,
     JointOption,
     KnownOption,
     RepairOption,
+    RestartsOption,
     RootOption,
+    ToOption,
     UnitsOption,
     ZeroOption,
     parse_pairs,
 )
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
+from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import NOTHING, Knowledge, Known, known_of
 
 if TYPE_CHECKING:
@@ -33,7 +37,7 @@ if TYPE_CHECKING:
     from butterfly.logs.manifest import Manifest
     from butterfly.model.parameters import JointKind
 
-_OF_ROBOT = {"known", "zero", "joint", "gravity"}  # not of the files
+_BESIDES = {"known", "zero", "joint", "gravity", "cut"}  # said after a manifest is found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,15 +55,16 @@ class DataOptions:
     zero: Known | None = None
     joint: JointKind | None = None
     gravity: float | None = None
+    cut: Cut = WHOLE
 
     def manifest(self, source: Path, *, loose: bool = False) -> Manifest:
         """Describe the data that a user named; loose if it may be a folder of any logs."""
         from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
 
-        about = {name: value for name, value in vars(self).items() if name not in _OF_ROBOT}
+        about = {name: value for name, value in vars(self).items() if name not in _BESIDES}
         told = manifest_of(source, loose=loose, **about)
         moving = told.moving(self.joint, self.gravity)
-        return moving.knowing(self.known).with_zero(self.zero)
+        return self.cut.of(moving.knowing(self.known).with_zero(self.zero))
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
@@ -83,6 +88,9 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         option("zero", ZeroOption, None),
         option("joint", JointOption, None),
         option("gravity", GravityOption, None),
+        option("begin", FromOption, None),
+        option("end", ToOption, None),
+        option("restarts", RestartsOption, False),
     ]
 
     def make(told: dict[str, Any]) -> DataOptions:
@@ -95,6 +103,7 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         facts = NOTHING if known is None else Knowledge.told(known, "data")
         reading = None if zero is None else known_of(zero, "data", "--zero")
         repair = told.pop("repair") or ()
-        return DataOptions(**pairs, repair=repair, known=facts, zero=reading, **told)
+        cut = Cut(**{name: told.pop(name) for name in ("begin", "end", "restarts")})
+        return DataOptions(**pairs, repair=repair, known=facts, zero=reading, cut=cut, **told)
 
     return with_options(command, "options", declared, make)

@@ -67,9 +67,10 @@ def validate_command(
     typer.echo(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
     typer.echo(held.division.said)
-    seen = FitSummary.of(Predictor(logs).fits(whole))
+    predictor = Predictor(logs)
+    seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
     unused = held_out_fits(logs, whole)
-    table = new_table(f"{logs.name}: FIT in %", "", "median", "mean", "worst")
+    table = new_table(f"{logs.name}: FIT in %{seen.over}", "", "median", "mean", "worst")
     for name, fit in (("in sample", seen), (held.division.left_out, held.summary)):
         table.add_row(name, *_fit(fit))
     if unused:

@@ -25,7 +25,8 @@ from butterfly.logs.drafted import has_thesis_names, manifest_from_names, manife
 from butterfly.logs.formats import FORMATS
 from butterfly.logs.health import DEFAULT_REPAIRS, examine
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import MANIFEST_NAME, read_entry, write_manifest
+from butterfly.logs.manifest import MANIFEST_NAME, write_manifest
+from butterfly.logs.pieces import piece_name, read_pieces, with_parts
 from butterfly.logs.remarks import Condition
 from butterfly.report.inspection import health_rows, hints, inspect_logs, write_inspection
 
@@ -64,7 +65,7 @@ def inspect_command(
 
     Example: `butterfly inspect Data_52__8__002.mat --plot log.html`
     """
-    manifest = options.manifest(data, loose=True)
+    manifest = with_parts(options.manifest(data, loose=True))
     count = len(manifest.logs)
     if number is not None and number >= count:
         raise InputError(data, "--log", number, f"less than {count}")
@@ -85,9 +86,10 @@ def inspect_command(
         _show_hints(remark for each in seen for remark in each.remarks)
         _refuse_unusable(data, seen)
         return
-    log, health = examine(read_entry(manifest, chosen[0]), manifest.repair)
+    ((_, recorded),) = read_pieces(manifest, chosen[0])
+    log, health = examine(recorded, manifest.repair)
     is_log = data.suffix.lower() in FORMATS
-    typer.echo(data if is_log else Path(manifest.root) / chosen[0].file)
+    typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(chosen[0]))
     show_pairs(health_rows(log, health))
     _say_zeros([log], manifest)
     _show_hints(health.remarks)

@@ -81,6 +81,25 @@ KnownOption = Annotated[
     ),
 ]
 
+FromOption = Annotated[
+    float | None,
+    typer.Option(
+        "--from",
+        help="First instant in s, by its own clock, of the piece that is meant of a log.",
+        show_default="its beginning",
+    ),
+]
+ToOption = Annotated[
+    float | None,
+    typer.Option("--to", help="Last instant in s of that piece.", show_default="its end"),
+]
+RestartsOption = Annotated[
+    bool,
+    typer.Option(
+        "--restarts",
+        help="Take files whose clock falls back for several recordings, each a log.",
+    ),
+]
 ZeroOption = Annotated[
     str | None,
     typer.Option(

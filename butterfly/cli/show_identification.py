@@ -74,7 +74,8 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
         if estimate.fit is not None:
             fit = estimate.fit
             typer.echo(
-                f"Median FIT {fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
+                f"Median FIT{fit.over} {fit.median:.1f} % (mean {fit.mean:.1f} %, worst "
+                f"{fit.worst:.1f} %)."
             )
         for sentence in said[1:]:
             typer.echo(sentence)
@@ -95,13 +96,14 @@ def show_estimates(record: RunRecord) -> None:
         if estimate.held_out is not None:
             held = estimate.held_out
             typer.echo(
-                f"{estimate.estimator}: logs that were left out are followed with a median FIT of "
-                f"{held.median:.1f} % (worst {held.worst:.1f} %)."
+                f"{estimate.estimator}: logs that were left out are followed with a median "
+                f"FIT{held.over} of {held.median:.1f} % (worst {held.worst:.1f} %)."
             )
 
 
 def _comparison_table(result: Identification) -> Table:
-    table = Table(title="FIT in % on the same logs", box=SIMPLE_HEAD)
+    title = f"FIT in %{result.summary.over} on the same logs"
+    table = Table(title=title, box=SIMPLE_HEAD)
     table.add_column("parameters")
     for header in ("median", "mean", "worst"):
         table.add_column(header, justify="right")

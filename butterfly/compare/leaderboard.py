@@ -93,9 +93,11 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
     try:
         found = estimated(data, estimator)
         seconds = time.perf_counter() - begun
-        fits = Predictor(data).fits(found)
+        predictor = Predictor(data)
+        found = predictor.settled(found)
+        fits = predictor.fits(found)
         found = judge(data, estimator, found, fits)
-        seen = FitSummary.of(fits)
+        seen = FitSummary.of(fits, found.horizon)
         held = hold_out(data, estimator.unchecked(), split)
     except ButterflyError as problem:
         error = str(problem)

@@ -13,6 +13,7 @@ from butterfly.logs.drafted import manifest_from_names, manifest_of_files, manif
 from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME, Manifest, read_manifest
+from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.logs.units import Units
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
@@ -46,6 +47,7 @@ def named_data(
     zero: Known | None = None,
     joint: JointKind | None = None,
     gravity: float | None = None,
+    cut: Cut = WHOLE,
     track: Track = untracked,
 ) -> DataSet:
     """Read the data that a user named (see `manifest_of`), of a robot of which more is known."""
@@ -60,7 +62,7 @@ def named_data(
         repair=repair,
     )
     told = manifest.moving(joint, gravity).knowing(known).with_zero(zero)
-    return read_data_set(told, track)
+    return read_data_set(cut.of(told), track)
 
 
 def manifest_of(
@@ -151,7 +153,7 @@ def _entry_of(path: Path, beside: Path, root: Path | None) -> Manifest | None:
     manifest = read_manifest(beside, root)
     root_folder, wanted = Path(manifest.root), path.resolve()
     own = [entry for entry in manifest.logs if (root_folder / entry.file).resolve() == wanted]
-    return manifest.model_copy(update={"logs": own[:1], "name": path.name}) if own else None
+    return manifest.model_copy(update={"logs": own, "name": path.name}) if own else None
 
 
 def _refuse_sweep(folder: Path) -> None:

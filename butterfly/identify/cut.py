@@ -9,20 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.logs.log import MIN_SAMPLES
-from butterfly.signals.local_polynomial import slope
 from butterfly.signals.window import MIN_PERIODS
 
 if TYPE_CHECKING:
     from butterfly.logs.log import Log
 
-_REACH = 0.05  # s on either side, over which the velocity is taken
-
 
 def pieces_beside(log: Log, stretch: slice) -> list[Log]:
     """Return the pieces of a log before and after a stretch of it.
 
-    Free runs start at rest: the piece after the stretch begins where the joint next turns back or
-    rests. A piece that is too short to be used is left out.
+    That after it begins in motion (see `Log.piece`). A piece that is too short to be used is left
+    out.
 
     Parameters
     ----------
@@ -32,26 +29,15 @@ def pieces_beside(log: Log, stretch: slice) -> list[Log]:
         Of its samples.
     """
     first, last, _ = stretch.indices(log.time.size)
-    sides = {"before": slice(0, first), "after": slice(_next_at_rest(log, last), None)}
+    sides = {"before": (0, first), "after": (last, log.time.size)}
     pieces = []
-    for side, samples in sides.items():
-        numbers = np.arange(log.time.size)[samples]
-        if numbers.size < MIN_SAMPLES:
+    for side, (begin, end) in sides.items():
+        if end - begin < MIN_SAMPLES:
             continue
-        piece = replace(log.take(numbers), name=f"{log.name}, {side}")
+        piece = replace(log.piece(begin, end), name=f"{log.name}, {side}")
         if _usable(piece):
             pieces.append(piece)
     return pieces
-
-
-def _next_at_rest(log: Log, number: int) -> int:
-    """Return the first sample from one on where the joint turns back or rests; n if nowhere."""
-    reach = max(2, round(_REACH / log.mean_step))
-    if number == 0 or log.time.size - number < 2 * reach + 1:
-        return number if number == 0 else log.time.size
-    speeds = slope(log.angle[number:], reach, 2, log.mean_step)
-    turns = np.flatnonzero(speeds[:-1] * speeds[1:] <= 0)
-    return number + int(turns[0]) if turns.size else log.time.size
 
 
 def _usable(piece: Log) -> bool:

@@ -17,7 +17,8 @@ from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import numbers_named, with_unique_names
-from butterfly.logs.manifest import Manifest, read_entry
+from butterfly.logs.manifest import Manifest
+from butterfly.logs.pieces import read_logs
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from butterfly.logs.log import InputKind, Log
+    from butterfly.logs.manifest import Manifest
     from butterfly.model.parameters import AddedMass, JointKind
 
 _UPRIGHT = 0.9 * math.pi  # rad from the rest angle
@@ -314,7 +316,7 @@ def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
     InputError
         If a log cannot be read or used.
     """
-    recorded = [read_entry(manifest, entry) for entry in track(manifest.logs, "Reading logs")]
+    manifest, recorded = read_logs(manifest, track)
     data = DataSet.of(
         recorded,
         name=manifest.name,

@@ -69,6 +69,9 @@ class ParameterEstimate:
         none where that was not asked.
     rivals
         (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
+    horizon
+        Longest stretch in s over which logs are simulated with it; infinite where whole logs were
+        asked for, None where it is left to the logs (see `butterfly.identify.divergence`).
     known
         What was known of the robot before; what is known exactly is among ``held``.
     freedom
@@ -91,6 +94,7 @@ class ParameterEstimate:
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     corrections: tuple[Correction, ...] = ()
     rivals: tuple[NDArray[np.float64], ...] = ()
+    horizon: float | None = None
     known: Knowledge = NOTHING
     freedom: NDArray[np.float64] | None = None
 
@@ -107,6 +111,7 @@ class ParameterEstimate:
         held: dict[str, float] | None = None,
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
         masses: Sequence[AddedMass] = (),
+        horizon: float | None = None,
         blocks: int = 1,
         known: Knowledge = NOTHING,
         besides: NDArray[np.float64] | None = None,
@@ -125,7 +130,7 @@ class ParameterEstimate:
             (n,) values of other fits that predict as well, which widen them too.
         shared
             How many values, from the first on, are parameters of the robot; all if not given.
-        findings, held, local
+        findings, held, local, horizon
             As the estimate has them; the findings come after those on the values.
         masses
             What each log carried, where the clusters are logs, or blocks of them.
@@ -187,6 +192,7 @@ class ParameterEstimate:
             corrections=corrections(rows, residuals, solved.names, carried if blocks == 1 else {}),
             known=known,
             rivals=tuple(rivals),
+            horizon=horizon,
             freedom=freedom[own],
         )
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from butterfly.logs.beginning import Beginning
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import compressed
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.model.parameters import LumpedParameters
 
+Begin: TypeAlias = Beginning | float | None
+"""How a simulation starts: with angle and velocity, with a velocity, or as the log does."""
+
 LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
 
@@ -33,6 +37,8 @@ _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 class Trajectory:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.
+
+    It starts at rest, unless the log begins in motion (see `butterfly.signals.beginning`).
 
     Between two instants of the grid the input is the parabola that has the mean and the first and
     second moment of the recorded one, so that no impulse is lost or gained where steps fall between
@@ -50,13 +56,24 @@ class Trajectory:
 
     def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
         self.log = log
+        self._command = log.command
         grid = uniform_grid(log.time, grid_step(log, parameters))
         self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
         self._first = first
         self._latest: tuple[tuple[float, float], Samples] | None = None
 
+    @property
+    def step(self) -> float:
+        """Step of the simulation in s."""
+        return float(self.grid[1] - self.grid[0])
+
+    @property
+    def starts_anew(self) -> bool:
+        """Whether the log begins in motion, and its errors count from there."""
+        return self._first == 0 and self.log.beginning.velocity != 0
+
     def simulate(
-        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
+        self, parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (n,) angles from the encoder's zero and velocities on the grid.
 
@@ -66,26 +83,33 @@ class Trajectory:
             Of the bare hand; the log's added mass is put on here (78).
         zero
             Reading of the encoder in rad where the model's angle is 0.
-        velocity
-            At the first sample, in rad/s.
+        begin
+            Velocity in rad/s at the first sample, whose angle is then taken as it is; or angle and
+            velocity; the log's own if None.
         """
         loaded = parameters.with_added_mass(self.log.added_mass)
         inputs = self._inputs(parameters.delay, parameters.compression)[0]
-        angle, speed = simulate(loaded, self.grid, inputs, self._start(zero), velocity)
+        angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
         return zero + angle, speed
 
     def at_stamps(
-        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
+        self, parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> NDArray[np.float64]:
         """Return the simulated angles at the log's own stamps (see `simulate`)."""
-        angle, speed = self.simulate(parameters, zero, velocity)
-        return hermite.interpolate(self.grid, angle, speed, self.log.time)
+        return self.at(self.log.time, parameters, zero, begin)
+
+    def at(
+        self, instants: Samples, parameters: LumpedParameters, zero: float, begin: Begin = None
+    ) -> NDArray[np.float64]:
+        """Return the simulated angles at increasing instants in s (see `simulate`)."""
+        angle, speed = self.simulate(parameters, zero, begin)
+        return hermite.interpolate(self.grid, angle, speed, instants)
 
     def squared_error(
-        self, parameters: LumpedParameters, zero: float, velocity: float = 0.0
+        self, parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> float:
         """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
-        angle, speed = self.simulate(parameters, zero, velocity)
+        angle, speed = self.simulate(parameters, zero, begin)
         return hermite.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
 
     def linearised(
@@ -93,7 +117,7 @@ class Trajectory:
         names: Sequence[str],
         parameters: LumpedParameters,
         zero: float,
-        velocity: float = 0.0,
+        begin: Begin = None,
     ) -> tuple[Samples, Samples, Samples]:
         """Return the errors, and what they change by with n parameters, zero or velocity.
 
@@ -104,7 +128,7 @@ class Trajectory:
         ----------
         names
             Of the n.
-        parameters, zero, velocity
+        parameters, zero, begin
             As in `simulate`.
 
         Returns
@@ -116,7 +140,7 @@ class Trajectory:
         inputs = self._inputs(parameters.delay, parameters.compression)
         if columns.drives > inputs.shape[0]:
             inputs = np.concatenate([inputs, self._by_compression(parameters)])
-        start = self._start(zero), velocity
+        start = self._start(zero, begin)
         readings, measured = self._averages
         values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
         for zero_column in np.flatnonzero(columns.initial[0] < 0):
@@ -137,8 +161,13 @@ class Trajectory:
         """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
         return np.asarray((self.grid[:-1] + self.grid[1:])[self._averages[0].into >= 0] / 2)
 
-    def _start(self, zero: float) -> float:
-        return float(self.log.angle[0]) - zero
+    def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
+        """Return angle, from the hanging position, and velocity at the first sample."""
+        if begin is None:
+            begin = self.log.beginning
+        elif not isinstance(begin, Beginning):
+            begin = Beginning(float(self.log.angle[0]), begin)
+        return begin.angle - zero, begin.velocity
 
     @cached_property
     def _averages(self) -> tuple[Readings, Samples]:
@@ -155,16 +184,15 @@ class Trajectory:
         return self._latest[1]
 
     def _delivered(self, delay: float, compression: float) -> Samples:
-        log = self.log
-        inputs = compressed(log.input, compression)
-        return hold.parabolas(log.time, inputs, self.grid - delay, log.intersample)
+        time, inputs = self._command
+        driving = compressed(inputs, compression)
+        return hold.parabolas(time, driving, self.grid - delay, self.log.intersample)
 
     def _by_compression(self, parameters: LumpedParameters) -> Samples:
         """(1, n - 1, 3) derivative of the delivered input by the drive's compression."""
-        log = self.log
-        inputs = -log.input * abs(log.input) / (1 + parameters.compression * abs(log.input)) ** 2
-        instants = self.grid - parameters.delay
-        return hold.parabolas(log.time, inputs, instants, log.intersample)[:1]
+        time, inputs = self._command
+        driving = -inputs * abs(inputs) / (1 + parameters.compression * abs(inputs)) ** 2
+        return hold.parabolas(time, driving, self.grid - parameters.delay, self.log.intersample)[:1]
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:

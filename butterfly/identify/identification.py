@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -70,7 +71,7 @@ class Identification:
     @property
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
-        return FitSummary.of(self.fits)
+        return FitSummary.of(self.fits, self.free_runs[0].horizon)
 
     @property
     def held_out(self) -> dict[str, float]:
@@ -133,9 +134,9 @@ def held_out_fits(data: DataSet, estimate: ParameterEstimate) -> dict[str, float
 
 def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
-    estimator = estimator.suited(data)
-    found = estimated(data, estimator)
-    return judge(data, estimator, found, Predictor(data).fits(found))
+    estimator, predictor = estimator.suited(data), Predictor(data)
+    found = predictor.settled(estimated(data, estimator))
+    return judge(data, estimator, found, predictor.fits(found))
 
 
 def judge(
@@ -154,8 +155,11 @@ def judge(
     fits
         (n,) FIT in per cent of its free run of each log.
     """
-    # Where the hand passes the upright no free run stays near: such logs count only if all do.
-    counted = data.calm or list(range(fits.size))
+    # Where the hand passes the upright no free run of a whole log stays near: such logs count only
+    # if all do.
+    whole = list(range(fits.size))
+    segmented = found.horizon is not None and math.isfinite(found.horizon)
+    counted = whole if segmented else data.calm or whole
     told = found.with_findings(
         *judge_physics(found, data.masses),
         *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
@@ -207,12 +211,14 @@ def simulated(
         If a log cannot be used.
     """
     predictor = Predictor(data)
+    estimate = predictor.settled(estimate)
+    horizon = predictor.horizon(estimate)
     return Identification(
         data=data,
         estimate=estimate,
         free_runs=_runs(predictor, estimate, track),
         comparisons=tuple(
-            try_parameters(name, parameters, predictor, track=track)
+            try_parameters(name, parameters, predictor, horizon=horizon, track=track)
             for name, parameters in against.items()
         ),
         held_runs=() if data.held is None else _runs(Predictor(data.held), estimate),

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import Trajectory
 from butterfly.identify.predict import Predictor, Setting
 from butterfly.progress import Track, untracked
 
@@ -69,7 +68,7 @@ def _of_log(
     linearised run, and by what it is larger with each of m draws.
     """
     log, setting = predictor.data.logs[number], predictor.setting(number, draws.estimate)
-    trajectory = Trajectory(log, setting.parameters)
+    trajectory = setting.simulation(log)
     errors, rows, mixture = trajectory.linearised(
         draws.estimate.names, setting.parameters, setting.zero, setting.velocity
     )

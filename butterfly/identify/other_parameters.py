@@ -40,21 +40,29 @@ class OtherParameters:
         Whether p4 was chosen here, for the highest median FIT.
     fits
         (n,) FIT of each log in per cent.
+    horizon
+        Longest stretch in s that was simulated at a time.
     """
 
     name: str
     parameters: LumpedParameters
     gain_fitted: bool
     fits: NDArray[np.float64]
+    horizon: float = math.inf
 
     @property
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
-        return FitSummary.of(self.fits)
+        return FitSummary.of(self.fits, self.horizon)
 
 
 def try_parameters(
-    name: str, parameters: LumpedParameters, predictor: Predictor, *, track: Track = untracked
+    name: str,
+    parameters: LumpedParameters,
+    predictor: Predictor,
+    *,
+    horizon: float = math.inf,
+    track: Track = untracked,
 ) -> OtherParameters:
     """Simulate every log with ``parameters``; a p4 that is NaN is replaced by the best one.
 
@@ -66,6 +74,8 @@ def try_parameters(
         Of the bare hand.
     predictor
         Of the logs.
+    horizon
+        Longest stretch in s that is simulated at a time.
     track
         Shows progress.
     """
@@ -73,8 +83,10 @@ def try_parameters(
     if gain_fitted:
         gain = best_gain(parameters, predictor, source=name, track=track)
         parameters = replace(parameters, p4=gain)
-    fits = predictor.fits_with(parameters)
-    return OtherParameters(name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits)
+    fits = predictor.fits_with(parameters, horizon)
+    return OtherParameters(
+        name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits, horizon=horizon
+    )
 
 
 def told_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:

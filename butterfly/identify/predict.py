@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import Trajectory, grid_step
+from butterfly.identify.divergence import horizon_of
+from butterfly.identify.free_run import grid_step
+from butterfly.identify.segments import simulation
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -18,13 +20,15 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.free_run import Trajectory
+    from butterfly.identify.segments import Segments
     from butterfly.logs.log import Log
     from butterfly.model.parameters import LumpedParameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRun:
-    """A log and its simulation from the first sample on with the recorded input.
+    """A log and its simulation with the recorded input, from the first sample on or in segments.
 
     Parameters
     ----------
@@ -32,10 +36,13 @@ class FreeRun:
         The log.
     simulated
         (n,) simulated angle in rad at the log's stamps, from the encoder's zero.
+    horizon
+        Longest segment in s, each from a start of its own; infinite for none.
     """
 
     log: Log
     simulated: NDArray[np.float64]
+    horizon: float = math.inf
 
     @cached_property
     def fit(self) -> float:
@@ -52,16 +59,31 @@ class FreeRun:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """Median, mean and worst FIT over a set of logs, in per cent."""
+    """Median, mean and worst FIT over a set of logs, in per cent.
+
+    ``horizon`` is the longest segment in s that was simulated at a time; None for whole logs.
+    """
 
     median: float
     mean: float
     worst: float
+    horizon: float | None = None
 
     @classmethod
-    def of(cls, fits: NDArray[np.float64]) -> FitSummary:
-        """Summarise the (n,) FIT values of n logs."""
-        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()))
+    def of(cls, fits: NDArray[np.float64], horizon: float | None = None) -> FitSummary:
+        """Summarise the (n,) FIT values of n logs; an infinite horizon is one of whole logs."""
+        finite = horizon if horizon is not None and math.isfinite(horizon) else None
+        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()), finite)
+
+    @property
+    def over(self) -> str:
+        """Over what logs are simulated, to be said after the word FIT; nothing of whole logs."""
+        return "" if self.horizon is None else f" over segments of {self.horizon:g} s"
+
+    def numbers(self) -> dict[str, float]:
+        """Return it for programs."""
+        said = {"median": self.median, "mean": self.mean, "worst": self.worst}
+        return said if self.horizon is None else said | {"horizon": self.horizon}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,12 +97,21 @@ class Setting:
     zero
         Reading of the encoder in rad where the model's angle is 0.
     velocity
-        At the first sample, in rad/s.
+        At the first sample, in rad/s; None where the log's own beginning tells it.
+    horizon
+        Longest stretch in s that is simulated at a time, infinite for the whole log (see
+        `butterfly.identify.segments`).
     """
 
     parameters: LumpedParameters
     zero: float
-    velocity: float = 0.0
+    velocity: float | None = None
+    horizon: float = math.inf
+
+    def simulation(self, log: Log, first: int = 0) -> Trajectory | Segments:
+        """Return what simulates a log, of which the samples from number ``first`` on count."""
+        told = self.velocity is not None
+        return simulation(log, self.parameters, self.horizon, first, told=told)
 
 
 class Predictor:
@@ -97,7 +128,8 @@ class Predictor:
 
     def __init__(self, data: DataSet) -> None:
         self.data = data
-        self._trajectories: dict[tuple[int, float], Trajectory] = {}
+        self._trajectories: dict[tuple[int, float, float, bool], Trajectory | Segments] = {}
+        self._horizon: float | None = None
         self._spreads = [_spread(log) for log in data.logs]
 
     def setting(self, number: int, estimate: ParameterEstimate) -> Setting:
@@ -105,17 +137,41 @@ class Predictor:
         log = self.data.logs[number]
         parameters, own = estimate.applied(log)
         zero = own["zero"] if "zero" in own else self.data.zero_of(log)
-        return Setting(parameters=parameters, zero=zero, velocity=own.get("velocity", 0.0))
+        return Setting(
+            parameters=parameters,
+            zero=zero,
+            velocity=own.get("velocity"),
+            horizon=self.horizon(estimate),
+        )
+
+    def horizon(self, estimate: ParameterEstimate) -> float:
+        """Return the longest stretch in s over which logs are simulated with an estimate.
+
+        One that says nothing has that of the logs in which the hand stays away from the upright,
+        where there are any.
+        """
+        if estimate.horizon is not None:
+            return estimate.horizon
+        if self._horizon is None:
+            counted = self.data.calm or range(len(self.data.logs))
+            logs = [self.data.logs[k] for k in counted]
+            self._horizon = horizon_of(logs, estimate.parameters, self.data.equilibria)
+        return self._horizon
+
+    def settled(self, estimate: ParameterEstimate) -> ParameterEstimate:
+        """Return an estimate that says over what horizon these logs are simulated, if any."""
+        horizon = self.horizon(estimate)
+        return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
 
     def run(self, number: int, estimate: ParameterEstimate) -> FreeRun:
         """Simulate one log, by its number, with an estimate."""
         return self.run_with(number, self.setting(number, estimate))
 
     def run_with(self, number: int, setting: Setting) -> FreeRun:
-        """Simulate one log, by its number, from its first sample with the recorded input."""
-        trajectory = self._trajectory(number, setting.parameters)
+        """Simulate one log, by its number, with the recorded input."""
+        trajectory = self._trajectory(number, setting)
         simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-        return FreeRun(log=self.data.logs[number], simulated=simulated)
+        return FreeRun(log=self.data.logs[number], simulated=simulated, horizon=setting.horizon)
 
     def fits(
         self, estimate: ParameterEstimate, numbers: Iterable[int] | None = None
@@ -124,24 +180,28 @@ class Predictor:
         chosen = range(len(self.data.logs)) if numbers is None else numbers
         return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
 
-    def fits_with(self, parameters: LumpedParameters) -> NDArray[np.float64]:
-        """(n,) FIT in per cent of all logs with parameters of the bare hand."""
+    def fits_with(
+        self, parameters: LumpedParameters, horizon: float = math.inf
+    ) -> NDArray[np.float64]:
+        """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
         settings = [
-            Setting(parameters=parameters, zero=self.data.zero_of(log)) for log in self.data.logs
+            Setting(parameters=parameters, zero=self.data.zero_of(log), horizon=horizon)
+            for log in self.data.logs
         ]
         return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
 
     def _fit_of(self, number: int, setting: Setting) -> float:
         """FIT of one log, as that of its free run, without keeping the angles."""
-        trajectory = self._trajectory(number, setting.parameters)
+        trajectory = self._trajectory(number, setting)
         error = trajectory.squared_error(setting.parameters, setting.zero, setting.velocity)
         return fit_of(error, self._spreads[number])
 
-    def _trajectory(self, number: int, parameters: LumpedParameters) -> Trajectory:
-        log = self.data.logs[number]
-        key = (number, grid_step(log, parameters))
+    def _trajectory(self, number: int, setting: Setting) -> Trajectory | Segments:
+        log, parameters = self.data.logs[number], setting.parameters
+        told = setting.velocity is not None
+        key = (number, grid_step(log, parameters), setting.horizon, told)
         if key not in self._trajectories:
-            self._trajectories[key] = Trajectory(log, parameters)
+            self._trajectories[key] = setting.simulation(log)
         return self._trajectories[key]
 
 
@@ -175,6 +235,6 @@ def free_run(log: Log, setting: Setting) -> FreeRun:
     setting
         Parameters of the bare hand (the log's added mass is put on here (78)), and its start.
     """
-    trajectory = Trajectory(log, setting.parameters)
+    trajectory = setting.simulation(log)
     simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-    return FreeRun(log=log, simulated=simulated)
+    return FreeRun(log=log, simulated=simulated, horizon=setting.horizon)

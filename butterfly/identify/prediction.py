@@ -16,11 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.expected_errors import donors
-from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.intervals import CONFIDENCE
 from butterfly.identify.predict import free_run
 from butterfly.progress import Track, untracked
-from butterfly.signals import hermite
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -30,7 +28,9 @@ if TYPE_CHECKING:
     from butterfly.identify.draws import ParameterDraws
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.expected_errors import LeftOver
+    from butterfly.identify.free_run import Trajectory
     from butterfly.identify.predict import FreeRun, Setting
+    from butterfly.identify.segments import Segments
     from butterfly.logs.log import Log
 
     Samples = NDArray[np.float64]
@@ -128,7 +128,7 @@ def predict_logs(
         bands: dict[str, Band] = {}
         if draws is not None:
             drawn = [setting(number, each) for each in draws.estimates()]
-            angles = _angles(Trajectory(log, own.parameters), log.time[samples], drawn)
+            angles = _angles(own.simulation(log), log.time[samples], drawn)
             bands[OF_PARAMETERS] = _band(angles, draws.weights)
             if errors:
                 rng = np.random.default_rng(seeds[number])
@@ -140,13 +140,10 @@ def predict_logs(
         return list(track(pool.map(predicted, range(len(logs))), "Predicting logs"))
 
 
-def _angles(trajectory: Trajectory, time: Samples, settings: Sequence[Setting]) -> Samples:
+def _angles(course: Trajectory | Segments, time: Samples, settings: Sequence[Setting]) -> Samples:
     """(m, k) angles in rad of m simulations of one log, at (k,) instants in s."""
-    angles = np.empty((len(settings), time.size))
-    for row, each in enumerate(settings):
-        path = trajectory.simulate(each.parameters, each.zero, each.velocity)
-        angles[row] = hermite.interpolate(trajectory.grid, *path, time)
-    return angles
+    angles = [course.at(time, each.parameters, each.zero, each.velocity) for each in settings]
+    return np.array(angles)
 
 
 def _drawn_errors(

@@ -12,8 +12,9 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
+from butterfly.logs.log import Lead
 from butterfly.logs.remarks import Remark, remarks_on
-from butterfly.logs.stamps import increasing, repeated
+from butterfly.logs.stamps import increasing, repeated, restarts
 from butterfly.logs.turns import Wrapping, find_wrapping, unwrapped
 from butterfly.model.parameters import JointKind
 
@@ -39,6 +40,9 @@ class Repair(StrEnum):
     NON_FINITE = "non_finite"
     UNWRAP = "unwrap"
 
+
+SPLIT = "split: restarts in a manifest, or --restarts"
+"""What makes a log of each of several recordings."""
 
 DEFAULT_REPAIRS = frozenset({Repair.DUPLICATE})
 """Only repeated stamps are dropped unasked; anything else must be allowed by name."""
@@ -133,9 +137,12 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     kept = increasing(sound.time)
     repeats = repeated(sound.time, kept)
     backward = ~(kept | repeats)
-    _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, "stamps in ascending order")
+    ascending = "stamps in ascending order"
+    if Repair.BACKWARD not in repairs and backward.any() and restarts(sound.time):
+        ascending += f" (or {SPLIT}, where several recordings were put together)"
+    _refuse_unless_allowed(log, backward, Repair.BACKWARD, repairs, ascending)
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
-    clean = _only(sound, kept)
+    clean = _with_sound_lead(_only(sound, kept))
     _refuse_constant(clean)
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
@@ -172,6 +179,16 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
 def _only(log: Log, kept: NDArray[np.bool_]) -> Log:
     """Return the log of some samples, itself if that is all of them: copies of long logs cost."""
     return log if kept.all() else log.take(kept)
+
+
+def _with_sound_lead(log: Log) -> Log:
+    """Return a piece with what of the command before it has finite values and rising stamps."""
+    if log.lead is None:
+        return log
+    time, inputs = log.lead.time, log.lead.input
+    sound = np.isfinite(time) & np.isfinite(inputs) & (time < log.time[0])
+    sound[sound] = increasing(time[sound]) if sound.any() else False
+    return replace(log, lead=Lead(time=time[sound], input=inputs[sound]))
 
 
 def _refuse_unless_allowed(

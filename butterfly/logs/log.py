@@ -7,6 +7,7 @@ from dataclasses import KW_ONLY, dataclass, replace
 from difflib import get_close_matches
 from enum import StrEnum
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import PurePath
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ import numpy as np
 
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.as_read import AS_WRITTEN, Reading
+from butterfly.logs.beginning import beginning, rms_speed
 from butterfly.logs.units import Units
 from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    from butterfly.logs.beginning import Beginning
 
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
@@ -63,9 +67,28 @@ class Sine:
         return np.asarray(self.amplitude * np.sin(self.omega * time))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lead:
+    """What was commanded before a log begins, which is then a piece of a longer recording.
+
+    Parameters
+    ----------
+    time, input
+        (n,) increasing stamps in s, before the log's first one, and the command at each; none where
+        the recording has no such samples.
+    """
+
+    time: NDArray[np.float64]
+    input: NDArray[np.float64]
+
+
+LONGEST_LEAD = 2.0
+"""Of what was commanded before a log, in s: longer than any delay."""
+
 _KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("added_mass", AddedMass, "an AddedMass"),
     ("excitation", (Sine, NoneType), "a Sine, or None"),
+    ("lead", (Lead, NoneType), "a Lead, or None"),
 )
 
 
@@ -94,6 +117,9 @@ class Log:
     zero
         The encoder's reading in rad where the model's angle is 0, if it is known: a number, or a
         pair of a value and its standard uncertainty.
+    lead
+        What was commanded before, of a piece of a longer recording, which begins in motion; None
+        for a recording from its own beginning, at rest unless its first samples say otherwise.
     source
         File or plant that the log came from, for messages.
     name
@@ -112,6 +138,7 @@ class Log:
     added_mass: AddedMass = NO_ADDED_MASS
     excitation: Sine | None = None
     zero: Known | None = None
+    lead: Lead | None = None
     source: str = "log"
     name: str = ""
     reading: Reading = AS_WRITTEN
@@ -220,6 +247,38 @@ class Log:
         time, inputs, angle = self.time[rows], self.input[rows], self.angle[rows]
         velocity = None if self.velocity is None else self.velocity[rows]
         return replace(self, time=time, input=inputs, angle=angle, velocity=velocity)
+
+    def piece(self, first: int, last: int) -> Log:
+        """Return the log of the samples from number ``first`` to before number ``last``.
+
+        Unless it is the beginning, it begins in motion, with what was commanded before.
+        """
+        cut = self.take(np.arange(first, last))
+        if first == 0:
+            return cut
+        time, inputs = self.command
+        begin = time.size - self.time.size + first
+        earliest = int(np.searchsorted(time, self.time[first] - LONGEST_LEAD))
+        own = slice(min(earliest, begin), begin)
+        return replace(cut, lead=Lead(time=time[own], input=inputs[own]))
+
+    @property
+    def command(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n,) stamps in s and commands, those before the first sample included."""
+        if self.lead is None:
+            return self.time, self.input
+        time = np.concatenate([self.lead.time, self.time])
+        return time, np.concatenate([self.lead.input, self.input])
+
+    @cached_property
+    def rms_speed(self) -> float:
+        """Rms velocity in rad/s."""
+        return rms_speed(self.time, self.angle)
+
+    @cached_property
+    def beginning(self) -> Beginning:
+        """How it begins, at rest or in motion (see `butterfly.logs.beginning`)."""
+        return beginning(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
 
     @property
     def mean_step(self) -> float:

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import os
 import re
+from enum import StrEnum
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    field_validator,
+    model_validator,
+)
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
@@ -51,8 +59,14 @@ Size = (
 """The same, not negative."""
 
 
+class Split(StrEnum):
+    """Where a file is cut into several logs."""
+
+    RESTARTS = "restarts"
+
+
 class LogEntry(StrictModel):
-    """One file of a data set.
+    """One file of a data set, or a piece of one.
 
     Parameters
     ----------
@@ -68,7 +82,19 @@ class LogEntry(StrictModel):
     zero
         What the encoder reads in rad where the hand hangs, with or without an uncertainty, if it is
         known of this log by itself.
+    begin, end
+        Called ``from`` and ``to``: first and last instant in s of the piece that is meant, by the
+        file's own clock.
+    part
+        Which of the recordings that were put together in the file is meant, from 1 on: one ends
+        where the clock falls back.
+    split
+        ``restarts``: each of these recordings is a log.
     """
+
+    model_config = ConfigDict(
+        validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
+    )
 
     file: str
     added_mass: Size = 0.0
@@ -76,6 +102,10 @@ class LogEntry(StrictModel):
     omega: Annotated[float, Field(gt=0)] | None = None
     amplitude: Annotated[float, Field(gt=0)] | None = None
     zero: Told | None = None
+    begin: Annotated[float | None, Field(alias="from")] = None
+    end: Annotated[float | None, Field(alias="to")] = None
+    part: Annotated[int, Field(ge=1)] | None = None
+    split: Split | None = None
 
     @field_validator("file")
     @classmethod
@@ -88,6 +118,14 @@ class LogEntry(StrictModel):
     def _a_whole_sine(self) -> LogEntry:
         if (self.omega is None) != (self.amplitude is None):
             raise ValueError("omega and amplitude together, or neither")
+        return self
+
+    @model_validator(mode="after")
+    def _a_piece(self) -> LogEntry:
+        if self.split and (self.part, self.begin, self.end) != (None, None, None):
+            raise ValueError("split, or from, to and part, not both")
+        if self.begin is not None and self.end is not None and not self.begin < self.end:
+            raise ValueError("from before to")
         return self
 
 
@@ -145,6 +183,9 @@ class Manifest(StrictModel):
         or number.
     repair
         Repairs that may be made (see `butterfly.logs.health.Repair`).
+    split
+        ``restarts``: files in which the clock falls back are several recordings put together, and
+        each is a log, unless an entry says which piece is meant.
     holdout
         Files, or glob patterns of them, that are not used for a fit, only to be foretold by it.
     logs
@@ -166,6 +207,7 @@ class Manifest(StrictModel):
     units: dict[str, str | float] = Field(default_factory=dict)
     columns: dict[str, str | int] | None = None
     repair: frozenset[Repair] = DEFAULT_REPAIRS
+    split: Split | None = None
     holdout: list[str] = Field(default_factory=list)
     logs: Annotated[list[LogEntry], Field(min_length=1)]
 
@@ -298,7 +340,7 @@ def write_manifest(manifest: Manifest, path: Path) -> None:
 
 
 def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
-    """Read one log of a data set.
+    """Read the whole file of a log (see `butterfly.logs.pieces` for pieces of it).
 
     Raises
     ------

@@ -50,6 +50,25 @@ def increasing(time: NDArray[np.float64]) -> NDArray[np.bool_]:
     return stay
 
 
+def restarts(time: NDArray[np.float64]) -> list[int]:
+    """Return the numbers of the samples at which the clock falls back, and lastingly.
+
+    A stamp that is late, or early, by itself is none of them.
+
+    Parameters
+    ----------
+    time
+        (n,) stamps in s.
+    """
+    found: list[int] = []
+    for k in (1 + np.flatnonzero(np.diff(time) < 0)).tolist():
+        before, after = time[max(k - _SHORTEST, 0) : k], time[k : k + _SHORTEST]
+        near = found and k - found[-1] < _SHORTEST
+        if not near and np.median(after) < np.median(before):
+            found.append(k)
+    return found
+
+
 def repeated(time: NDArray[np.float64], kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which of the samples that were not kept repeat the stamp of the last one kept."""
     dropped, stays = np.flatnonzero(~kept), np.flatnonzero(kept)

@@ -166,4 +166,4 @@ def beside_orbit(
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
-    return free_run(cut, Setting(parameters=loaded, zero=zero))
+    return free_run(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

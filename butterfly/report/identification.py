@@ -118,7 +118,7 @@ def _numbers(identification: Identification, truth: LumpedParameters | None) -> 
     return verdict_on(estimate).numbers() | {
         "method": estimate.method,
         "parameters": {each.parameter: each.numbers() for each in records},
-        "fit": {"median": fit.median, "mean": fit.mean, "worst": fit.worst},
+        "fit": fit.numbers(),
         "fits": {run.log.name: run.fit for run in identification.free_runs},
         "held_out": identification.held_out,
         "physical": physical_numbers(identification.physical),

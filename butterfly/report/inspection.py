@@ -13,7 +13,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.files import replacing
 from butterfly.logs.health import examine
-from butterfly.logs.manifest import read_entry
+from butterfly.logs.pieces import piece_name, read_pieces
 from butterfly.logs.remarks import Condition, Remark
 from butterfly.signals.amplitude import rms_amplitude
 from butterfly.signals.periodogram import periodogram
@@ -88,12 +88,13 @@ def hints(remarks: Iterable[Remark]) -> list[str]:
 
 def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
     try:
-        log, health = examine(read_entry(manifest, entry), manifest.repair)
+        ((_, recorded),) = read_pieces(manifest, entry)
+        log, health = examine(recorded, manifest.repair)
     except InputError as error:
         why = f"{error.field}: {error.value}"
         hint = f"{error.field}: expected {error.expected}"
-        return Inspected(name=entry.file, remarks=(Remark(Condition.UNUSABLE, why, hint),))
-    return Inspected(name=entry.file, log=log, health=health, remarks=tuple(health.remarks))
+        return Inspected(name=piece_name(entry), remarks=(Remark(Condition.UNUSABLE, why, hint),))
+    return Inspected(name=piece_name(entry), log=log, health=health, remarks=tuple(health.remarks))
 
 
 def _apart(seen: Sequence[Inspected]) -> list[Inspected]:

@@ -62,7 +62,7 @@ def _summary(entries: Sequence[Entry], sets: Sequence[str]) -> list[str]:
             continue
         sentences.append(
             f"{name}: {best.method} predicts best what it has not seen ({best.left_out} at a "
-            f"time), with a median FIT of {best.held_out.median:.1f} %."
+            f"time), with a median FIT{best.held_out.over} of {best.held_out.median:.1f} %."
         )
     return sentences
 
@@ -114,7 +114,4 @@ def _numbers(entry: Entry) -> dict[str, Any]:
         **said,
         "seconds": entry.seconds,
         "error": entry.error,
-    } | {
-        name: None if fit is None else {"median": fit.median, "mean": fit.mean, "worst": fit.worst}
-        for name, fit in fits.items()
-    }
+    } | {name: None if fit is None else fit.numbers() for name, fit in fits.items()}

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from butterfly.identify.identification import Identification
     from butterfly.identify.judgement.findings import Finding
     from butterfly.identify.judgement.verdict import Verdict
+    from butterfly.identify.predict import FitSummary
 
     Values = Mapping[str, float]
 
@@ -39,7 +40,7 @@ def summary(identification: Identification) -> list[str]:
         verdict,
         f"{_logs(data)}, driven by {'voltage' if voltage else 'torque command'}, "
         f"method: {estimate.method}.",
-        f"Simulated from the first sample on with the recorded input alone, the model follows "
+        f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
         f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
         f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
         *held_out_sentences(identification.held_out),
@@ -47,6 +48,14 @@ def summary(identification: Identification) -> list[str]:
         *others,
         f"{flagged} of {len(data.logs)} logs have findings in their health record.",
     ]
+
+
+def _stretch(fit: FitSummary, data: DataSet) -> str:
+    if fit.horizon is None:
+        moving = any(log.beginning.velocity for log in data.logs)
+        fitted = " (where a log begins in motion, from a start that was fitted to it)"
+        return f"from the first sample on{fitted if moving else ''}"
+    return f"over segments of {fit.horizon:g} s, each from a start that was fitted to it,"
 
 
 def held_out_sentences(fits: Mapping[str, float]) -> list[str]:

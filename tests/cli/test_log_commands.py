@@ -202,3 +202,20 @@ def test_a_log_in_degrees_or_milliseconds_is_told_the_option_to_use(butterfly, l
 def test_an_unknown_unit_is_refused_with_those_that_are_known(butterfly, loose):
     result = butterfly("inspect", loose, "--columns", COLUMNS[1], "--units", "angle=dge")
     assert_one_line_error(result, "units.angle: got dge", "rad, mrad, deg, turns")
+
+
+def test_recordings_put_together_and_pieces_of_a_log_are_told_apart(butterfly, tmp_path):
+    time = np.arange(200) / 100
+    rows = [(t, np.sin(3 * t), 0.3 * np.sin(3 * t + k)) for k in range(2) for t in time]
+    path = tmp_path / "two.csv"
+    np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
+    assert_one_line_error(butterfly("inspect", path), path, "--restarts")
+    code, out, _ = butterfly("inspect", path, "--restarts")
+    assert code == 0
+    assert "two.csv (part 1)" in out
+    assert "two.csv (part 2)" in out
+    rows = rows[:200]
+    np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
+    code, out, _ = butterfly("inspect", path, "--from", "0.5", "--to", "1.5")
+    assert code == 0
+    assert "101" in out

@@ -174,7 +174,7 @@ def test_output_error_fits_no_zero_that_is_exact_and_one_prior_for_each_that_is_
 
     def keys(*zeros, hangs=True):
         told = [replace(log, zero=zero) for log, zero in zip(logs, zeros, strict=True)]
-        found = owned_keys(told, (), (), hangs=hangs)
+        found = owned_keys(told, (), (), hangs=hangs, anchored=told)
         return found, known_zeros(found, told), [columns_of(found, log) for log in told]
 
     assert keys(None, None, None) == ([("zero", None)], {}, [[0], [0], [0]])

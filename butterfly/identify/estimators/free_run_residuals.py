@@ -11,9 +11,9 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
 from butterfly.identify.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
-from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.prior import Prior
+from butterfly.identify.segments import Segments, simulation
 from butterfly.identify.zeros import reading_of
 from butterfly.model.kinematics import Motion
 from butterfly.model.known import NOTHING, Knowledge
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.identify.free_run import Trajectory
     from butterfly.logs.log import Log
     from butterfly.model.known import Known
     from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -47,6 +48,8 @@ class Choice:
     ----------
     terms, fixed, per_mass, per_log, window
         See `butterfly.identify.estimators.output_error.OutputError`.
+    horizon
+        Longest stretch in s that is simulated at a time.
     workers
         Threads.
     known
@@ -60,6 +63,7 @@ class Choice:
     per_mass: tuple[str, ...]
     per_log: tuple[str, ...]
     window: float
+    horizon: float
     workers: int
     known: Knowledge = NOTHING
     variance: float = 1.0
@@ -106,7 +110,7 @@ class FreeRunResiduals:
     initial: Samples
     zeros: Mapping[AddedMass, float]
     prior: Prior | None
-    trajectories: tuple[Trajectory, ...]
+    trajectories: tuple[Trajectory | Segments, ...]
     motion: tuple[float, ...]
     workers: int
 
@@ -139,8 +143,14 @@ class FreeRunResiduals:
         start = replace(start, **choice.known.exact)
         first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
+        told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
+        trajectories = tuple(
+            simulation(log, start, choice.horizon, k, told=told_velocity)
+            for log, k in zip(logs, first, strict=True)
+        )
         hangs = not weightless((log.added_mass for log in logs), choice.known)
-        owned = owned_keys(logs, choice.per_mass, choice.per_log, hangs=hangs)
+        anchored = [each.log for each in trajectories if not isinstance(each, Segments)]
+        owned = owned_keys(logs, choice.per_mass, choice.per_log, hangs=hangs, anchored=anchored)
         keys = (*((name, None) for name in choice.shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
@@ -158,9 +168,7 @@ class FreeRunResiduals:
             initial=np.array(guesses) / scale,
             zeros=zeros,
             prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
-            trajectories=tuple(
-                Trajectory(log, start, k) for log, k in zip(logs, first, strict=True)
-            ),
+            trajectories=trajectories,
             motion=motion,
             workers=choice.workers,
         )
@@ -231,7 +239,7 @@ class FreeRunResiduals:
             return _impossible(len(self.keys))
         zero = own["zero"] if "zero" in own else reading_of(trajectory.log, self.zeros)
         errors, rows, mixture = trajectory.linearised(
-            list(own), parameters, zero, own.get("velocity", 0.0)
+            list(own), parameters, zero, own.get("velocity")
         )
         unit = 1 / (self.motion[index] * errors.size**0.5)
         scaled = np.zeros((mixture.shape[0], len(self.keys)))

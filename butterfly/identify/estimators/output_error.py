@@ -9,6 +9,7 @@ Numerical Data Fitting in Dynamical Systems, 2002).
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.identify.divergence import horizon_of
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, require_names, require_usable
 from butterfly.identify.estimators.ends import Ends
@@ -74,6 +76,10 @@ class OutputError(Estimator):
     window
         Length in s, at the end of a sine's log, whose errors count: how a joint starts from rest
         depends on how it came to rest. Logs of other inputs count from their start.
+    horizon
+        Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
+        that no error at the start of one grows more than 30-fold: whole logs, where the hand stays
+        away from the upright. The start of each stretch is fitted to it.
     loss
         How residuals count; all but linear are robust.
     cogging_periods
@@ -90,6 +96,7 @@ class OutputError(Estimator):
     per_mass: tuple[str, ...] = ()
     per_log: tuple[str, ...] = ()
     window: float = STEADY_SECONDS
+    horizon: float | None = None
     loss: Loss = Loss.LINEAR
     cogging_periods: float = 1.0
     check: bool = True
@@ -104,6 +111,8 @@ class OutputError(Estimator):
         require_names(self.method, "per_mass", self.per_mass, LOCAL)
         require_names(self.method, "per_log", self.per_log, LOCAL)
         require_number(self.method, positive=True, unit="s", window=self.window)
+        if self.horizon is not None and self.horizon != math.inf:
+            require_number(self.method, unit="s", horizon=self.horizon)
         require_periods(self.method, self.cogging_periods)
         if self.workers < 0:
             raise InputError(self.method, "workers", self.workers, "0 or more")
@@ -151,6 +160,10 @@ class OutputError(Estimator):
         IdentifiabilityError
             If the logs cannot determine the parameters, or no first guess is a joint's.
         """
+        if self.horizon is None:
+            horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
+            found = replace(self, horizon=horizon).of_starts(logs, first, known)
+            return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
         masses = [log.added_mass for log in logs]
         refuse_without_scale(masses, known, driven=is_driven(logs))
@@ -194,6 +207,7 @@ class OutputError(Estimator):
             masses=masses,
             blocks=blocks_of(len(logs), len(problem.keys)),
             known=known,
+            horizon=self.horizon or math.inf,
         )
         return found.with_findings(*self._missing(logs, found, problem.zeros))
 
@@ -269,12 +283,14 @@ class OutputError(Estimator):
         variance
             Of a residual, beside which what is known with an uncertainty is weighed.
         """
+        horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
         choice = Choice(
             terms=self._names((log.added_mass for log in logs), known),
             fixed=self.fixed,
             per_mass=self.per_mass,
             per_log=self.per_log,
             window=self.window,
+            horizon=horizon or math.inf,
             workers=self.workers or os.cpu_count() or 1,
             known=known,
             variance=variance,

@@ -18,7 +18,12 @@ _ZERO = "zero"
 
 
 def owned_keys(
-    logs: Sequence[Log], per_mass: Sequence[str], per_log: Sequence[str], *, hangs: bool
+    logs: Sequence[Log],
+    per_mass: Sequence[str],
+    per_log: Sequence[str],
+    *,
+    hangs: bool,
+    anchored: Sequence[Log],
 ) -> list[Key]:
     """Return what is fitted besides the parameters of the robot.
 
@@ -33,17 +38,20 @@ def owned_keys(
         What is fitted for each added mass, and for each log.
     hangs
         Whether gravity acts, so that the encoder's zero has a meaning.
+    anchored
+        Logs of which a velocity at the first sample can be fitted: those that are simulated whole.
     """
     open_ = [log for log in logs if not _is_exact(log)]
+    concerned = {_ZERO: open_, "velocity": anchored}
     keys: list[Key] = [
         (name, mass)
         for name in per_mass
-        for mass in sorted({log.added_mass for log in (open_ if name == _ZERO else logs)})
+        for mass in sorted({log.added_mass for log in concerned.get(name, logs)})
     ]
     keys += [
         (name, log)
         for name in per_log
-        for log in dict.fromkeys(log.name for log in (open_ if name == _ZERO else logs))
+        for log in dict.fromkeys(log.name for log in concerned.get(name, logs))
     ]
     if hangs and _ZERO not in {*per_mass, *per_log}:
         keys += _zero_keys(open_)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.free_run import Trajectory
 from butterfly.identify.judgement.left_over import missing_terms, slow_velocity
 from butterfly.identify.predict import Predictor
+from butterfly.identify.segments import Segments
 from butterfly.signals.window import first_counted
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.free_run import Trajectory
     from butterfly.identify.predict import Setting
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass
@@ -53,7 +54,7 @@ class Run:
     log: Log
     setting: Setting
     first: int
-    trajectory: Trajectory
+    trajectory: Trajectory | Segments
     motion: float
 
     @classmethod
@@ -64,7 +65,7 @@ class Run:
             log=log,
             setting=setting,
             first=first,
-            trajectory=Trajectory(log, setting.parameters, first),
+            trajectory=setting.simulation(log, first),
             motion=float(np.std(log.angle[first:])),
         )
 
@@ -85,7 +86,8 @@ class Errors:
     whole
         (m,) errors in rad.
     own
-        (m, j) orthonormal directions in which the log's own start moves them.
+        (k, j) orthonormal directions in which the log's own start moves them, k of m after k
+        where the log is simulated in segments, each from a start of its own.
     shared
         (m, n) derivatives by what logs share, less those directions.
     missing
@@ -94,7 +96,7 @@ class Errors:
 
     run: Run
     whole: Samples
-    own: Samples
+    own: tuple[Samples, ...]
     shared: Samples
     missing: dict[str, Samples]
 
@@ -116,9 +118,11 @@ def free_run_errors(data: DataSet, estimate: ParameterEstimate) -> list[Run | Er
     return [_differentiated(run, estimate.names, owners, missing, slow) or run for run in runs]
 
 
-def less(directions: Samples, errors: Samples) -> Samples:
-    """Take (m, j) orthonormal directions from (m, k) errors."""
-    return np.asarray(errors - directions @ (directions.T @ errors))
+def less(directions: Sequence[Samples], errors: Samples) -> Samples:
+    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
+    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
+    pairs = zip(directions, np.split(errors, ends), strict=True)
+    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])
 
 
 def less_shared(logs: Sequence[Errors], errors: Sequence[Samples]) -> list[Samples]:
@@ -162,7 +166,10 @@ def _differentiated(
     finite = np.isfinite(errors).all() and all(np.isfinite(each).all() for each in slopes.values())
     if not (finite and run.motion > 0):
         return None
-    own = _orthonormal(np.column_stack([1 - slopes["zero"], slopes["velocity"]]))
+    if isinstance(run.trajectory, Segments):
+        own = run.trajectory.directions(parameters, setting.zero)
+    else:
+        own = (_orthonormal(np.column_stack([1 - slopes["zero"], slopes["velocity"]])),)
     mine = {None, log.added_mass, log.name}
     shared = [slopes[name] for name in names]
     shared += [slopes[name] * (whose in mine) for name, whose in owners]

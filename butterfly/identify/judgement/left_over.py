@@ -29,7 +29,6 @@ _LIKE = 0.3  # share that a term must explain of what is more than noise, to be 
 _MORE_THAN_NOISE = 1.2  # rms over the noise's, from which there is something else
 _ALIKE = 0.8  # of the likeliest one's share, from which another term looks like it
 _SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
-_SPAN = 0.05  # s, over which an angle advances by more than noise
 _PIECES = 10  # of a log, between which what is left is taken to be independent
 _SINGULAR = 1e-8
 
@@ -116,12 +115,7 @@ def missing_terms(estimate: ParameterEstimate) -> tuple[str, ...]:
 
 def slow_velocity(logs: Iterable[Log]) -> float:
     """Return the velocity in rad/s at which Stribeck friction is looked for in logs."""
-    return _SLOW * float(np.median([_speed(log) for log in logs]))
-
-
-def _speed(log: Log) -> float:
-    every = min(max(1, round(_SPAN / log.mean_step)), log.time.size // 2)
-    return float(np.std(np.diff(log.angle[::every]) / np.diff(log.time[::every])))
+    return _SLOW * float(np.median([log.rms_speed for log in logs]))
 
 
 def name_left_over(balances: Sequence[Balance], least: float) -> tuple[LeftOver, list[LeftOver]]:

@@ -228,7 +228,7 @@ def _balance(log: Errors, errors: Samples) -> Balance:
 def _judged(log: Errors, errors: Samples, sensor: SensorErrors, left_over: LeftOver) -> LogMisfit:
     """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
     run, left, count = log.run, _rms(errors[:, 0]), errors.shape[0]
-    step = float(run.trajectory.grid[1] - run.trajectory.grid[0])
+    step = run.trajectory.step
     lags = max(1, min(round(LONGEST_LAG / step), count // 4))
     lag = step * np.arange(lags + 1)
     allowed = ALLOWED * run.motion / left if left else 0.0

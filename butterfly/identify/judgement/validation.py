@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -36,16 +37,19 @@ class HeldOut:
         with the estimate from the others; NaN of logs that were never left out.
     estimates
         One for each part left out, by its name.
+    horizon
+        Longest stretch in s that was simulated at a time.
     """
 
     division: Division
     fits: NDArray[np.float64]
     estimates: dict[str, ParameterEstimate]
+    horizon: float = math.inf
 
     @property
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
-        return FitSummary.of(self.fits[~np.isnan(self.fits)])
+        return FitSummary.of(self.fits[~np.isnan(self.fits)], self.horizon)
 
 
 def hold_out(
@@ -82,6 +86,7 @@ def hold_out(
     """
     division = divide(data, split, folds)
     errors, estimates, predictor = _Errors(data), {}, Predictor(data)
+    horizon = math.inf
     for name, samples in track(division.parts.items(), f"In turns, {division.left_out}"):
         try:
             found = estimator(division.kept(data, name))
@@ -90,7 +95,8 @@ def hold_out(
         estimates[name] = found
         for number, stretch in samples.items():
             errors.add(number, stretch, predictor.run(number, found))
-    return HeldOut(division=division, fits=errors.fits, estimates=estimates)
+        horizon = min(horizon, predictor.horizon(found))
+    return HeldOut(division=division, fits=errors.fits, estimates=estimates, horizon=horizon)
 
 
 def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:

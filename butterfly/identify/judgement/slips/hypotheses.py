@@ -81,13 +81,15 @@ def carrying(data: DataSet, masses: Sequence[AddedMass]) -> DataSet:
 
 
 CLOCKS = (
-    of_logs(Slip.MILLISECONDS, 1e-3, lambda log: replace(log, time=1e-3 * log.time)),
-    of_logs(Slip.MICROSECONDS, 1e-6, lambda log: replace(log, time=1e-6 * log.time)),
+    of_logs(Slip.MILLISECONDS, 1e-3, lambda log: replace(log, time=1e-3 * log.time, lead=None)),
+    of_logs(Slip.MICROSECONDS, 1e-6, lambda log: replace(log, time=1e-6 * log.time, lead=None)),
 )
 
 OTHERS = (
     of_angle(Slip.DEGREES, math.pi / 180),
-    of_logs(Slip.SWAPPED, 1.0, lambda log: replace(log, input=log.angle, angle=log.input)),
+    of_logs(
+        Slip.SWAPPED, 1.0, lambda log: replace(log, input=log.angle, angle=log.input, lead=None)
+    ),
     of_arms(Slip.MILLIMETRES, 1e-3),
     of_arms(Slip.CENTIMETRES, 1e-2),
 )

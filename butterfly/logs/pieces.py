@@ -1,0 +1,164 @@
+"""Pieces of logs: from one instant to another, and recordings that were put together in a file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.logs.log import MIN_SAMPLES
+from butterfly.logs.manifest import Split, read_entry
+from butterfly.logs.stamps import restarts
+from butterfly.progress import Track, untracked
+
+if TYPE_CHECKING:
+    from butterfly.logs.log import Log
+    from butterfly.logs.manifest import LogEntry, Manifest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cut:
+    """What is meant of the files that somebody names.
+
+    Parameters
+    ----------
+    begin, end
+        First and last instant in s of the piece that is meant of a single log; None for its ends.
+    restarts
+        Whether each recording is a log, where several were put together in a file.
+    """
+
+    begin: float | None = None
+    end: float | None = None
+    restarts: bool = False
+
+    def of(self, manifest: Manifest) -> Manifest:
+        """Return the manifest of what is meant.
+
+        Raises
+        ------
+        InputError
+            If it is a piece of several logs, of a piece, or none at all.
+        """
+        if self.restarts:
+            manifest = manifest.model_copy(update={"split": Split.RESTARTS})
+        told = {"from": self.begin, "to": self.end}
+        said = {key: value for key, value in told.items() if value is not None}
+        if not said:
+            return manifest
+        field, value = next(iter(said.items()))
+        for name, instant in said.items():
+            if not math.isfinite(instant):
+                raise InputError("data", name, instant, "a finite number of s")
+        entry = manifest.logs[0]
+        if len(manifest.logs) > 1 or self.restarts or (entry.begin, entry.end) != (None, None):
+            expected = "a whole log by itself, of which a piece is meant (else in a manifest)"
+            raise InputError("data", field, value, expected)
+        if len(said) > 1 and not self.begin < self.end:  # type: ignore[operator]  # both are told
+            raise InputError("data", "from", self.begin, f"less than {self.end:g} s, the end")
+        own = entry.model_copy(update={"begin": self.begin, "end": self.end, "split": None})
+        return manifest.model_copy(update={"logs": [own]})
+
+
+WHOLE = Cut()
+"""All of each file."""
+
+
+def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
+    """Read all logs of a manifest, as recorded; return the manifest with an entry for each.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or has no such piece.
+    """
+    entries: list[LogEntry] = []
+    logs: list[Log] = []
+    for entry in track(manifest.logs, "Reading logs"):
+        for own, log in read_pieces(manifest, entry):
+            entries.append(own)
+            logs.append(log)
+    return manifest.model_copy(update={"logs": entries}), logs
+
+
+def with_parts(manifest: Manifest) -> Manifest:
+    """Return a manifest with an entry for each recording in files that are to be split.
+
+    A file that cannot be read keeps its entry.
+    """
+    entries: list[LogEntry] = []
+    for entry in manifest.logs:
+        try:
+            wanted = read_pieces(manifest, entry) if entry.split or manifest.split else []
+        except InputError:
+            wanted = []
+        entries += [own for own, _ in wanted] or [entry]
+    return manifest.model_copy(update={"logs": entries})
+
+
+def read_pieces(manifest: Manifest, entry: LogEntry) -> list[tuple[LogEntry, Log]]:
+    """Read the logs that an entry stands for, each with an entry of its own (see `read_logs`)."""
+    whole = read_entry(manifest, entry)
+    meant = (entry.part, entry.begin, entry.end) != (None, None, None)
+    if meant:
+        return [(entry, replace(_piece(whole, entry), name=piece_name(entry)))]
+    parts = _parts(whole) if entry.split or manifest.split else [whole]
+    if len(parts) == 1:
+        return [(entry, whole)]
+    entries = [
+        entry.model_copy(update={"part": number, "split": None})
+        for number in range(1, len(parts) + 1)
+    ]
+    pairs = zip(entries, parts, strict=True)
+    return [(own, replace(part, name=piece_name(own))) for own, part in pairs]
+
+
+def piece_name(entry: LogEntry) -> str:
+    """Return what an entry's log is called: its file, and which piece of that."""
+    told = [] if entry.part is None else [f"part {entry.part}"]
+    if entry.begin is not None or entry.end is not None:
+        begin = "start" if entry.begin is None else f"{entry.begin:g} s"
+        end = "end" if entry.end is None else f"{entry.end:g} s"
+        told.append(f"{begin} to {end}")
+    return f"{entry.file} ({', '.join(told)})" if told else entry.file
+
+
+def _parts(whole: Log) -> list[Log]:
+    """Return the recordings that were put together in a file, each with a clock of its own."""
+    edges = list(pairwise([0, *restarts(whole.time), whole.time.size]))
+    for first, last in edges:
+        if last - first < MIN_SAMPLES:
+            found = f"{last - first} samples from sample {first} on, where the clock falls back"
+            raise InputError(whole.source, "time", found, f"at least {MIN_SAMPLES} in each part")
+    return [whole.take(np.arange(first, last)) for first, last in edges]
+
+
+def _piece(whole: Log, entry: LogEntry) -> Log:
+    """Cut the piece that an entry means out of its file."""
+    if entry.part is None:
+        part = whole
+    else:
+        parts = _parts(whole)
+        if entry.part > len(parts):
+            found = f"{len(parts)} recordings in this file"
+            raise InputError(whole.source, "part", entry.part, found)
+        part = parts[entry.part - 1]
+    if entry.begin is None and entry.end is None:
+        return part
+    begin, end = entry.begin, entry.end
+    inside = (part.time >= (-math.inf if begin is None else begin)) & (
+        part.time <= (math.inf if end is None else end)
+    )
+    numbers = np.flatnonzero(inside)
+    if numbers.size < MIN_SAMPLES:
+        span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
+        said = f"{numbers.size} samples in {piece_name(entry)}"
+        raise InputError(
+            whole.source, "from, to", said, f"{MIN_SAMPLES} samples or more, of {span}"
+        )
+    first, last = int(numbers[0]), int(numbers[-1]) + 1
+    return part.piece(first, last)

@@ -1,0 +1,94 @@
+"""Pieces of files, as a manifest names them."""
+
+import numpy as np
+import pytest
+
+from butterfly.errors import InputError
+from butterfly.identify.data import read_data_set
+from butterfly.logs.manifest import Manifest, manifest_text, read_manifest
+from butterfly.logs.pieces import Cut
+from butterfly.logs.stamps import restarts
+
+TIME = np.arange(400) / 100
+HEAD = "name: set\ninput: voltage\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three recordings of 4 s, put together in a file."""
+    rows = [(t, np.sin(3 * t + k), 0.3 * np.sin(3 * t + k - 0.5)) for k in range(3) for t in TIME]
+    header = "time,input,angle"
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=header, comments="")
+    return tmp_path
+
+
+def _read(folder, text):
+    path = folder / "manifest.yaml"
+    path.write_text(HEAD + text, encoding="utf-8")
+    return read_data_set(read_manifest(path))
+
+
+def test_recordings_put_together_are_split_where_the_clock_falls_back(folder):
+    data = _read(folder, "split: restarts\nlogs: [{file: a.csv}]\n")
+    assert [log.name for log in data.logs] == [f"a.csv (part {k})" for k in (1, 2, 3)]
+    assert [log.time.size for log in data.logs] == [400] * 3
+    assert all(log.lead is None for log in data.logs)
+    assert data.logs[1].input[0] == pytest.approx(np.sin(1.0))
+
+
+def test_pieces_have_names_and_what_was_commanded_before(folder):
+    entries = "{file: a.csv, part: 2, from: 1.5, to: 3.2}, {file: a.csv, part: 3, to: 2}"
+    data = _read(folder, f"logs: [{entries}]\n")
+    first, second = data.logs
+    assert first.name == "a.csv (part 2, 1.5 s to 3.2 s)"
+    assert (first.time[0], first.time[-1]) == (1.5, 3.2)
+    assert first.lead is not None
+    np.testing.assert_allclose(first.lead.time, TIME[:150])
+    np.testing.assert_allclose(first.lead.input, np.sin(3 * TIME[:150] + 1))
+    assert second.name == "a.csv (part 3, start to 2 s)"
+    assert second.lead is None
+
+
+def test_a_part_of_the_set_is_read_again_by_its_own_manifest(folder):
+    entries = "{file: a.csv}, {file: a.csv, part: 1, from: 1}"
+    data = _read(folder, f"split: restarts\nlogs: [{entries}]\n")
+    part = data.take([1, 3]).manifest
+    (folder / "part.yaml").write_text(manifest_text(part), encoding="utf-8")
+    again = Manifest.model_validate(part.model_dump(mode="json"))
+    assert again == part
+    for manifest in (again, read_manifest(folder / "part.yaml")):
+        names = [log.name for log in read_data_set(manifest).logs]
+        assert names == ["a.csv (part 2)", "a.csv (part 1, 1 s to end)"]
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ("{file: a.csv, part: 4}", "3 recordings"),
+        ("{file: a.csv, part: 1, from: 3.95}", "16 samples or more, of 0 s to 3.99 s"),
+        ("{file: a.csv, from: 3, to: 2}", "from before to"),
+        ("{file: a.csv, split: restarts, from: 1}", "not both"),
+        ("{file: a.csv}", "stamps in ascending order"),
+    ],
+)
+def test_what_is_no_piece_is_one_typed_error(folder, entry, said):
+    with pytest.raises(InputError, match=said):
+        _read(folder, f"logs: [{entry}]\n")
+
+
+def test_a_cut_is_of_one_whole_log(folder):
+    manifest = Manifest(name="set", root=str(folder), input="voltage", logs=[{"file": "a.csv"}])
+    (entry,) = Cut(begin=1.0).of(manifest).logs
+    assert (entry.begin, entry.end) == (1.0, None)
+    assert len(read_data_set(Cut(restarts=True).of(manifest)).logs) == 3
+    twice = manifest.model_copy(update={"logs": manifest.logs * 2})
+    for wrong, cut in ((twice, Cut(end=1.0)), (manifest, Cut(begin=2.0, end=1.0))):
+        with pytest.raises(InputError):
+            cut.of(wrong)
+
+
+def test_a_stamp_that_is_late_by_itself_is_no_restart():
+    late = TIME.copy()
+    late[100] += 0.05
+    assert restarts(late) == []
+    assert restarts(np.concatenate([late, TIME])) == [400]
