@@ -18,6 +18,7 @@ from butterfly.identify.judgement.input_kind import judge_input
 from butterfly.identify.judgement.profile_likelihood import profile
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
+from butterfly.model.known import NOTHING
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.words import sentences
@@ -82,7 +83,7 @@ def test_the_profile_s_interval_is_student_s_where_the_cost_is_a_parabola():
     estimate = SimpleNamespace(
         names=("p1", "p2", "p3", "p4"), parameters=replace(ROBOT, p1=best), local={}
     )
-    data = SimpleNamespace(logs=[None] * logs, equilibria={}, masses=[])
+    data = SimpleNamespace(logs=[None] * logs, equilibria={}, masses=[], known=NOTHING)
     values = best + error * np.linspace(-5, 5, 400)
     lower, upper = profile(data, estimate, "p1", values, Parabola()).interval
     reach = student.ppf(0.975, freedom) * error

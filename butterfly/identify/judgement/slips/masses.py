@@ -175,12 +175,12 @@ def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Correct
     """Correct a mass about the parameters, and the parameters about the mass, until it settles."""
     masses = [log.added_mass for log in data.logs]
     largest = max(masses)
-    mass = suspect.told if suspect.told.arm else replace(suspect.told, arm=largest.arm)
+    mass, arm = suspect.told, suspect.told.arm or largest.arm
     change, found = suspect.change, None
     for _ in range(_ROUNDS):
         if mass.mass + change < _LEAST * largest.mass:
             return None
-        mass = replace(mass, mass=max(mass.mass + change, 0.0))
+        mass = replace(mass, mass=max(mass.mass + change, 0.0), arm=arm)
         for number in suspect.logs:
             masses[number] = mass
         found = _estimated(carrying(data, masses), quick)
