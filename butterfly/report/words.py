@@ -194,10 +194,10 @@ def _torque_driven(finding: Finding, values: Values) -> str:
 
 def _known_apart(finding: Finding, _: Values) -> str:
     share = _number(finding)
+    wanted = f"about {abs(100 * share):.2g} % {'larger' if share > 0 else 'smaller'}"
     return (
         f"The added masses contradict what was said to be known of {_joined(finding, ' and ')}: "
-        f"they would have it about {abs(100 * share):.2g} % {'larger' if share > 0 else 'smaller'}. "
-        "One of the two is wrong."
+        f"they would have it {wanted}. One of the two is wrong."
     )
 
 
