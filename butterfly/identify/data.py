@@ -195,7 +195,8 @@ class DataSet:
         manifest = None if self.manifest is None else self.manifest.knowing(known)
         told = self.told.also(known)
         follows = implied(told, self.input_kind, self.logs[0].added_mass.joint)
-        return replace(self, told=told, known=follows, manifest=manifest)
+        held = None if self.held is None else self.held.knowing(known)
+        return replace(self, told=told, known=follows, manifest=manifest, held=held)
 
     def with_zero(self, zero: Known) -> DataSet:
         """Return the data set with what the encoder reads in rad where the hand hangs."""

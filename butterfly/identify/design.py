@@ -19,7 +19,6 @@ from butterfly.identify.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -164,7 +163,8 @@ def next_experiments(
 
 def masses_at_hand(data: DataSet) -> list[AddedMass]:
     """Return the added masses of a data set, and none; those that load alike count once."""
-    return sorted({mass.effect: mass for mass in (NO_ADDED_MASS, *data.masses)}.values())
+    none = replace(data.masses[0], mass=0.0, mass_uncertainty=0.0)
+    return sorted({mass.effect: mass for mass in (none, *data.masses)}.values())
 
 
 def _inputs(parameters: LumpedParameters, mass: AddedMass) -> list[_Input]:

@@ -9,6 +9,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.identify.data import DataSet
 from butterfly.logs.log import InputKind
+from butterfly.model.known import Knowledge
 from tests.conftest import MASSES
 
 
@@ -61,3 +62,9 @@ def test_logs_are_held_out_by_name_and_put_back(sine_log):
         data.holding_out(["d"])
     with pytest.raises(InputError, match="some left to estimate from"):
         data.holding_out(["*"])
+
+
+def test_what_is_known_holds_for_logs_that_are_held_out(sine_log):
+    data = DataSet.of([sine_log, sine_log]).holding([1])
+    known = Knowledge.told({"p3": 0.05})
+    assert data.knowing(known).held.known == known
