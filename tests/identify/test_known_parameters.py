@@ -14,7 +14,7 @@ from butterfly.identify.estimators.loss import Loss
 from butterfly.identify.judgement.covariance import cluster_covariance
 from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.prior import Prior
-from butterfly.model.known import Knowledge
+from butterfly.model.known import Knowledge, Known
 from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, SWINGS, simulated, steady, wild
@@ -193,6 +193,15 @@ def test_a_parameter_that_carries_the_scale_is_not_called_held():
     logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
     estimate = METHODS["output-error"](knowing(logs, p4=(ROBOT.p4, 0.01)))
     assert not estimate.held.keys() & {*estimate.names}
+
+
+def test_an_uncertain_zero_weighs_as_its_uncertainty_says():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    data = knowing(logs, p4=ROBOT.p4)
+    told = data.with_zero(Known(value=0.01, uncertainty=0.02))
+    left, free = (METHODS["output-error"](each) for each in (told, data))
+    assert left.local[None]["zero"] == pytest.approx(free.local[None]["zero"], abs=1e-6)
+    assert left.standard_errors == pytest.approx(free.standard_errors, rel=1e-2)
 
 
 def test_what_is_known_is_not_to_be_found_otherwise():

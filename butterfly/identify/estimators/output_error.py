@@ -210,7 +210,7 @@ class OutputError(Estimator):
             known=known,
             horizon=self.horizon or math.inf,
         )
-        return found.with_findings(*self._missing(logs, found, problem.zeros))
+        return found.with_findings(*self._missing(logs, found, problem.zeros, variance))
 
     def _require_told_once(self, known: Knowledge) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
@@ -234,13 +234,18 @@ class OutputError(Estimator):
 
     def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
         """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
-        if not known.uncertain:
+        zeros = (log.zero for log in logs if log.zero is not None)
+        if not known.uncertain and all(zero.exact for zero in zeros):
             return 1.0
         ends = self._ends(logs, first, known, 0.0)
         return solved_of(ends.problem, ends.end).realised_variance
 
     def _missing(
-        self, logs: Sequence[Log], found: ParameterEstimate, zeros: Mapping[AddedMass, float]
+        self,
+        logs: Sequence[Log],
+        found: ParameterEstimate,
+        zeros: Mapping[AddedMass, float],
+        variance: float,
     ) -> list[Finding]:
         """Tell which terms that were not asked for would help, by one expansion with them all."""
         if self.terms is None or not self.check or self.per_mass or self.per_log:
@@ -249,7 +254,7 @@ class OutputError(Estimator):
             zeros = dict.fromkeys(zeros, found.local[None]["zero"])
         more = candidates(CANDIDATES, zeros, found.known)
         every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
-        problem = every.problem(logs, found.parameters, zeros, found.known)
+        problem = every.problem(logs, found.parameters, zeros, found.known, variance)
         at = self._counted(problem.equations(problem.initial))
         try:
             best = FreeRunTerms.of(problem, problem.initial, at, found.names)
