@@ -198,6 +198,8 @@ class AddedMass:
         return self.inertia, self.gravity_moment
 
     def __str__(self) -> str:
+        if not self.mass:
+            return "no added mass"
         if self.joint is JointKind.SLIDE:
             return f"{1e3 * self.mass:g} g"
         return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"
