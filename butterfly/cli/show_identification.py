@@ -29,9 +29,9 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
     verdict, *others = summary(result)
     typer.echo(verdict)
     _show_parameters(title, parameter_rows(result, truth), with_truth=truth is not None)
-    if result.data.known.physical:
+    if result.data.known.physical and (rows := physical_rows(result.physical)):
         table = new_table(TITLE, *HEADERS)
-        for row in physical_rows(result.physical):
+        for row in rows:
             table.add_row(*row)
         CONSOLE.print(table)
     for mass, omega in result.estimate.resonances.items():

@@ -141,6 +141,11 @@ class JointKind(StrEnum):
     HINGE = "hinge"
     SLIDE = "slide"
 
+    @property
+    def way(self) -> str:
+        """Unit of what is called its angle."""
+        return "m" if self is JointKind.SLIDE else "rad"
+
 
 @dataclass(frozen=True, kw_only=True, order=True)
 class AddedMass:
