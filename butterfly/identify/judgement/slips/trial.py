@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,10 +69,15 @@ def attempt(undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estima
 
 
 def judged(data: DataSet, estimate: ParameterEstimate) -> Trial:
-    """Simulate logs with an estimate, and tell whether a joint can be so."""
+    """Simulate logs with an estimate, and tell whether a joint can be so.
+
+    Logs are simulated whole, unless the estimate says otherwise: wrong units make any motion look
+    as if small causes grew.
+    """
     if not np.isfinite(estimate.values).all():
         return NOTHING
-    fits = Predictor(data).fits(estimate)
+    whole = replace(estimate, horizon=estimate.horizon or math.inf)
+    fits = Predictor(data).fits(whole)
     misfits = np.nan_to_num(1 - fits / 100, nan=_NONE, posinf=_NONE)
     physical = not any(
         each.severity is Severity.WARNING for each in judge_physics(estimate, data.masses)
