@@ -11,7 +11,11 @@ from butterfly.identify.judgement.covariance import cluster_covariance, robust
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.identifiability import Conditioning, sort_by_precision
 from butterfly.identify.judgement.intervals import honest_limits
-from butterfly.identify.judgement.knowledge import disagreements, moved_by_masses
+from butterfly.identify.judgement.knowledge import (
+    disagreements,
+    moved_by_masses,
+    scale_apart,
+)
 from butterfly.identify.judgement.mass_consistency import Correction, corrections
 from butterfly.identify.judgement.verdict import Verdict
 from butterfly.identify.solved import pulled_below
@@ -159,7 +163,10 @@ class ParameterEstimate:
             covariance = robust(covariance, whole.T @ whole, solved.bread)
         if besides is not None:
             covariance = covariance + besides
-        apart = disagreements(solved.prior, solved.names, solved.values, covariance, whole)
+        apart = [
+            *disagreements(solved.prior, solved.names, solved.values, covariance, whole),
+            *scale_apart(solved, rows, residuals, known, carried),
+        ]
         own = slice(shared)
         names, values = solved.names[own], solved.values[own]
         scatter = covariance[own, own]

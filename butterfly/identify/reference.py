@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.identify.prior import Prior
-from butterfly.model.terms import PARAMETERS, TERMS
+from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
 
     Samples = NDArray[np.float64]
-
-
-_GROWING = {name for name, row in TERMS.items() if row.unit.startswith(("kg", "N m"))} | {"load"}
-"""Parameters that grow with the scale of all torques."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +95,7 @@ class Reference:
         assert self.name is not None  # noqa: S101 - asked of a reference only
         carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
         pairs = zip(solved.names, solved.values.tolist(), strict=True)
-        grown = [own + carried.get(n, 0.0) if n in _GROWING else 0.0 for n, own in pairs]
+        grown = [own + carried.get(n, 0.0) if n in GROWING else 0.0 for n, own in pairs]
         own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
         return np.asarray(-solved.jacobian @ np.array(grown) / own)
 

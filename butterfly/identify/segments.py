@@ -240,12 +240,14 @@ def simulation(
     first: int = 0,
     *,
     told: bool = False,
+    free: bool = False,
 ) -> Trajectory | Segments:
     """Make a log ready to be simulated, whole or in segments.
 
     A log that is no longer than the horizon is simulated whole if it begins at rest, if its
     beginning does not count, or if its velocity there is told; else as a single segment, whose
-    start is fitted.
+    start is fitted. So is that of a joint that no gravity brings back: the noise of its first
+    sample would stay for good.
 
     Parameters
     ----------
@@ -253,10 +255,15 @@ def simulation(
         See `Segments`.
     told
         Whether the velocity at the first sample is told, or found otherwise.
+    free
+        Whether the start is to be fitted also of a log that begins at rest, as noise of its first
+        sample is of weight.
     """
     whole = Trajectory(log, parameters, first)
     longer = log.time[-1] - log.time[0] > horizon
-    fitted = longer or (whole.starts_anew and not told)
+    stays = parameters.with_added_mass(log.added_mass).p3 == 0
+    doubtful = stays or whole.starts_anew or (free and first == 0)
+    fitted = longer or (doubtful and not told)
     return Segments(log, parameters, horizon, first) if fitted else whole
 
 

@@ -296,6 +296,9 @@ TERMS = {row.name: row for row in _ROWS}
 COMPANIONS = {row.follows: row.name for row in _ROWS if row.follows}
 """What comes with a term, by the term's name."""
 
+GROWING = {row.name for row in _ROWS if row.unit.startswith(("kg", "N m"))} | {"load"}
+"""What grows with the scale of all torques."""
+
 DRY = tuple(row for row in _ROWS if row.dry)
 """What holds the joint at rest."""
 

@@ -250,6 +250,11 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"{' and '.join(_physical(name) for name in f.parameters)} would be {_number(f):.1f} "
         "standard errors below 0. Check what was told, its units and the gear ratio."
     ),
+    FindingKind.KNOWN_APART: lambda f, _: (
+        f"The added masses contradict what was said to be known of {_joined(f, ' and ')}: they "
+        f"would have it about {abs(100 * _number(f)):.2g} % {'larger' if _number(f) > 0 else 'smaller'}. "
+        "One of the two is wrong."
+    ),
     FindingKind.PRIOR_APART: lambda f, _: (
         f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "
         "one of the two is wrong, and the values lie between them."

@@ -111,6 +111,17 @@ def test_knowledge_that_the_logs_contradict_is_said():
     assert not any(f.kind is FindingKind.PRIOR_APART for f in agreeing.findings)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_exact_knowledge_that_the_masses_contradict_is_said(method):
+    logs = noisy(steady(ROBOT, SWINGS) if method == "harmonic-balance" else wild(ROBOT))
+    estimate = METHODS[method](knowing(logs, p4=1.03 * ROBOT.p4))
+    (said,) = (f for f in estimate.findings if f.kind is FindingKind.KNOWN_APART)
+    assert said.parameters == ("p4",)
+    assert said.number == pytest.approx(-0.03, abs=0.005)
+    agreeing = METHODS[method](knowing(logs, p4=ROBOT.p4))
+    assert not any(f.kind is FindingKind.KNOWN_APART for f in agreeing.findings)
+
+
 def test_a_term_may_be_known():
     robot = replace(ROBOT, drag=1e-3)
     logs = wild(robot, duration=12.0)

@@ -33,6 +33,7 @@ NUMBERS = {
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.UNFORETOLD: (41.2, "41.2 %"),
+    FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
     FindingKind.CONTRADICTED: (5.61, "5.6 standard errors"),

@@ -11,6 +11,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
 from butterfly.identify.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
+from butterfly.identify.judgement.covariance import FEW
 from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.prior import Prior
 from butterfly.identify.segments import Segments, simulation
@@ -145,7 +146,7 @@ class FreeRunResiduals:
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
         told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
         trajectories = tuple(
-            simulation(log, start, choice.horizon, k, told=told_velocity)
+            simulation(log, start, choice.horizon, k, told=told_velocity, free=len(logs) <= FEW)
             for log, k in zip(logs, first, strict=True)
         )
         hangs = not weightless((log.added_mass for log in logs), choice.known)

@@ -37,6 +37,7 @@ class FindingKind(StrEnum):
     NEGATIVE_GAIN = "negative-gain"
     TOLD_APART = "told-apart"  # standard uncertainties between two things that were told
     CONTRADICTED = "contradicted"  # physical parameters that would be below 0; standard errors
+    KNOWN_APART = "known-apart"  # share by which the masses would have what was known larger
     PRIOR_APART = "prior-apart"  # standard errors between what was known and what the logs say
     LEFT_OUT = "left-out"  # how many logs there are, of which those named say nothing to a sine fit
     REST_APART = "rest-apart"  # rad between the rest angles with different masses

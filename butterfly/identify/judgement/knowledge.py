@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import stdtrit
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identify.judgement.covariance import cluster_covariance
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.model.parameters import JointKind
+from butterfly.model.terms import GROWING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -16,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.identify.prior import Prior
+    from butterfly.identify.solved import Solved
     from butterfly.logs.log import Log
     from butterfly.model.known import Knowledge
     from butterfly.model.parameters import AddedMass
@@ -23,6 +27,9 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 _APART = 3.0  # standard errors between what was known and what the logs say
+_RARE = 0.9985  # one-sided level of a contradiction, as that many standard errors have it
+_MATTERS = 0.01  # share of what is known, less than which is no contradiction
+_INSEPARABLE = 1e7  # condition number from which on nothing can be told
 _TELLS = 1e-4  # share of the prior's variance, below which the logs say nothing of the parameter
 
 
@@ -64,6 +71,57 @@ def disagreements(
                 )
             )
     return findings
+
+
+def scale_apart(
+    solved: Solved,
+    rows: Samples,
+    residuals: Samples,
+    known: Knowledge,
+    carried: Mapping[int, AddedMass],
+) -> list[Finding]:
+    """Tell whether the added masses contradict parameters that are known exactly.
+
+    Residuals do not change if all torques grow alike, those of the masses among them; so their
+    derivative by the known ones' common factor is that of all others, with the sign turned. One
+    parameter more, and its step to where the logs would have it.
+
+    Parameters
+    ----------
+    solved
+        The end of a fit that held the known ones.
+    rows, residuals
+        (k, m, n) and (k, m) equations of k logs.
+    known
+        Of the robot.
+    carried
+        What each of the k logs carried, in order.
+    """
+    told = tuple(name for name in known.scale if name in known.exact)
+    masses = list(carried.values())
+    names = list(solved.names)
+    loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}
+    lost = any(any(load) and name not in names for name, load in loads.items())
+    if not told or lost or len({mass.effect for mass in masses}) <= 1:
+        return []
+    grown = np.tile(np.where([n in GROWING for n in names], solved.values, 0.0), (len(masses), 1))
+    for name in set(loads) & set(names):
+        grown[:, names.index(name)] += loads[name]
+    column = -np.einsum("kmn,kn->km", rows, grown)
+    whole = np.concatenate([rows, column[:, :, None]], axis=2)
+    flat = whole.reshape(-1, len(names) + 1)
+    size = np.linalg.norm(flat, axis=0)
+    if not (size > 0).all() or np.linalg.cond(flat / size) > _INSEPARABLE:
+        return []
+    step = np.linalg.lstsq(flat / size, -residuals.ravel(), rcond=None)[0] / size
+    covariance, freedom = cluster_covariance(whole, residuals + whole @ step)
+    share, error = float(step[-1]), float(np.sqrt(covariance[-1, -1]))
+    sure = max(_APART, float(stdtrit(freedom[-1], _RARE)))
+    if abs(share) <= max(sure * error, _MATTERS):
+        return []
+    return [
+        Finding(kind=FindingKind.KNOWN_APART, parameters=told, number=share, severity=Severity.CARE)
+    ]
 
 
 def moved_by_masses(
