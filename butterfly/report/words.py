@@ -192,6 +192,15 @@ def _torque_driven(finding: Finding, values: Values) -> str:
     )
 
 
+def _known_apart(finding: Finding, _: Values) -> str:
+    share = _number(finding)
+    wanted = f"about {abs(100 * share):.2g} % {'larger' if share > 0 else 'smaller'}"
+    return (
+        f"The added masses contradict what was said to be known of {_joined(finding, ' and ')}: "
+        f"they would have it {wanted}. One of the two is wrong."
+    )
+
+
 def _left_over(finding: Finding, _: Values) -> str:
     rows = [TERMS[name] for name in finding.parameters]
     names = " or ".join(row.looks_like or row.name for row in rows)
@@ -250,11 +259,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"{' and '.join(_physical(name) for name in f.parameters)} would be {_number(f):.1f} "
         "standard errors below 0. Check what was told, its units and the gear ratio."
     ),
-    FindingKind.KNOWN_APART: lambda f, _: (
-        f"The added masses contradict what was said to be known of {_joined(f, ' and ')}: they "
-        f"would have it about {abs(100 * _number(f)):.2g} % {'larger' if _number(f) > 0 else 'smaller'}. "
-        "One of the two is wrong."
-    ),
+    FindingKind.KNOWN_APART: _known_apart,
     FindingKind.PRIOR_APART: lambda f, _: (
         f"The logs contradict what was known of {_joined(f)}, by {_number(f):.1f} standard errors: "
         "one of the two is wrong, and the values lie between them."
