@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
 
+_MEDIAN_OF_SECOND = 1.652  # differences of white noise, over its standard deviation
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
@@ -279,6 +280,17 @@ class Log:
     def beginning(self) -> Beginning:
         """How it begins, at rest or in motion (see `butterfly.logs.beginning`)."""
         return beginning(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
+
+    @cached_property
+    def roughness(self) -> float:
+        """Share of the input's rms value that is noise from sample to sample; rare steps are not.
+
+        Of white noise it is its standard deviation, by the median of its second differences.
+        """
+        size = float(np.sqrt(np.mean(self.input**2)))
+        if size == 0.0:
+            return 0.0
+        return float(np.median(np.abs(np.diff(self.input, 2)))) / (_MEDIAN_OF_SECOND * size)
 
     @property
     def mean_step(self) -> float:
