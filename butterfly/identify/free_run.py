@@ -31,7 +31,7 @@ Begin: TypeAlias = Beginning | float | None
 LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
 
-_ROUGH = 0.02
+_ROUGH = 0.005
 """Share of noise in an input, from which on no two of its samples share a step: what it does where
 the joint turns back or sticks is then no matter of its mean."""
 

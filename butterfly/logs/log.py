@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
 
-_MEDIAN_OF_SECOND = 1.652  # differences of white noise, over its standard deviation
+_MOST = 0.9
+_MOST_OF_NOISE = 4.029  # that quantile of its second differences, over its standard deviation
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
@@ -285,12 +286,14 @@ class Log:
     def roughness(self) -> float:
         """Share of the input's rms value that is noise from sample to sample; rare steps are not.
 
-        Of white noise it is its standard deviation, by the median of its second differences.
+        Of white noise it is its standard deviation, by the 90 % quantile of its second differences:
+        the noise of an encoder of coarse steps is not there most of the time.
         """
         size = float(np.sqrt(np.mean(self.input**2)))
         if size == 0.0:
             return 0.0
-        return float(np.median(np.abs(np.diff(self.input, 2)))) / (_MEDIAN_OF_SECOND * size)
+        most = np.quantile(np.abs(np.diff(self.input, 2)), _MOST)
+        return float(most) / (_MOST_OF_NOISE * size)
 
     @property
     def mean_step(self) -> float:
