@@ -17,6 +17,7 @@ from butterfly.errors import InputError
 from butterfly.identify.judgement.slips.names import listed
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.logs.log import InputKind
+from butterfly.model.parameters import JointKind
 from butterfly.report.change import (
     change_rows,
     change_sentences,
@@ -86,16 +87,19 @@ def changed(before: Identified | Named, after: Identified | Named) -> Changed:
     kinds = [each.origin["input"] for each in (one, other)]
     if kinds[0] != kinds[1]:
         raise InputError("changed", "input", kinds[1], f"{kinds[0]}, as the first has it")
+    joints = [JointKind(each.origin.get("joint", JointKind.HINGE)) for each in (one, other)]
+    if joints[0] != joints[1]:
+        raise InputError("changed", "joint", joints[1], f"{joints[0]}, as the first has it")
     found = change(one.estimate, other.estimate)
-    kind = InputKind(kinds[0])
+    kind, joint = InputKind(kinds[0]), joints[0]
     return Changed(
         title=f"{other.origin['name']!r} after {one.origin['name']!r}",
         summary=(
-            *_with_reserve(change_sentences(found, kind), one, other),
+            *_with_reserve(change_sentences(found, kind, joint), one, other),
             *_warnings(one, other),
             *untested_sentences(found),
         ),
-        table=tuple(change_rows(found, kind)),
+        table=tuple(change_rows(found, kind, joint)),
     )
 
 

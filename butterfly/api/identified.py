@@ -166,7 +166,7 @@ class Identified(Result):
                 "standard_error": each.standard_error,
                 "lower": each.lower,
                 "upper": each.upper,
-                "unit": unit_of(each.parameter, kind),
+                "unit": unit_of(each.parameter, kind, self._joint),
             }
             for each in records
         ]
@@ -182,7 +182,7 @@ class Identified(Result):
                 "95 % interval": row.interval,
                 "unit": row.unit,
             }
-            for row in rows_of(records, InputKind(self.origin["input"]))
+            for row in rows_of(records, InputKind(self.origin["input"]), self._joint)
         ]
 
     def shown_lines(self) -> list[str]:
@@ -200,6 +200,10 @@ class Identified(Result):
         return verdict_on(self.estimate)
 
     @property
+    def _joint(self) -> JointKind:
+        return JointKind(self.origin.get("joint", JointKind.HINGE))
+
+    @property
     def parameters(self) -> LumpedParameters:
         """The parameters of the bare hand."""
         return self.estimate.parameters
@@ -214,7 +218,7 @@ class Identified(Result):
             If no joint has them.
         """
         require_possible(self.estimate)
-        return IdentifiedModel(self.parameters)
+        return IdentifiedModel(self.parameters, self._joint)
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -252,7 +256,7 @@ class Identified(Result):
                 raise InputError("physical", name, known[name], expected)
         carrier = AddedMass(
             gravity=float(self.origin.get("gravity", GRAVITY)),
-            joint=JointKind(self.origin.get("joint", JointKind.HINGE)),
+            joint=self._joint,
         )
         kind = InputKind(self.origin["input"])
         return physical_parameters(self.estimate, before.also(told), kind, carrier)

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from butterfly.errors import InputError
 from butterfly.model.linear import Linearisation, resonance_frequency
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.parameters import NO_ADDED_MASS, JointKind
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -28,9 +29,12 @@ class IdentifiedModel:
     ----------
     parameters
         Of the bare hand, SI units.
+    joint
+        How it moves.
     """
 
     parameters: LumpedParameters
+    joint: JointKind = JointKind.HINGE
 
     def with_added_mass(self, added_mass: AddedMass) -> LumpedParameters:
         """Return the parameters of the hand with an added mass (78)."""
@@ -113,9 +117,11 @@ class IdentifiedModel:
         Raises
         ------
         InputError
-            If no hand moves so, or the file cannot be written.
+            If no hand moves so, as a slide does not, or the file cannot be written.
         """
         from butterfly.experiment.named_robot import export  # noqa: PLC0415 - slow to import
-        from butterfly.plant.twin import twin  # noqa: PLC0415
+        from butterfly.plant.twin import carrying_twin  # noqa: PLC0415
 
-        export(twin(self.parameters, mass), added_mass, Path(path))
+        if self.joint is JointKind.SLIDE:
+            raise InputError("export", "joint", self.joint, "a hinge, which MuJoCo's model has")
+        export(*carrying_twin(self.parameters, added_mass, mass), Path(path))

@@ -99,7 +99,7 @@ def predict(
         require_possible(estimate)
         if bands:
             raise IdentifiabilityError("bands need an identification: parameters alone have none")
-        known = _Known(said=_of_gain(told, estimate))
+        known = _Known(said=_of_gain(told, estimate, whole))
     else:
         found = _identified(result)
         _require_input(found, source.input_kind)
@@ -198,9 +198,12 @@ class _Known:
         return cls(draws=draws, errors=errors, said=(_of_draws(draws), *more))
 
 
-def _of_gain(told: Mapping[str, object], estimate: ParameterEstimate) -> tuple[str, ...]:
+def _of_gain(
+    told: Mapping[str, object], estimate: ParameterEstimate, data: DataSet | None
+) -> tuple[str, ...]:
     """Say which p4 was taken where none was given."""
-    gain = told.get("p4", math.nan)
+    known = {} if data is None else data.known.exact
+    gain = (known | dict(told)).get("p4", math.nan)
     if isinstance(gain, float) and math.isnan(gain):
         return (f"p4 was not given: {estimate.parameters.p4:.4g} has the best FIT.",)
     return ()

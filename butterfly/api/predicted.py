@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from butterfly.report.page import Page
 
 _INSIDE = "{}: inside in %"
-_WIDTH = "{}: width in rad"
+_WIDTH = "{}: width in {}"
 _SAID_BY_NAME = {"added mass in kg", "frequency in rad/s"}  # columns left out where width counts
 
 
@@ -122,18 +122,19 @@ class Predicted(Tabulated):
 
 def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
     run = prediction.run
+    way = run.log.added_mass.joint.way
     row: dict[str, Any] = {
         "log": run.log.name,
         "added mass in kg": run.log.added_mass.mass,
         "frequency in rad/s": run.log.excitation.omega if run.log.excitation else np.nan,
-        "swing in rad": float(np.ptp(run.simulated)) / 2,
+        f"swing in {way}": float(np.ptp(run.simulated)) / 2,
     }
     if measured:
         row["FIT in %"] = run.fit
     for name, band in prediction.bands.items():
         if measured:
             row[_INSIDE.format(name)] = 100 * band.share(prediction.measured)
-        row[_WIDTH.format(name)] = band.width
+        row[_WIDTH.format(name, way)] = band.width
     return row
 
 

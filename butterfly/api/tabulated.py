@@ -131,7 +131,7 @@ class Designed(Tabulated):
             {
                 "added mass": str(each.added_mass),
                 "input": each.what,
-                "swing in rad": each.swing,
+                f"swing in {data.joint.way}": each.swing,
                 "mean": each.score,
                 **dict(zip(found.names, map(float, each.errors), strict=True)),
                 "warning": each.warning,
@@ -182,7 +182,7 @@ class Compared(Tabulated):
             {
                 **_about(each.log),
                 **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
-                "simulators apart in rad": each.difference,
+                f"simulators apart in {data.joint.way}": each.difference,
                 **{f"gain {name}": abs(gain) for name, gain in each.gains.items()},
                 "error in % of the motion": 100 * judged[each.log.name].relative,
                 "outside its bands": judged[each.log.name].outside,

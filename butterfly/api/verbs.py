@@ -20,7 +20,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.simulation import write_logs
 from butterfly.identify.data import DataSet, read_data_set
-from butterfly.identify.design import LARGEST_SWING, next_experiments
+from butterfly.identify.design import next_experiments
 from butterfly.identify.identification import identify as identify_data
 from butterfly.identify.identification import judged
 from butterfly.identify.judgement.misfit import judge_misfit
@@ -145,7 +145,7 @@ def design(
     data: Data,
     method: Method | None = None,
     *,
-    swing: float = LARGEST_SWING,
+    swing: float | None = None,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Designed:
     """Rank candidate next experiments by how much they would tell.
@@ -155,7 +155,8 @@ def design(
     data, method, options
         As `identify` takes them; or its result alone, whose estimate is taken.
     swing
-        Largest swing allowed, in rad.
+        Largest swing allowed, in rad (1 if not given), or on a slide in m (what its logs have
+        shown if not given).
 
     Raises
     ------

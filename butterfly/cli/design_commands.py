@@ -24,8 +24,13 @@ def design_command(
     data: DataArgument,
     estimator: Estimator,
     swing: Annotated[
-        float, typer.Option(min=0.01, help="Largest swing allowed, in rad.")
-    ] = LARGEST_SWING,
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Largest swing allowed, in rad; on a slide in m.",
+            show_default=f"{LARGEST_SWING:g}, or what a slide's logs have shown",
+        ),
+    ] = None,
     count: Annotated[int, typer.Option(min=1, help="How many candidates to print.")] = 12,
     options: DataOptions,
 ) -> None:
@@ -41,7 +46,7 @@ def design_command(
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
     table = new_table(
         f"{logs.name}: standard errors after one more run, over those now",
-        *("added mass", "input", "swing in rad", "mean", *found.names, "warning"),
+        *("added mass", "input", f"swing in {logs.joint.way}", "mean", *found.names, "warning"),
     )
     for candidate in ranked[:count]:
         table.add_row(

@@ -186,7 +186,7 @@ def residual_command(
         if plot is not None:
             from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow
 
-            write_residual(residual, misfit.logs[chosen], verdict, plot)
+            write_residual(residual, misfit.logs[chosen], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")
     if numbers is not None:
         write_numbers(verdict.numbers() | misfit_numbers(misfit), numbers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,14 +13,15 @@ from butterfly.cli.console import show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DATA, MassOption
+from butterfly.errors import InputError
 from butterfly.experiment.named_robot import export, is_data
 from butterfly.experiment.reading import read_experiment
-from butterfly.identify.estimators import HarmonicBalance
+from butterfly.identify.estimators import Suitable
 from butterfly.identify.identification import judged
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import AddedMass
-from butterfly.plant.twin import MASS, twin
+from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.plant.twin import MASS, carrying_twin
 from butterfly.plant.watch.picture import render
 from butterfly.resources import locate
 
@@ -50,8 +51,7 @@ def show_command(
 
     Example: `butterfly model show quickstart --added-mass 0.05`
     """
-    robot, standing = _named(source, mass, options)
-    carried = _carried(added, options)
+    robot, carried, standing = _named(source, mass, added, options)
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
         "hand": _numbers(robot.hand),
@@ -93,8 +93,8 @@ def render_command(
 
     Example: `butterfly model render quickstart --added-mass 0.05 --out hand.png`
     """
-    robot, standing = _named(source, mass, options)
-    render(robot, _carried(added, options), angle, out, size)
+    robot, carried, standing = _named(source, mass, added, options)
+    render(robot, carried, angle, out, size)
     typer.echo(f"Picture: {out}")
     end_with(standing)
 
@@ -115,31 +115,38 @@ def export_command(
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
-    robot, standing = _named(source, mass, options)
-    export(robot, _carried(added, options), out)
+    robot, carried, standing = _named(source, mass, added, options)
+    export(robot, carried, out)
     typer.echo(f"Model: {out}")
     end_with(standing)
 
 
-def _named(source: Path, mass: float, options: DataOptions) -> tuple[Robot, Standing | None]:
-    """Return the robot of an experiment, or the twin of one identified from data, judged.
+def _named(
+    source: Path, mass: float, added: float, options: DataOptions
+) -> tuple[Robot, AddedMass, Standing | None]:
+    """Return a robot, what it carries, and the verdict's standing if it is the twin of data.
 
     The verdict is printed.
 
     Raises
     ------
     InputError
-        If ``source`` is neither, or cannot be read.
+        If ``source`` is neither an experiment nor data, cannot be read, or is of a slide.
     UnusableError
         If no joint has the parameters that were identified.
     """
-    path = locate(source)
+    path, carried = locate(source), _carried(added, options)
     if not is_data(path):
-        return read_experiment(path).plant.robot, None
-    found = judged(options.read(source), HarmonicBalance(check=False))
+        return read_experiment(path).plant.robot, carried, None
+    logs = options.read(source)
+    if logs.joint is JointKind.SLIDE:
+        raise InputError(str(source), "joint", logs.joint, "a hinge, which the model in MuJoCo has")
+    found = judged(logs, Suitable(check=False))
     verdict = require_possible(found)
     typer.echo(verdict.sentence)
-    return twin(found.parameters, mass), verdict.standing
+    gravity = logs.logs[0].added_mass.gravity
+    twin, rest = carrying_twin(found.parameters, replace(carried, gravity=gravity), mass)
+    return twin, rest, verdict.standing
 
 
 def _carried(added: float, options: DataOptions) -> AddedMass:

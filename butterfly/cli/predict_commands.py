@@ -36,8 +36,9 @@ def predict_command(
         typer.Option(
             "--with",
             help="An identification that was saved (`butterfly identify --save FILE`); or "
-            "parameters, p1=…,p3=… and whatever else is not 0 (p2, p4, coulomb, delay, …); without "
-            "p4 the best one is taken, without zero=… the encoder's is read off the logs.",
+            "parameters, p1=…,p3=… and whatever else is not 0 (p2, p4, coulomb, delay, …) and not "
+            "known of the data; without p4 the best one is taken, without zero=… the encoder's is "
+            "read off the logs.",
         ),
     ],
     bands: Annotated[

@@ -29,9 +29,9 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
     verdict, *others = summary(result)
     typer.echo(verdict)
     _show_parameters(title, parameter_rows(result, truth), with_truth=truth is not None)
-    if result.data.known.physical:
+    if result.data.known.physical and (rows := physical_rows(result.physical)):
         table = new_table(TITLE, *HEADERS)
-        for row in physical_rows(result.physical):
+        for row in rows:
             table.add_row(*row)
         CONSOLE.print(table)
     for mass, omega in result.estimate.resonances.items():
@@ -47,7 +47,9 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
 
 def _show_parameters(title: str, rows: Sequence[ParameterRow], *, with_truth: bool) -> None:
     table = Table(title=title, box=SIMPLE_HEAD)
-    headers = ["", "estimate", "std error", "95 % interval", "one mass left out", "unit"]
+    headers = ["", "estimate", "std error", "95 % interval", "unit"]
+    if checked := any(row.left_out for row in rows):
+        headers.insert(-1, "one mass left out")
     if with_truth:
         headers[1:1] = ["true", "deviation"]
     for index, header in enumerate(headers):
@@ -56,9 +58,8 @@ def _show_parameters(title: str, rows: Sequence[ParameterRow], *, with_truth: bo
         )
     for row in rows:
         known = [row.true, row.deviation] if with_truth else []
-        table.add_row(
-            row.symbol, *known, row.value, row.error, row.interval, row.left_out, row.unit
-        )
+        left_out = [row.left_out] if checked else []
+        table.add_row(row.symbol, *known, row.value, row.error, row.interval, *left_out, row.unit)
     CONSOLE.print(table)
 
 

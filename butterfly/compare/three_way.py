@@ -11,7 +11,7 @@ from butterfly.identify.judgement.residual_torque import ResidualTorque, residua
 from butterfly.identify.predict import FreeRun, Predictor
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.replay import replay_input
-from butterfly.plant.twin import MASS, twin
+from butterfly.plant.twin import MASS, carrying_twin
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import response_point
 
@@ -101,9 +101,8 @@ def compare_three(
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
         parameters, zero = setting.parameters, setting.zero
-        joint = MujocoJoint(
-            twin(parameters, mass), log.added_mass, angle=float(log.angle[0]) - zero
-        )
+        robot, added = carrying_twin(parameters, log.added_mass, mass)
+        joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
         delay, compression = parameters.delay, parameters.compression
         mujoco = zero + replay_input(joint, log, delay, compression)
         greybox = predictor.run_with(number, setting).simulated

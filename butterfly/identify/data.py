@@ -11,6 +11,7 @@ import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.identify.implied import implied
+from butterfly.identify.judgement.knowledge import is_driven
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
 from butterfly.identify.judgement.term_choice import weightless
@@ -104,7 +105,7 @@ class DataSet:
         except InputError as error:
             raise with_slips(error, slips_of_still(recorded)) from None
         logs = [log for log, _ in examined]
-        told = _of_joint(recorded[0]).also(known)
+        told = _of_logs(recorded).also(known)
         return cls(
             name=name,
             description=description,
@@ -279,9 +280,11 @@ class DataSet:
         return self.manifest.model_copy(update={"logs": entries, "holdout": []})
 
 
-def _of_joint(log: Log) -> Knowledge:
-    """Tell what follows from how a joint moves: across no gravity there is no moment."""
-    return NOTHING if log.added_mass.gravity else Knowledge(parameters={"p3": Known(value=0.0)})
+def _of_logs(logs: Sequence[Log]) -> Knowledge:
+    """Tell what follows of the logs: across no gravity is no moment, without input nothing late."""
+    absent = {"p3": not logs[0].added_mass.gravity, "delay": not is_driven(logs)}
+    zero = Known(value=0.0)
+    return Knowledge(parameters={name: zero for name, holds in absent.items() if holds})
 
 
 def turns_over(log: Log, zero: float) -> bool:

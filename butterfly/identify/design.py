@@ -19,7 +19,7 @@ from butterfly.identify.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -29,19 +29,19 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.model.parameters import LumpedParameters
 
 DURATION = 40.0
 """Length of a run in s."""
 
 LARGEST_SWING = 1.0
-"""In rad; a candidate that swings wider is left out."""
+"""In rad; a candidate that swings wider is left out. A slide's is what its logs have shown."""
 
 _STEP = 5e-3  # s
 _INDEPENDENT = 2  # a run tells two numbers for certain, its gain and its phase, and no more
 _HYPERSENSITIVE = 0.5  # of the swing, by which one standard error may move a candidate's angle
 _OVER_FRICTION = 1.5  # least torque of a candidate's drive, in Coulomb torques
-_SWINGS = (0.15, 0.4)  # rad, aimed at by the amplitudes
+_SWINGS = (0.15, 0.4)  # rad, aimed at by the amplitudes; of a slide shares of what is allowed
 _RATIOS = (0.5, 0.75, 0.9, 1.0, 1.1, 1.35, 2.0)  # of the resonance, the frequencies
 _MULTISINE = np.array([0.5, 0.8, 0.95, 1.05, 1.3, 1.9])
 _RELEASE = 0.6  # rad, from which a free decay starts
@@ -58,7 +58,7 @@ class Candidate:
     what
         The input, in words.
     swing
-        Largest angle in rad predicted.
+        Largest angle in rad predicted, on a slide way in m.
     errors
         (n,) standard errors expected after it, over those before.
     warning
@@ -123,7 +123,11 @@ def rank_experiments(
         raise IdentifiabilityError(
             f"the method {estimate.method!r} gives no covariance to improve on"
         )
-    jobs = [(mass, each) for mass in masses for each in _inputs(estimate.parameters, mass)]
+    jobs = [
+        (mass, each)
+        for mass in masses
+        for each in _inputs(estimate.parameters, mass, largest_swing)
+    ]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         found = pool.map(
             lambda job: _judge(estimate, job[0], job[1], misfit=misfit, limit=largest_swing), jobs
@@ -136,7 +140,7 @@ def next_experiments(
     data: DataSet,
     estimate: ParameterEstimate,
     *,
-    largest_swing: float = LARGEST_SWING,
+    largest_swing: float | None = None,
     track: Track = untracked,
 ) -> list[Candidate]:
     """Rank what to do next with the added masses of a data set (see `rank_experiments`).
@@ -148,7 +152,7 @@ def next_experiments(
     estimate
         With its covariance.
     largest_swing
-        Allowed, in rad.
+        Allowed, in rad or m; `LARGEST_SWING`, or what a slide's logs have shown, if not given.
     track
         Shows progress.
 
@@ -157,6 +161,9 @@ def next_experiments(
     IdentifiabilityError
         If the estimate has no covariance.
     """
+    if largest_swing is None:
+        seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
+        largest_swing = seen if data.joint is JointKind.SLIDE else LARGEST_SWING
     misfit = 1 - float(np.median(Predictor(data).fits(estimate))) / 100
     masses = masses_at_hand(data)
     return rank_experiments(estimate, masses, misfit, largest_swing=largest_swing, track=track)
@@ -164,11 +171,13 @@ def next_experiments(
 
 def masses_at_hand(data: DataSet) -> list[AddedMass]:
     """Return the added masses of a data set, and none; those that load alike count once."""
-    return sorted({mass.effect: mass for mass in (NO_ADDED_MASS, *data.masses)}.values())
+    bare = AddedMass(joint=data.joint, gravity=data.logs[0].added_mass.gravity)
+    return sorted({mass.effect: mass for mass in (bare, *data.masses)}.values())
 
 
-def _inputs(parameters: LumpedParameters, mass: AddedMass) -> list[_Input]:
+def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list[_Input]:
     """Propose inputs around the resonance of the hand with its added mass."""
+    swings = [(limit if mass.joint is JointKind.SLIDE else 1.0) * swing for swing in _SWINGS]
     loaded = parameters.with_added_mass(mass)
     resonance = resonance_frequency(loaded)
     if resonance == 0.0:
@@ -177,7 +186,7 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass) -> list[_Input]:
     inputs = []
     for ratio in _RATIOS:
         omega = ratio * resonance
-        for swing in _SWINGS:
+        for swing in swings:
             stiffness = abs(loaded.p3 - loaded.p1 * omega**2) * swing
             damping = loaded.p2 * omega * swing + 4 / np.pi * loaded.coulomb
             sine = Sine(
@@ -186,11 +195,13 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass) -> list[_Input]:
             )
             what = f"sine of {sine.omega:g} rad/s, amplitude {sine.amplitude:g}"
             inputs.append(_Input(what, np.array([sine.amplitude]), np.array([sine.omega])))
-    torque = (loaded.p1 * resonance**2 * _SWINGS[0] + 2 * loaded.coulomb) / abs(loaded.p4)
+    torque = (loaded.p1 * resonance**2 * swings[0] + 2 * loaded.coulomb) / abs(loaded.p4)
     tones = np.full(_MULTISINE.size, float(f"{torque / 3:.2g}"))
     omegas = np.round(_MULTISINE * resonance, 2)
     listing = ", ".join(f"{omega:g}" for omega in omegas)
     inputs.append(_Input(f"multisine of {listing} rad/s, {tones[0]:g} each", tones, omegas))
+    if loaded.p3 == 0.0:
+        return inputs  # nothing brings it back
     none = np.empty(0)
     inputs.append(_Input(f"free decay from {_RELEASE:g} rad", none, none, _RELEASE))
     return inputs
@@ -217,7 +228,7 @@ def _judge(
     friction = parameters.with_added_mass(mass).coulomb
     warning = ""
     if swing > limit:
-        warning = f"swings {swing:.2g} rad"
+        warning = f"swings {swing:.2g} {mass.joint.way}"
     elif what.omegas.size and drive < _OVER_FRICTION * friction:
         warning = "the drive hardly exceeds Coulomb friction"
     elif spread > _HYPERSENSITIVE:

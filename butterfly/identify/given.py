@@ -43,8 +43,8 @@ def given_estimate(
     Parameters
     ----------
     told
-        p1 and p3, and whatever else is not 0; ``zero`` is the encoder's reading in rad where the
-        model's angle is 0. Without p4 the one with the best FIT is taken.
+        p1 and p3, and whatever else is not 0 and not known of the data; ``zero`` is the encoder's
+        reading in rad where the model's angle is 0. Without p4 the one with the best FIT is taken.
     source
         For messages.
     data
@@ -57,7 +57,7 @@ def given_estimate(
     InputError
         Naming the part that is wrong, or p4, where no log tells the best one.
     """
-    values = dict(told)
+    values = ({} if data is None else data.known.exact) | dict(told)
     zero = values.pop("zero", None)
     parameters = told_parameters(values, source)
     local: dict[AddedMass | str | None, dict[str, float]] = {}

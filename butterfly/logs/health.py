@@ -233,7 +233,7 @@ def _first_not_finite(log: Log, row: int) -> str:
 
 def _refuse_constant(log: Log) -> None:
     """Refuse a joint that does not move, and a sine that is none; a free decay has no input."""
-    meanings = {"angle": "a moving joint"}
+    meanings = {"angle": "a moving joint (a log of one at rest is to be left out)"}
     if log.excitation is not None:
         meanings["input"] = "an input that excites the joint"
     for name, meaning in meanings.items():

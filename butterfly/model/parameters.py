@@ -141,6 +141,11 @@ class JointKind(StrEnum):
     HINGE = "hinge"
     SLIDE = "slide"
 
+    @property
+    def way(self) -> str:
+        """Unit of what is called its angle."""
+        return "m" if self is JointKind.SLIDE else "rad"
+
 
 @dataclass(frozen=True, kw_only=True, order=True)
 class AddedMass:
@@ -198,6 +203,8 @@ class AddedMass:
         return self.inertia, self.gravity_moment
 
     def __str__(self) -> str:
+        if not self.mass:
+            return "no added mass"
         if self.joint is JointKind.SLIDE:
             return f"{1e3 * self.mass:g} g"
         return f"{1e3 * self.mass:g} g at {1e3 * self.arm:g} mm"

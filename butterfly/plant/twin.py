@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from butterfly.model.parameters import unlump
+from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, unlump
 from butterfly.plant.robot import Robot
 
 if TYPE_CHECKING:
-    from butterfly.model.parameters import LumpedParameters
+    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 MASS = 0.3
 """Mass in kg given to an identified hand; the motion does not tell it."""
@@ -18,3 +18,16 @@ def twin(parameters: LumpedParameters, mass: float = MASS) -> Robot:
     """Return a robot that moves as ``parameters`` say (see `unlump`)."""
     hand, drive, friction = unlump(parameters, mass)
     return Robot(hand=hand, drive=drive, friction=friction)
+
+
+def carrying_twin(
+    parameters: LumpedParameters, added: AddedMass, mass: float = MASS
+) -> tuple[Robot, AddedMass]:
+    """Return a robot and what it is to carry, that move together as a loaded joint does.
+
+    MuJoCo's joint is a hinge under Earth's gravity: what a slide carries, or a joint across another
+    gravity, becomes part of the hand.
+    """
+    if added.gravity == GRAVITY:
+        return twin(parameters, mass), added
+    return twin(parameters.with_added_mass(added), mass + added.mass), NO_ADDED_MASS

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from butterfly.identify.judgement.slips.names import listed
+from butterfly.model.parameters import JointKind
 from butterfly.report.format import with_error
 from butterfly.report.parameter_rows import unit_of
 
@@ -29,10 +30,12 @@ _WHOLE = 0.1  # share from which whole per cents are told
 _LISTED = 4  # parameters of which it is said what would have been seen
 
 
-def change_sentences(change: Change, kind: InputKind) -> list[str]:
+def change_sentences(
+    change: Change, kind: InputKind, joint: JointKind = JointKind.HINGE
+) -> list[str]:
     """Say first whether the robot has changed, then how sure that is."""
     if change.changed:
-        said = [_moved(each, unit_of(each.name, kind)) for each in change.changed]
+        said = [_moved(each, unit_of(each.name, kind, joint)) for each in change.changed]
         if len(change.changed) < len(change.parameters):
             said.append("No other parameter has changed beyond what the data can tell.")
         return [" ".join(said)]
@@ -58,7 +61,9 @@ def untested_sentences(change: Change) -> list[str]:
     return said
 
 
-def change_rows(change: Change, kind: InputKind) -> list[dict[str, Any]]:
+def change_rows(
+    change: Change, kind: InputKind, joint: JointKind = JointKind.HINGE
+) -> list[dict[str, Any]]:
     """Return a row for each parameter that was compared."""
     return [
         {
@@ -72,7 +77,7 @@ def change_rows(change: Change, kind: InputKind) -> list[dict[str, Any]]:
             "probability": each.corrected,
             "detectable": each.detectable,
             "changed": each.changed,
-            "unit": unit_of(each.name, kind),
+            "unit": unit_of(each.name, kind, joint),
         }
         for each in change.parameters
     ]

@@ -95,7 +95,8 @@ def frequency_response_figure(identification: Identification) -> Figure:
             )
     figure.update_xaxes(type="log", dtick="D1")
     figure.update_xaxes(title="ω in rad/s", row=4)
-    unit = "rad/V" if data.input_kind == "voltage" else "rad per unit"
+    way = data.joint.way
+    unit = f"{way}/V" if data.input_kind == "voltage" else f"{way} per unit"
     titles = (f"|θ/u| in {unit}", "phase in °", "gain error in %", "phase error in °")
     for row, title in enumerate(titles, start=1):
         figure.update_yaxes(title=title, row=row)
@@ -107,17 +108,18 @@ def frequency_response_figure(identification: Identification) -> Figure:
 def time_figure(run: FreeRun) -> Figure:
     """Measured and simulated angle of one log, and their difference, against time."""
     time, angle, simulated, difference = _curves(run)
+    way = run.log.added_mass.joint.way
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.7, 0.3]
     )
-    lines = {"mode": "lines", "hovertemplate": "%{x:.2f} s: %{y:.4f} rad"}
+    lines = {"mode": "lines", "hovertemplate": f"%{{x:.2f}} s: %{{y:.4f}} {way}"}
     _add(figure, 1, time, angle, name="measured", line={"color": PALETTE[0], "width": 1.5}, **lines)
     dashed = {"color": PALETTE[5], "width": 1.5, "dash": "dot"}
     _add(figure, 1, time, simulated, name="simulated", line=dashed, **lines)
     grey = {"color": "#888888", "width": 1}
     _add(figure, 2, time, difference, name="difference", line=grey, **lines)
-    figure.update_yaxes(title="angle in rad", row=1)
-    figure.update_yaxes(title="difference in rad", row=2)
+    figure.update_yaxes(title=f"angle in {way}", row=1)
+    figure.update_yaxes(title=f"difference in {way}", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)
     return figure

@@ -126,7 +126,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     swing = resample(log.time, log.angle, grid)
     swing = swing - swing.mean()
     omega, power = periodogram(swing, grid[1] - grid[0])
-    bin_width = omega[0]
+    bin_width, way = omega[0], log.added_mass.joint.way
     return [
         ("samples", f"{health.samples}"),
         ("duration", f"{health.duration:.3f} s"),
@@ -136,10 +136,10 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ),
         ("longest interval", f"{1e3 * health.longest_gap:.2f} ms"),
         ("input", f"{log.input.min():.5g} … {log.input.max():.5g}"),
-        ("angle", f"{log.angle.min():.5g} … {log.angle.max():.5g} rad"),
+        ("angle", f"{log.angle.min():.5g} … {log.angle.max():.5g} {way}"),
         (
             "amplitude (71)",
-            f"{rms_amplitude(swing):.4g} rad about the mean {log.angle.mean():.4g} rad",
+            f"{rms_amplitude(swing):.4g} {way} about the mean {log.angle.mean():.4g} {way}",
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),
@@ -158,7 +158,8 @@ def write_inspection(log: Log, health: Health, path: Path) -> None:
     """
     from butterfly.report.figures import log_figure  # noqa: PLC0415 - slow to import
 
-    titles = {"input": "input", "angle": "angle in rad", "velocity": "velocity in rad/s"}
+    way = log.added_mass.joint.way
+    titles = {"input": "input", "angle": f"angle in {way}", "velocity": f"velocity in {way}/s"}
     columns = {titles[name]: values for name, values in log.columns().items() if name in titles}
     middles = (log.time[1:] + log.time[:-1]) / 2
     figure = log_figure(log.time, columns, (middles, 1e3 * np.diff(log.time)))

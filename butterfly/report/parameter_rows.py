@@ -66,12 +66,18 @@ def rows_of(
             value=with_error(each.value, or_nan(each.standard_error)),
             error=_error(each),
             interval="–" if each.known else interval(or_nan(each.lower), or_nan(each.upper)),
-            left_out=interval(or_nan(each.least_left_out), or_nan(each.largest_left_out)),
+            left_out=_left_out(each),
             true="" if each.true is None else f"{each.true:.5g}",
             deviation="" if each.deviation is None else f"{100 * each.deviation:+.2f} %",
         )
         for each in parameters
     ]
+
+
+def _left_out(record: ParameterRecord) -> str:
+    if record.least_left_out is None or record.largest_left_out is None:
+        return ""
+    return interval(record.least_left_out, record.largest_left_out)
 
 
 def _error(record: ParameterRecord) -> str:

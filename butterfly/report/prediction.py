@@ -68,6 +68,7 @@ def _band_figure(prediction: Prediction, *, measured: bool) -> Figure:
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.55, 0.45]
     )
+    way = prediction.run.log.added_mass.joint.way
     time = prediction.time.astype(np.float32)
     centre = prediction.run.simulated[prediction.samples]
     lines = {"free run": (centre, PALETTE[5])}
@@ -98,12 +99,12 @@ def _band_figure(prediction: Prediction, *, measured: bool) -> Figure:
                 y=(angle - about).astype(np.float32),
                 name=name,
                 line={"width": 1, "color": colour},
-                hovertemplate="%{x:.2f} s: %{y:.4f} rad",
+                hovertemplate=f"%{{x:.2f}} s: %{{y:.4f}} {way}",
                 **shown,
             )
             figure.add_trace(drawn, row=row, col=1)
-    figure.update_yaxes(title=f"{prediction.run.log.label}<br>angle in rad", row=1)
-    figure.update_yaxes(title="less free run, rad", row=2)
+    figure.update_yaxes(title=f"{prediction.run.log.label}<br>angle in {way}", row=1)
+    figure.update_yaxes(title=f"less free run, {way}", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)
     return figure

@@ -10,6 +10,7 @@ from plotly.graph_objects import Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.files import replacing
+from butterfly.model.parameters import JointKind
 from butterfly.report.figures import PALETTE
 from butterfly.report.misfit import draw_correlations
 
@@ -24,7 +25,12 @@ _WIDEST = 140  # characters of a line above the figure
 
 
 def write_residual(
-    residual: ResidualTorque, misfit: LogMisfit, verdict: SaidVerdict, path: Path
+    residual: ResidualTorque,
+    misfit: LogMisfit,
+    verdict: SaidVerdict,
+    path: Path,
+    *,
+    joint: JointKind = JointKind.HINGE,
 ) -> None:
     """Draw what is left over in one log as one HTML file that opens offline.
 
@@ -36,16 +42,19 @@ def write_residual(
         On the estimate that leaves it.
     path
         The file.
+    joint
+        That made the log.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
+    way = joint.way
     panels = {
         "time in s": residual.time,
-        "angle in rad": residual.angle,
-        "velocity in rad/s": residual.velocity,
+        f"angle in {way}": residual.angle,
+        f"velocity in {way}/s": residual.velocity,
     }
     figure = make_subplots(rows=5, cols=1, vertical_spacing=0.07)
     for row, (title, values) in enumerate(panels.items(), start=1):
@@ -60,7 +69,9 @@ def write_residual(
         )
         figure.add_trace(trace, row=row, col=1)
         figure.update_xaxes(title=title, row=row)
-        figure.update_yaxes(title="torque in N m", row=row)
+        figure.update_yaxes(
+            title="force in N" if joint is JointKind.SLIDE else "torque in N m", row=row
+        )
     draw_correlations(figure, misfit, first=4)
     looks = escape(residual.left_over.words("the motor's torque"))
     lines = [f"Left over in {escape(residual.label)}: torque like {looks}"]

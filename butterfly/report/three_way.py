@@ -108,6 +108,7 @@ def three_way_page(
 def _summary(compared: Sequence[ThreeWay]) -> list[str]:
     fits = {key: np.array([each.fits[key] for each in compared]) for key in _SIMULATORS}
     apart = max(each.difference for each in compared)
+    way = compared[0].log.added_mass.joint.way
     return [
         f"{len(compared)} logs, each simulated in MuJoCo and by the grey-box equation with the "
         "same parameters and the recorded input.",
@@ -116,7 +117,7 @@ def _summary(compared: Sequence[ThreeWay]) -> list[str]:
             f"(worst {fit.min():.2f} %)."
             for key, fit in fits.items()
         ),
-        f"The two simulators are nowhere more than {apart:.2g} rad apart.",
+        f"The two simulators are nowhere more than {apart:.2g} {way} apart.",
     ]
 
 
@@ -136,7 +137,7 @@ def _numbers(compared: Sequence[ThreeWay]) -> dict[str, Any]:
 
 
 def _table(compared: Sequence[ThreeWay]) -> Table:
-    rows = []
+    rows, way = [], compared[0].log.added_mass.joint.way
     for each in compared:
         errors = [
             f"{100 * (abs(gain) - 1):+.2f} %, {np.degrees(np.angle(gain)):+.2f}°"
@@ -148,7 +149,7 @@ def _table(compared: Sequence[ThreeWay]) -> Table:
         rows.append((each.log.label, *fits, *errors, apart, looks))
     headers = (
         *("log", "FIT in %: MuJoCo", "grey box", "amplitude, phase error: MuJoCo", "grey box"),
-        *("largest difference in rad", "residual torque looks like"),
+        *(f"largest difference in {way}", "residual torque looks like"),
     )
     return Table(headers=headers, rows=rows)
 
@@ -161,6 +162,7 @@ def _thinned(each: ThreeWay) -> tuple[slice, dict[str, NDArray[np.float64]]]:
 
 def _time_figure(each: ThreeWay) -> Figure:
     rows, columns = _thinned(each)
+    way = each.log.added_mass.joint.way
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.65, 0.35]
     )
@@ -174,8 +176,8 @@ def _time_figure(each: ThreeWay) -> Figure:
             y = (angle - each.log.angle)[rows].astype(np.float32)
             trace = Scatter(x=x, y=y, mode="lines", line=line, name=name, showlegend=False)
             figure.add_trace(trace, row=2, col=1)
-    figure.update_yaxes(title=f"angle in rad<br>{each.log.label}", row=1)
-    figure.update_yaxes(title="error in rad", row=2)
+    figure.update_yaxes(title=f"angle in {way}<br>{each.log.label}", row=1)
+    figure.update_yaxes(title=f"error in {way}", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)
     return figure
@@ -183,7 +185,7 @@ def _time_figure(each: ThreeWay) -> Figure:
 
 def _phase_figure(each: ThreeWay) -> Figure:
     _, columns = _thinned(each)
-    time = each.log.time
+    time, way = each.log.time, each.log.added_mass.joint.way
     omega = each.log.excitation.omega if each.log.excitation else 3.0
     late = time > time[-1] - _PERIODS * 2 * np.pi / omega
     figure = Figure()
@@ -196,8 +198,8 @@ def _phase_figure(each: ThreeWay) -> Figure:
         line = {"color": colour, "width": 1.2, "dash": dash}
         x, y = smooth.astype(np.float32), velocity.astype(np.float32)
         figure.add_trace(Scatter(x=x, y=y, mode="lines", line=line, name=name))
-    figure.update_xaxes(title=f"angle in rad, {each.log.label}")
-    figure.update_yaxes(title="velocity in rad/s")
+    figure.update_xaxes(title=f"angle in {way}, {each.log.label}")
+    figure.update_yaxes(title=f"velocity in {way}/s")
     figure.update_layout(height=420)
     return figure
 
@@ -205,7 +207,8 @@ def _phase_figure(each: ThreeWay) -> Figure:
 def _residual_figure(each: ThreeWay) -> Figure:
     residual = each.residual
     figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
-    panels = {"angle in rad": residual.angle, "velocity in rad/s": residual.velocity}
+    way = each.log.added_mass.joint.way
+    panels = {f"angle in {way}": residual.angle, f"velocity in {way}/s": residual.velocity}
     every = max(1, residual.torque.size // 800)
     for column, (title, values) in enumerate(panels.items(), start=1):
         marker = {"color": PALETTE[column - 1], "size": 3}

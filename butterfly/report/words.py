@@ -77,7 +77,7 @@ def _logs(data: DataSet) -> str:
     """Say how many logs there are, and what the hand carried."""
     logs = counted(len(data.logs), "log")
     if len(data.masses) == 1:
-        return f"{logs} with {data.masses[0] if data.masses[0].mass else 'no added mass'}"
+        return f"{logs} with {data.masses[0]}"
     return f"{logs} with {len(data.masses)} added masses"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -10,12 +10,16 @@ import pytest
 from butterfly.compare.three_way import compare_three
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance
+from butterfly.identify.given import given_estimate
 from butterfly.identify.predict import Predictor
+from butterfly.logs.log import InputKind, Log
+from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.replay import replay_input
 from butterfly.plant.twin import twin
 from tests.conftest import MASSES
 from tests.identify.simulated import ROBOT, SWINGS, steady
+from tests.independent.integrator import Joint, motion
 
 ZERO = 0.4
 
@@ -47,6 +51,28 @@ def test_both_simulators_follow_the_robot_and_each_other(data, ways):
         assert way.difference == np.abs(way.mujoco - way.greybox).max()
         for gain in way.gains.values():
             assert gain == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        AddedMass(mass=0.5, joint=JointKind.SLIDE),
+        AddedMass(mass=0.5, arm=0.2, gravity=0.0),
+        AddedMass(mass=0.5, arm=0.2, gravity=4.0),
+    ],
+)
+def test_mujoco_carries_a_mass_as_its_joint_does(added):
+    bare = LumpedParameters(p1=0.1, p2=0.2, p3=0.1 * added.gravity, p4=1.0, coulomb=0.01)
+    time = np.arange(0.0, 4.0, 0.002)
+    command = 0.3 * np.sin(3.0 * time)
+    angle, _ = motion(
+        Joint(0.1 + added.inertia, 0.2, bare.p3 + added.gravity_moment, 1.0, 0.01), time, command
+    )
+    log = Log(time=time, input=command, angle=angle, input_kind=InputKind.TORQUE, added_mass=added)
+    given = given_estimate(asdict(bare) | {"zero": 0.0}, "test")
+    (way,) = compare_three(DataSet.of([log]), given, [0])
+    assert way.fits["MuJoCo"] > 99
+    assert way.fits["grey box"] > 99
 
 
 def test_what_an_estimate_found_for_a_log_reaches_both_simulators(data, estimate, ways):

@@ -43,6 +43,12 @@ def test_the_rest_angle_of_a_mass_is_the_median_of_its_swings_middles(sine_log):
     assert len(data.sines) == 3
 
 
+def test_a_joint_that_is_never_driven_has_no_delay(sine_log):
+    still = replace(sine_log, input=0.0 * sine_log.input, excitation=None)
+    assert DataSet.of([still]).known.exact == {"delay": 0.0}
+    assert "delay" not in DataSet.of([still, sine_log]).known.exact
+
+
 def test_logs_are_held_out_by_name_and_put_back(sine_log):
     names = ("one/a.mat", "one/b.mat", "two/c.mat")
     data = DataSet.of([replace(sine_log, name=name) for name in names], name="bench")

@@ -38,7 +38,7 @@ LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
 _STILL = 1e-9  # rad, finer than which no encoder reads
-_PHASES = np.linspace(0, 2 * np.pi, 400)
+_PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck friction acts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,7 +292,7 @@ def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
     The torque per unit is the largest that a typical swing takes from the table of terms.
     """
     swing = float(np.median([np.std(log.angle) for log in logs]))
-    command = float(np.median([1.0, *(np.std(log.input) for log in logs)]))
+    command = float(np.median([1.0, *(np.std(log.input) for log in logs)])) or 1.0
     rate = float(np.median([log.excitation.omega for log in logs if log.excitation] or [5.0]))
     inertia = abs(start.p1) + max(log.added_mass.inertia for log in logs)
     torque, speed = inertia * swing * rate**2, swing * rate

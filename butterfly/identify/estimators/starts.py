@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from butterfly.errors import ButterflyError
+from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identify.estimators.base import usable
 from butterfly.identify.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identify.estimators.weak_form import WeakForm
@@ -59,11 +59,24 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
         except ButterflyError as refusal:
             refusals.append(refusal)
             continue
-        if start.parameters.p1 + min(mass.inertia for mass in data.masses) > 0:
+        inertia = start.parameters.p1 + min(mass.inertia for mass in data.masses)
+        if inertia > 0:
             found.append(start)
+        else:
+            refusals.append(_without_inertia(data, inertia))
     if not found:
         raise refusals[-1]
     return found
+
+
+def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
+    said = ", ".join(f"{name} = {value:g}" for name, value in data.known.exact.items() if value)
+    told = f", of what was said to be known ({said})" if said else ""
+    return IdentifiabilityError(
+        f"no joint makes these angles from this input: its inertia would be {inertia:.3g}, not "
+        f"more than 0. Check the signs and units of input and angle{told}, whether input and angle "
+        "are of one recording, and whether the input moves the joint at all"
+    )
 
 
 def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:

@@ -207,10 +207,10 @@ def refuse_without_scale(
     driven
         Whether an input acts.
     """
-    if not driven and "p4" not in known.exact:
+    if not driven and not {"p4", "delay"} <= known.exact.keys():
         raise IdentifiabilityError(
-            "the input is zero throughout, so that p4 is not seen: add logs of a driven joint, or "
-            "say what p4 is (known: {p4: ...}, or --known p4=...)"
+            "the input is zero throughout, so that p4 and the delay are not seen: add logs of a "
+            "driven joint, or say what they are (--known p4=...,delay=0)"
         )
     carried = sorted(set(masses))
     scale = [name for name in known.scale if driven or name != "p4"]
@@ -229,9 +229,10 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
     remedies = ["add a run with another known mass (none counts as one)"]
     if driven:
         force = "N" if slide else "N m"
+        motor = "resistance=...,torque_constant=..." + (",gear_ratio=..." if slide else "")
         remedies.append(
             f"say what p4 is, {force} per unit of input: --known p4=1 for a command in {force}, "
-            "k_i/R of a motor that is fed with a voltage"
+            f"--known {motor} of a motor that is fed with a voltage"
         )
     if carried.gravity:
         remedies.append("say what p3 is: --known p3=..., the hand's weight in N times l_c in m")

@@ -18,13 +18,15 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import AddedMass
 
 _CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
+_EARLY = 1e-4  # s, by which stamps of input and angle may differ
 _OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
 
 
 def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> list[Finding]:
     """Tell what no joint can have: no inertia, friction that drives, torque before its command.
 
-    A negative p4 is possible: the angle or the input may count the other way.
+    A negative p4 is possible: the angle or the input may count the other way. One that was known
+    is no surprise. Stamps of input and angle are hardly better than 0.1 ms.
 
     Parameters
     ----------
@@ -48,7 +50,8 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
     negative = [
         name
         for name, value, error in _rows(estimate)
-        if (name == "delay" or TERMS[name].lower == 0) and value < -_CLEARLY * error
+        if (name == "delay" or TERMS[name].lower == 0)
+        and value < -max(_CLEARLY * error, _EARLY if name == "delay" else 0.0)
     ]
     if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
@@ -57,7 +60,7 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
         judged.append(
             Finding(kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=severity)
         )
-    if found.p4 < 0:
+    if found.p4 < 0 and "p4" not in estimate.known.parameters:
         judged.append(
             Finding(kind=FindingKind.NEGATIVE_GAIN, parameters=("p4",), severity=Severity.CARE)
         )

@@ -207,7 +207,8 @@ def _count(folds: int | None, available: int, what: str) -> int:
 
 
 def _same_mass(data: DataSet) -> str:
-    return f"all logs carry the same added mass ({data.masses[0]})"
+    (mass,) = data.masses
+    return f"all logs carry {f'the same added mass ({mass})' if mass.mass else 'no added mass'}"
 
 
 def _same_frequency(data: DataSet) -> str:

@@ -101,13 +101,14 @@ def hold_out(
 
 def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
     """Say why the rest is too little, and which split leaves enough."""
+    part = f"the logs with {name}" if split is Split.MASS else name
     if split is Split.MASS and len(data.masses) == ENOUGH_MASSES - 1:
         return (
-            f"without {name} there is one added mass left of two, which tells p1..p4 but for a "
+            f"without {part} there is one added mass left of two, which tells p1..p4 but for a "
             "common factor unless one of them is known (known: {p4: ...}, say)"
             f"{remedy(data, besides=split)}"
         )
-    return f"without {name}: {error}{remedy(data, besides=split)}"
+    return f"without {part}: {error}{remedy(data, besides=split)}"
 
 
 class _Errors:

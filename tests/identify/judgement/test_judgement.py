@@ -77,7 +77,7 @@ def test_the_profile_s_interval_is_student_s_where_the_cost_is_a_parabola():
         def holding_terms_of(self, _estimate):
             return self
 
-        def minimum(self, _logs, start, _zeros):
+        def minimum(self, _logs, start, _zeros, _known):
             return cost(start.p1)
 
     estimate = SimpleNamespace(

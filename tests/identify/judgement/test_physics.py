@@ -9,6 +9,7 @@ import pytest
 
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.physics import judge_physics
+from butterfly.model.known import Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
@@ -16,7 +17,7 @@ from tests.conftest import MASSES
 VALUES = {"p1": 3e-3, "p2": 1e-3, "p3": 0.04, "p4": 0.5, "coulomb": 1e-3, "delay": 2e-3}
 
 
-def _estimate(share=0.1, **changed):
+def _estimate(share=0.1, told=None, **changed):
     """An estimate whose half-widths are a share of its values."""
     known = VALUES | changed
     values = np.array(list(known.values()))
@@ -28,6 +29,7 @@ def _estimate(share=0.1, **changed):
         upper=values + reach,
         covariance=np.diag((reach / 2) ** 2),
         parameters=LumpedParameters(**known),
+        known=Knowledge.told(told or {}),
     )
 
 
@@ -64,6 +66,11 @@ def test_torque_before_its_command_needs_care_as_stamps_may_be_late():
 
 def test_an_input_that_counts_the_other_way_needs_care():
     assert _judged(p4=-0.5) == [(FindingKind.NEGATIVE_GAIN, ("p4",), Severity.CARE)]
+    assert _judged(p4=-0.5, told={"p4": -0.5}) == []
+
+
+def test_a_delay_that_no_stamp_resolves_is_not_accused():
+    assert _judged(delay=-5e-5) == []
 
 
 def test_load_may_relieve_the_bearing_but_not_drive_it():

@@ -14,6 +14,7 @@ from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.judgement.mass_consistency import disagreeing
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.logs.log import Sine
+from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.report.words import sentences
 from tests.conftest import MASSES
@@ -162,6 +163,15 @@ def test_a_joint_that_is_blocked_is_no_swapped_one(sine_log):
     with pytest.raises(InputError) as refused:
         DataSet.of([blocked])
     assert "swapped" not in str(refused.value)
+
+
+def test_a_lone_log_that_no_model_follows_is_judged_though_no_other_can_tell_its_mass():
+    data = DataSet.of(
+        [simulated(ROBOT, MASSES[1], lambda t: 0.02 * np.sin(3 * t), 12.0)],
+        known=Knowledge.told({"p4": -ROBOT.p4}),
+    )
+    found = identify(data, WeakForm(terms=(), check=False))
+    assert found.estimate.verdict.standing is Standing.NOT
 
 
 @pytest.mark.parametrize("estimator", [WeakForm(), OutputError(workers=1)])

@@ -151,6 +151,8 @@ def _used(data: DataSet, quick: Estimator) -> DataSet:
 def _suspects_alone(data: DataSet, quick: Estimator) -> list[Correction]:
     """Suspect the log without which the rest agrees best to have carried another's mass."""
     numbers = range(len(data.logs))
+    if len(numbers) == 1:
+        return []
     misfits = []
     for number in numbers:
         rest = thinned(data.take([k for k in numbers if k != number]))

@@ -1,0 +1,25 @@
+"""A slide's results speak of kg and m."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import butterfly as bf
+from butterfly.errors import InputError
+from butterfly.identify.estimators import WeakForm
+from tests.independent.integrator import Joint, motion
+
+
+def test_a_slide_s_table_is_in_kilograms_and_it_makes_no_hinge(tmp_path):
+    time = 4e-3 * np.arange(1520)
+    command = np.repeat([0.8, -1.0, 0.3, 1.0, -0.9, -0.4, 0.7, -0.6], 190)
+    way, _ = motion(Joint(2.0, 4.0, 0.0, 3.0, coulomb=0.5), time, command)
+    table = {"time": time, "input": command, "angle": 1e3 * way}
+    data = bf.read(table, joint="slide", units={"angle": "mm"}, known={"p4": 3.0})
+    found = bf.identify(data, WeakForm(terms=(), check=False))
+    units = {row["parameter"]: row["unit"] for row in found.rows()}
+    assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
+    assert "kg m²" not in repr(found) + str(found)
+    with pytest.raises(InputError, match="hinge"):
+        found.model.export(tmp_path / "slide.xml")

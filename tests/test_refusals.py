@@ -1,0 +1,340 @@
+"""Each refusal in docs/refusals.md: what provokes it, how it begins, and that its remedy works."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from butterfly.cli.exit_codes import ExitCode
+from butterfly.logs.csv import write_csv
+from butterfly.logs.log import Sine
+from butterfly.logs.mat import write_mat
+from butterfly.model.harmonic import quasi_linear_response
+from tests.conftest import MASSES
+from tests.identify.simulated import ROBOT, simulated, wild
+
+V73 = "v73.mat: content: got MATLAB v7.3 (HDF5); expected h5py"
+
+PAGE = Path(__file__).parents[1] / "docs/refusals.md"
+
+WEAK = "--method weak-form --terms= --no-check"
+BALANCE = "--method harmonic-balance --terms= --no-check"
+GAIN = "--known p4=0.5"
+ARM = "arm: 0.104"
+
+BARE, ONE = "file: 0.csv", "file: 1.csv, added_mass: 0.05"
+DECAYS = [f"file: decay{k}.csv, added_mass: {mass.mass}" for k, mass in enumerate(MASSES)]
+SWINGS = {3.0: 0.6, 4.4: 0.3, 7.5: 0.15}
+AMPLITUDES = {
+    omega: swing / abs(complex(quasi_linear_response(ROBOT, omega, swing)))
+    for omega, swing in SWINGS.items()
+}
+SINES = [
+    f"file: sine{omega}.csv, omega: {omega}, amplitude: {AMPLITUDES[omega]:.9g}" for omega in SWINGS
+]
+
+MANIFESTS = {
+    "bare": ([BARE],),
+    "volts": ([BARE], "input: voltage"),
+    "slide": (["file: slide.csv"], "input: voltage", "joint: slide"),
+    "one": ([ONE], ARM),
+    "two": ([BARE, ONE], ARM),
+    "no-arm": ([BARE, ONE],),
+    "decays": (DECAYS, ARM),
+    "driven": ([*DECAYS, BARE], ARM),
+    "sine": (SINES[:1],),
+    "sines": (SINES,),
+    "unsaid-sines": ([sine.split(",")[0] for sine in SINES],),
+    "rest": ([BARE, "file: still.csv"],),
+    "motion": ([BARE],),
+    "degrees": (["file: degrees.csv"],),
+    "ms": (["file: ms.csv"],),
+    "restarts": (["file: restarts.csv"], "split: restarts"),
+    "mixed-up": ([BARE], "colums: {time: t}"),
+}
+"""Logs and further keys of each manifest."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command that is refused, how that begins, and commands that are not."""
+
+    command: str
+    said: str
+    remedies: tuple[str, ...]
+
+
+CASES = {
+    "nothing tells the scale": Case(
+        f"identify bare.yaml {WEAK}",
+        "all logs carry no added mass, so p1..p4 are known only up to a common factor",
+        (
+            f"identify two.yaml {WEAK}",
+            f"identify bare.yaml {WEAK} {GAIN}",
+            f"identify bare.yaml {WEAK} --known p3=0.04",
+            f"identify bare.yaml {WEAK} --known p1=0.003",
+            f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1",
+        ),
+    ),
+    "one added mass only": Case(
+        f"identify one.yaml {WEAK}",
+        "all logs carry the same added mass, so p1..p4 are known only up to a common factor",
+        (f"identify two.yaml {WEAK}", f"identify one.yaml {WEAK} {GAIN}"),
+    ),
+    "a slide whose motor has no gear ratio": Case(
+        f"identify slide.yaml {WEAK} --known resistance=2,torque_constant=1",
+        "all logs carry no added mass, so p1..p4 are known only up to a common factor",
+        (f"identify slide.yaml {WEAK} --known resistance=2,torque_constant=1,gear_ratio=1",),
+    ),
+    "logs that nothing drives": Case(
+        f"identify decays.yaml {WEAK}",
+        "the input is zero throughout, so that p4 and the delay are not seen",
+        (f"identify driven.yaml {WEAK}", f"identify decays.yaml {WEAK} --known p4=0.5,delay=0"),
+    ),
+    "no sines, for a method that wants them": Case(
+        f"identify unsaid-sines.yaml {BALANCE} {GAIN}",
+        "no log says that its input was a sine",
+        (
+            f"identify sines.yaml {BALANCE} {GAIN}",
+            f"identify unsaid-sines.yaml {WEAK} {GAIN}",
+        ),
+    ),
+    "too few sines": Case(
+        f"identify sine.yaml {BALANCE} {GAIN}",
+        "1 logs give 2 equations for 5 parameters",
+        (f"identify sines.yaml {BALANCE} {GAIN}",),
+    ),
+    "a mass without an arm": Case(
+        f"identify no-arm.yaml {WEAK}",
+        "expected arm, in m, since 1.csv carries a mass",
+        (f"identify two.yaml {WEAK}",),
+    ),
+    "a folder without a manifest": Case(
+        f"identify folder {WEAK} {GAIN}",
+        "folder: manifest.yaml: got no such file",
+        ("manifest folder --input torque", f"identify folder {WEAK} {GAIN}"),
+    ),
+    "an angle that falls back by a turn": Case(
+        "inspect wrapped.csv",
+        "wrapped.csv: angle: got 11 jumps by 6.283 rad",
+        ("inspect wrapped.csv --repair unwrap",),
+    ),
+    "a counter that starts again": Case(
+        "inspect counter.csv",
+        "counter.csv: angle: got 11 jumps by 400 rad",
+        ("inspect counter.csv --units angle=counts/400 --repair unwrap",),
+    ),
+    "degrees taken for rad": Case(
+        f"identify degrees.yaml {WEAK} {GAIN}",
+        "The angle looks like degrees",
+        (f"identify degrees.yaml {WEAK} {GAIN} --units angle=deg",),
+    ),
+    "milliseconds taken for s": Case(
+        f"identify ms.yaml {WEAK} {GAIN}",
+        "ms: time: got a mean step of 2.5 s; expected seconds. The stamps look like milliseconds",
+        (f"identify ms.yaml {WEAK} {GAIN} --units time=ms",),
+    ),
+    "a clock that starts again": Case(
+        "inspect restarts.csv",
+        "restarts.csv: time: got 0.0 at sample 4800 (4799 such samples)",
+        (
+            "inspect restarts.csv --restarts",
+            "inspect restarts.yaml",
+            "inspect restarts.csv --repair backward",
+        ),
+    ),
+    "samples that are no numbers": Case(
+        "inspect nan.csv",
+        "nan.csv: angle: got nan at sample 7 (1 such samples)",
+        ("inspect nan.csv --repair non_finite",),
+    ),
+    "a joint that does not move": Case(
+        f"identify rest.yaml {WEAK} {GAIN}",
+        "still.csv: angle: got a constant 0; expected a moving joint",
+        (f"identify motion.yaml {WEAK} {GAIN}",),
+    ),
+    "columns of other names": Case(
+        "inspect named.csv",
+        "named.csv: time: got no such column; expected one of 't_s', 'torque', 'pos'",
+        ("inspect named.csv --columns time=t_s,input=torque,angle=pos",),
+    ),
+    "an unknown unit": Case(
+        "inspect 0.csv --units angle=furlong",
+        "units.angle: got furlong; expected one of rad, mrad, deg",
+        ("inspect 0.csv --units angle=mrad", "inspect 0.csv --units angle=201.168"),
+    ),
+    "an unknown name of a parameter": Case(
+        f"identify bare.yaml {WEAK} --known p44=0.5",
+        "known.p44: got an unknown name; expected 'p4' (did you mean that?)",
+        (f"identify bare.yaml {WEAK} {GAIN}",),
+    ),
+    "an unknown key": Case(
+        f"identify mixed-up.yaml {WEAK}",
+        "unknown key; expected 'columns' (did you mean that?)",
+        (f"identify named.yaml {WEAK} {GAIN}",),
+    ),
+    "no mass can be left out": Case(
+        f"validate bare.yaml --split mass --method weak-form --terms= {GAIN}",
+        "all logs carry no added mass: none can be left out",
+        (f"validate bare.yaml --split time --method weak-form --terms= {GAIN}",),
+    ),
+    "one mass of two would be left": Case(
+        "validate two.yaml --split mass --method weak-form --terms=",
+        "without the logs with no added mass there is one added mass left of two",
+        (
+            "validate two.yaml --split time --method weak-form --terms=",
+            f"validate two.yaml --split mass --method weak-form --terms= {GAIN}",
+        ),
+    ),
+    "all logs held out": Case(
+        f"identify two.yaml {WEAK} {GAIN} --holdout *",
+        "two: holdout: got all logs; expected some left to estimate from",
+        (f"identify two.yaml {WEAK} {GAIN} --holdout 1.csv",),
+    ),
+    "knowledge that the method cannot use": Case(
+        f"identify bare.yaml {WEAK} --known p4=0.5,compression=0.01",
+        "weak-form: known.compression: got 0.01; expected the method output-error",
+        (
+            "identify bare.yaml --method output-error --terms= --no-check "
+            "--known p4=0.5,compression=0.01",
+        ),
+    ),
+    "two exact values that differ": Case(
+        f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4",
+        "known: p4: got 0.4; expected 0.5, which follows from the others, or an uncertainty",
+        (
+            f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.5",
+            f"identify volts.yaml {WEAK} --known resistance=2,torque_constant=1,p4=0.4+-0.1",
+        ),
+    ),
+    "a delay that no log could show": Case(
+        f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.3",
+        "no joint's equation balances these logs: it would take a delay of",
+        (f"identify bare.yaml {WEAK} --known p4=0.5,p1=0.003",),
+    ),
+    "given parameters without p4": Case(
+        "predict bare.yaml --with p1=0.003,p2=0.001,p3=0.04,coulomb=0.0008",
+        "predict: p4: got nothing; expected a value: no log is a sine",
+        ("predict bare.yaml --with p1=0.003,p2=0.001,p3=0.04,coulomb=0.0008,p4=0.5",),
+    ),
+    "a piece outside the log": Case(
+        "inspect 0.csv --from 20",
+        "0.csv: from, to: got 0 samples in 0.csv (20 s to end); expected 16 samples or more",
+        ("inspect 0.csv --from 2",),
+    ),
+    "a log too short for the weak form": Case(
+        f"identify bare.yaml {WEAK} {GAIN} --from 11.6",
+        "0.csv: time: got 0.398 s; expected 0.505 s or more",
+        (f"identify bare.yaml {WEAK} {GAIN} --from 9",),
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Logs with all the slips, and manifests of them."""
+    folder = tmp_path_factory.mktemp("refused")
+    logs = wild(ROBOT, MASSES[:2], duration=12.0)
+    (folder / "folder").mkdir()
+    for path, log in {"0": logs[0], "1": logs[1], "folder/0": logs[0]}.items():
+        write_csv(log, folder / f"{path}.csv")
+    for number, mass in enumerate(MASSES):
+        decay = simulated(ROBOT, mass, np.zeros_like, 6.0, start=0.6)
+        write_csv(decay, folder / f"decay{number}.csv")
+    for omega, amplitude in AMPLITUDES.items():
+        sine = Sine(omega=omega, amplitude=amplitude)
+        log = simulated(ROBOT, MASSES[0], sine.sample, 40.0, sine=sine)
+        write_csv(log, folder / f"sine{omega}.csv")
+    sliding = simulated(replace(ROBOT, p3=0.0), MASSES[0], lambda t: 0.02 * np.sin(3 * t), 12.0)
+    write_csv(sliding, folder / "slide.csv")
+    _write_slips(folder, logs[0])
+    for name, (entries, *keys) in MANIFESTS.items():
+        _write_manifest(folder / f"{name}.yaml", entries, keys)
+    named = "columns: {time: t_s, input: torque, angle: pos}"
+    _write_manifest(folder / "named.yaml", ["file: named.csv"], [named])
+    return folder
+
+
+def _write_slips(folder, log):
+    time, u, angle = log.time, log.input, log.angle
+    turning = 6 * time + 0.3 * np.sin(3 * time)
+    holed = np.where(np.arange(time.size) == 7, np.nan, angle)
+    tables = {
+        "degrees": (time, u, np.rad2deg(angle)),
+        "ms": (1e3 * time, u, angle),
+        "wrapped": (time, u, (turning + np.pi) % (2 * np.pi) - np.pi),
+        "counter": (time, u, 400 * (turning / (2 * np.pi) % 1)),
+        "still": (time, u, 0 * angle),
+        "restarts": (np.tile(time, 2), np.tile(u, 2), np.tile(angle, 2)),
+        "nan": (time, u, holed),
+    }
+    for name, columns in tables.items():
+        _write_table(folder / f"{name}.csv", "time,input,angle", columns)
+    _write_table(folder / "named.csv", "t_s,torque,pos", (time, u, angle))
+
+
+def _write_table(path, header, columns):
+    np.savetxt(path, np.column_stack(columns), "%.9g", ",", header=header, comments="")
+
+
+def _write_manifest(path, entries, keys):
+    kind = [] if any(key.startswith("input") for key in keys) else ["input: torque"]
+    lines = [f"name: {path.stem}", *keys, *kind, "intersample: first_order_hold", "logs:"]
+    path.write_text("\n".join([*lines, *(f"  - {{{entry}}}" for entry in entries)]) + "\n")
+
+
+@pytest.fixture
+def run(folder, butterfly, monkeypatch):
+    """Run a command where the logs are; returns its exit code and all that it printed."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "1000")
+
+    def run(command):
+        code, out, err = butterfly(*command.split())
+        return code, err + out
+
+    return run
+
+
+@pytest.mark.parametrize("situation", CASES)
+def test_it_is_refused_in_these_words_and_the_remedy_works(situation, run):
+    case = CASES[situation]
+    code, printed = run(case.command)
+    assert code in {ExitCode.BAD_INPUT, ExitCode.NOT_TO_BE_USED}
+    assert case.said in printed
+    for remedy in case.remedies:
+        assert run(remedy)[0] == ExitCode.DONE, remedy
+
+
+def test_without_h5py_files_of_v7_3_are_refused_and_with_it_read(tmp_path, monkeypatch, butterfly):
+    h5py = pytest.importorskip("h5py")
+    path, older = tmp_path / "v73.mat", tmp_path / "v7.mat"
+    log = simulated(ROBOT, MASSES[0], lambda t: 0.02 * np.sin(3 * t), 3.0)
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["D"] = [log.time, log.input, log.angle]
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    write_mat(log, older)
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "h5py", None)
+        code, _, said = butterfly("inspect", path)
+        assert code == ExitCode.BAD_INPUT
+        assert V73 in said
+        assert butterfly("inspect", older)[0] == ExitCode.DONE
+    assert butterfly("inspect", path)[0] == ExitCode.DONE
+
+
+def test_the_page_has_a_row_of_each_and_names_no_option_that_was_not_tried():
+    rows = [line.split(" | ", 2) for line in PAGE.read_text(encoding="utf-8").splitlines()]
+    found = {row[0][2:]: row[1:] for row in rows if len(row) == 3 and row[0] != "| situation"}
+    texts = {situation: case.said for situation, case in CASES.items()}
+    texts["a .mat file of v7.3 without h5py"] = V73
+    assert {situation: said.strip("`") for situation, (said, _) in found.items()} == texts
+    for situation, case in CASES.items():
+        tried = {word for remedy in case.remedies for word in remedy.split()}
+        assert {*re.findall(r"--[a-z]+", found[situation][1])} <= tried, situation
