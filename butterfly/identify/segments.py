@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
 
 _ROUNDS = 12  # steps to a start at most
+_HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
 _SETTLED = 1e-4  # share of the squared errors that another start may still explain
 _EXACT = 1e-9  # rad, rms error below which nothing is left to settle
 _FELT = 1e-3  # of the strongest direction, below which a change of the start is not felt
@@ -168,12 +169,18 @@ class _About(NamedTuple):
 
 
 class _Segment:
-    """One segment, and the start that was fitted to it last: the next one is near."""
+    """One segment, and the start that was fitted to it last: the next one is near.
+
+    Where it begins at rest, only the angle there is sought: friction holds a joint at rest, so that
+    nothing can be differentiated by its velocity.
+    """
 
     def __init__(self, log: Log, parameters: LumpedParameters, rate: float) -> None:
         self.trajectory = Trajectory(log, parameters)
         self._units = np.array([1.0, rate])
         self._latest = log.beginning
+        self._spread = float(np.var(log.angle))
+        self._sought = 1 if log.beginning.velocity == 0 else len(_START)
 
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
@@ -199,8 +206,8 @@ class _Segment:
             begin = self.trajectory.log.beginning
             at = self._about(_START, parameters, zero, begin)
         reach = 1.0
-        for _ in range(_ROUNDS):
-            if at.settled:
+        for tries in range(_ROUNDS):
+            if at.settled or (tries > _HOPEFUL and at.cost > self._spread):
                 break
             there = Beginning(*(np.array(begin) + reach * at.step).tolist())
             tried = self._about(_START, parameters, zero, there)
@@ -226,10 +233,12 @@ class _Segment:
         if not (np.isfinite(columns).all() and np.isfinite(errors).all()):
             nowhere = np.zeros((errors.size, 0))
             return _About(*expansion, nowhere, np.zeros(0), np.zeros(2))
-        left, sizes, right = np.linalg.svd(columns, full_matrices=False)
+        left, sizes, right = np.linalg.svd(columns[:, : self._sought], full_matrices=False)
         felt = sizes > _FELT * sizes[0]
         explained = left[:, felt].T @ errors
-        step = -self._units * (right[felt].T @ (explained / sizes[felt]))
+        step = np.zeros(len(_START))
+        step[: self._sought] = -(right[felt].T @ (explained / sizes[felt]))
+        step *= self._units
         return _About(*expansion, left[:, felt], explained, step)
 
 
@@ -261,9 +270,9 @@ def simulation(
     """
     whole = Trajectory(log, parameters, first)
     longer = log.time[-1] - log.time[0] > horizon
-    stays = parameters.with_added_mass(log.added_mass).p3 == 0
-    doubtful = stays or whole.starts_anew or (free and first == 0)
-    fitted = longer or (doubtful and not told)
+    loaded = parameters.with_added_mass(log.added_mass)
+    doubtful = loaded.p3 == 0 or whole.starts_anew or (free and first == 0)
+    fitted = (longer or (doubtful and not told)) and loaded.p1 > 0
     return Segments(log, parameters, horizon, first) if fitted else whole
 
 
