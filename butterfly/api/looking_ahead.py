@@ -27,6 +27,7 @@ from butterfly.identify.given import given_estimate, judged_on
 from butterfly.identify.importance import weighed
 from butterfly.identify.predict import Predictor, Setting
 from butterfly.identify.prediction import predict_logs
+from butterfly.model.known import Known
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
@@ -97,6 +98,9 @@ def predict(
         told = result if isinstance(result, Mapping) else asdict(result)
         estimate = given_estimate(told, "predict", data=whole, masses=masses)
         require_possible(estimate)
+        if whole is not None and None in estimate.local:
+            whole = whole.with_zero(Known(value=estimate.local[None]["zero"]))
+            logs, setting = whole.logs, Predictor(whole).setting
         if bands:
             raise IdentifiabilityError("bands need an identification: parameters alone have none")
         known = _Known(said=_of_gain(told, estimate, whole))

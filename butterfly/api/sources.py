@@ -16,7 +16,7 @@ from butterfly.identify.data import DataSet
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.pieces import WHOLE, Cut
-from butterfly.model.known import Knowledge, known_of
+from butterfly.model.known import NOTHING, Knowledge, known_of
 from butterfly.model.parameters import JointKind
 from butterfly.resources import locate
 
@@ -180,16 +180,18 @@ def _together(
     ]
     logs: list[Log] = []
     held: list[Log] = []
+    known = NOTHING
     repairs |= DEFAULT_REPAIRS
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)
             continue
+        known = known.agreeing(part.told, part.name)
         logs.extend(part.recorded)
         held.extend(() if part.held is None else part.held.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
-    data = DataSet.of([*logs, *held], name=name, repairs=repairs)
+    data = DataSet.of([*logs, *held], name=name, known=known, repairs=repairs)
     return data.holding(range(len(logs), len(data.logs)))
 
 

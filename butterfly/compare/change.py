@@ -29,6 +29,7 @@ LEVEL = 1 - CONFIDENCE
 _OF_EACH = LEVEL / 2  # for the parameters one by one, by Holm's method
 _OF_ALL = LEVEL / 2  # for all of them together
 _POWER = float(ndtri(0.8))  # a detectable change is found four times in five
+_LEARNT = 0.9  # of a told uncertainty; logs that leave more of it are no evidence
 _SINGULAR = 1e12  # condition number of a correlation matrix
 
 
@@ -212,21 +213,30 @@ class _Side:
 
 def _untested(before: ParameterEstimate, after: ParameterEstimate) -> dict[str, str]:
     """Say of which parameters there is no evidence, and why."""
-    told = (before.known.parameters, after.known.parameters)
+    both = (before, after)
+    told = [name for each in both for name in (*each.names, *each.known.parameters)]
     why: dict[str, str] = {}
-    for name in dict.fromkeys((*before.names, *after.names, *told[0], *told[1])):
-        known = [name in each for each in told]
-        fixed = [name in each.held or name in each.known.exact for each in (before, after)]
-        fitted = [name in each.names for each in (before, after)]
+    for name in dict.fromkeys(told):
+        known = [name in each.known.parameters and not _learnt(each, name) for each in both]
+        fixed = [name in each.held or name in each.known.exact for each in both]
+        fitted = [name in each.names for each in both]
         if all(known):
             why[name] = "was known in both, so that these logs are no evidence of it"
         elif any(fixed):
             why[name] = f"was held in {'both' if all(fixed) else _which(fixed)}"
         elif not all(fitted):
             why[name] = f"was fitted in {_which(fitted)} only"
-        elif not all(_uncertain(each, name) for each in (before, after)):
+        elif not all(_uncertain(each, name) for each in both):
             why[name] = "has no standard error"
     return why
+
+
+def _learnt(estimate: ParameterEstimate, name: str) -> bool:
+    """Whether logs tell a parameter better than it was told."""
+    if name not in estimate.names:
+        return False
+    error = estimate.standard_errors[estimate.names.index(name)]
+    return bool(error < _LEARNT * estimate.known.parameters[name].uncertainty)
 
 
 def _which(flags: Sequence[bool]) -> str:

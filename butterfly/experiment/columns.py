@@ -84,6 +84,7 @@ _ESTIMATE: dict[str, Column[Found]] = {
     "findings": Column(_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
     "parameter": Column(_TEXT, lambda row: row.parameter.parameter),
     "on_bound": Column(_TRUTH, lambda row: row.parameter.on_bound),
+    "known": Column(_TRUTH, lambda row: row.parameter.known),
     "value": _of_parameter("value"),
     "standard_error": _of_parameter("standard_error"),
     "lower": _of_parameter("lower"),

@@ -64,7 +64,8 @@ def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untrack
         logs = list(simulate(experiment, track=track))
         write_logs(experiment, logs, folder / "small")
         known = Knowledge.told(experiment.known)
-        data = DataSet.of(logs, name=experiment.name, known=known, track=track)
+        every = DataSet.of(logs, name=experiment.name, known=known, track=track)
+        data = every.holding_out(experiment.holdout)
     study = hold_orbit(experiment, data, track=track)
     for number, each in enumerate(study.calibration.rounds):
         for run, log in enumerate(each.logs):

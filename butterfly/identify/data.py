@@ -112,7 +112,7 @@ class DataSet:
             manifest=manifest,
             input_kind=recorded[0].input_kind,
             told=told,
-            known=implied(told, recorded[0].input_kind, recorded[0].added_mass.joint),
+            known=_implied(told, recorded[0]),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -195,8 +195,10 @@ class DataSet:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
         told = self.told.also(known)
-        follows = implied(told, self.input_kind, self.logs[0].added_mass.joint)
-        return replace(self, told=told, known=follows, manifest=manifest)
+        held = None if self.held is None else self.held.knowing(known)
+        return replace(
+            self, told=told, known=_implied(told, self.logs[0]), manifest=manifest, held=held
+        )
 
     def with_zero(self, zero: Known) -> DataSet:
         """Return the data set with what the encoder reads in rad where the hand hangs."""
@@ -285,6 +287,20 @@ def _of_logs(logs: Sequence[Log]) -> Knowledge:
     absent = {"p3": not logs[0].added_mass.gravity, "delay": not is_driven(logs)}
     zero = Known(value=0.0)
     return Knowledge(parameters={name: zero for name, holds in absent.items() if holds})
+
+
+def _implied(told: Knowledge, log: Log) -> Knowledge:
+    """Return what is told, and what follows, of the joint that made a log.
+
+    Raises
+    ------
+    InputError
+        If it cannot be.
+    """
+    moment = told.parameters.get("p3")
+    if moment is not None and moment != Known(value=0.0) and not log.added_mass.gravity:
+        raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
+    return implied(told, log.input_kind, log.added_mass.joint)
 
 
 def turns_over(log: Log, zero: float) -> bool:

@@ -46,10 +46,11 @@ class Reference:
     added: AddedMass
 
     @classmethod
-    def of(cls, masses: Sequence[AddedMass], known: Knowledge) -> Reference:
-        """Find it for logs with some masses."""
+    def of(cls, masses: Sequence[AddedMass], known: Knowledge, *, driven: bool = True) -> Reference:
+        """Find it for logs with some masses; of undriven ones p4 tells nothing."""
         same = len({mass.effect for mass in masses}) == 1
-        return cls(name=known.reference if same else None, known=known, added=masses[0])
+        telling = known if driven else known.within(known.parameters.keys() - {"p4"})
+        return cls(name=telling.reference if same else None, known=known, added=masses[0])
 
     @property
     def held(self) -> Knowledge:
@@ -68,7 +69,8 @@ class Reference:
             return solved
         values, at = self.grown(solved.values, solved.names), self._place(solved.names)
         names = (*solved.names[:at], self.name, *solved.names[at:])
-        jacobian = np.insert(solved.jacobian, at, self._column(solved), axis=1)
+        turned = np.insert(np.eye(len(solved.names)), at, self._shares(solved), axis=1)
+        jacobian = solved.jacobian @ turned
         lower = np.insert(solved.lower, at, TERMS[self.name].lower)
         prior = Prior.of(names, self.known.parameters, solved.realised_variance)
         assert prior is not None  # noqa: S101 - the reference is uncertain
@@ -83,6 +85,7 @@ class Reference:
             residuals=solved.residuals + jacobian @ (moved - values),
             on_bound=np.insert(solved.on_bound, at, [False]),
             lower=lower,
+            bread=None if solved.bread is None else self._bread(solved, turned) + prior.curvature,
             prior=prior,
         )
 
@@ -90,14 +93,24 @@ class Reference:
         assert self.name is not None  # noqa: S101 - asked of a reference only
         return sum(each in names for each in PARAMETERS[: PARAMETERS.index(self.name)])
 
-    def _column(self, solved: Solved) -> Samples:
-        """(m,) derivatives by the reference: residuals do not change if all torques grow alike."""
+    def _shares(self, solved: Solved) -> Samples:
+        """(n,) changes of the others that do to residuals what one of the reference does.
+
+        Residuals do not change if all torques grow alike.
+        """
         assert self.name is not None  # noqa: S101 - asked of a reference only
         carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
         pairs = zip(solved.names, solved.values.tolist(), strict=True)
         grown = [own + carried.get(n, 0.0) if n in GROWING else 0.0 for n, own in pairs]
         own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
-        return np.asarray(-solved.jacobian @ np.array(grown) / own)
+        return -np.array(grown) / own
+
+    @staticmethod
+    def _bread(solved: Solved, turned: Samples) -> Samples:
+        """Return the derivatives of the gradient of the logs alone, by the reference as well."""
+        assert solved.bread is not None  # noqa: S101 - asked where there is one
+        of_logs = solved.bread if solved.prior is None else solved.bread - solved.prior.curvature
+        return np.asarray(turned.T @ of_logs @ turned)
 
 
 def _step(jacobian: Samples, residuals: Samples, prior: Prior, values: Samples) -> Samples:

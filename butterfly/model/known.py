@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 OF_SCALE = ("p1", "p2", "p3", "p4", "coulomb")
 """Parameters of which any that is known, and is not 0, says how large all of them are."""
 
-_WITHOUT_TORQUE = {"delay", "stribeck_velocity", "tilt", "cogging_periods", "time_constant"}
+_WITHOUT_TORQUE = {
+    *("delay", "stribeck_velocity", "tilt", "cogging_periods", "time_constant", "compression"),
+    *("load", "back_emf", "bristle_stiffness", "bristle_damping"),  # none without something else
+}
 
 PHYSICAL = {
     "resistance": "Ohm",
@@ -145,6 +148,21 @@ class Knowledge:
             parameters={**self.parameters, **other.parameters},
             physical={**self.physical, **other.physical},
         )
+
+    def agreeing(self, other: Knowledge, source: object) -> Knowledge:
+        """Return this and what somebody else knows of the same robot.
+
+        Raises
+        ------
+        InputError
+            Naming the source, if both say something of one thing, and not the same.
+        """
+        mine, theirs = ({**each.parameters, **each.physical} for each in (self, other))
+        for name in mine.keys() & theirs.keys():
+            if mine[name] != theirs[name]:
+                expected = f"{mine[name]}, as the others have it"
+                raise InputError(str(source), f"known.{name}", theirs[name], expected)
+        return self.also(other)
 
     def as_told(self) -> dict[str, Any]:
         """Return it as plain values, as `told` reads them."""

@@ -38,7 +38,8 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     runs, estimates
         The tables of a result store.
     """
-    table = Estimates({name: column(estimates, name) for name in estimates.column_names})
+    every = Estimates({name: column(estimates, name) for name in estimates.column_names})
+    table = every.take(~every["known"].astype(bool))  # what was known is no estimate
     fields, status = sweep.fields, column(runs, "status")
     deviating = table.take(np.isfinite(table["deviation"]))
     sections = [

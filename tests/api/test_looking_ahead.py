@@ -12,6 +12,7 @@ import pytest
 import butterfly as bf
 from butterfly.api.drawn import WEIGHT
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.model.known import Known
 from butterfly.model.parameters import LumpedParameters
 
 
@@ -163,6 +164,8 @@ def test_given_parameters_are_judged_by_how_they_move(data, result):
     assert wrong.standing == "do not use"
     aside = bf.predict(data, own | {"zero": 0.2})
     assert aside.rows()[0]["FIT in %"] < found.rows()[0]["FIT in %"] - 20
+    told = bf.predict(data.with_zero(Known(value=0.0)), own | {"zero": 0.2})
+    assert told.rows() == aside.rows()
 
 
 def test_a_gain_that_is_not_given_is_fitted_and_said(data, result):

@@ -122,6 +122,8 @@ def test_what_was_known_or_fitted_once_is_no_evidence():
     told = replace(plain, known=Knowledge.told({"p4": (0.5, 0.01)}))
     assert "known in both" in change(told, told).untested["p4"]
     assert "p4" not in change(told, plain).untested
+    vague = replace(plain, known=Knowledge.told({"p4": (0.5, 0.05)}))
+    assert "p4" not in change(vague, vague).untested
     names = (*NAMES[:5], "drag")
     other = estimate(TRUTH, covariance, names=names)
     assert change(plain, other).untested == {

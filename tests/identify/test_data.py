@@ -9,6 +9,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.identify.data import DataSet
 from butterfly.logs.log import InputKind
+from butterfly.model.known import Knowledge
 from tests.conftest import MASSES
 
 
@@ -67,3 +68,17 @@ def test_logs_are_held_out_by_name_and_put_back(sine_log):
         data.holding_out(["d"])
     with pytest.raises(InputError, match="some left to estimate from"):
         data.holding_out(["*"])
+
+
+def test_what_is_known_holds_for_logs_that_are_held_out(sine_log):
+    data = DataSet.of([sine_log, sine_log]).holding([1])
+    known = Knowledge.told({"p3": 0.05})
+    assert data.knowing(known).held.known == known
+
+
+def test_without_gravity_there_is_no_moment_to_be_known(sine_log):
+    carried = replace(sine_log.added_mass, gravity=0.0)
+    data = DataSet.of([replace(sine_log, added_mass=carried)])
+    assert data.known.exact == {"p3": 0.0}
+    with pytest.raises(InputError, match=r"known: p3: got 0.05; expected 0 of a joint"):
+        data.knowing(Knowledge.told({"p3": 0.05}))

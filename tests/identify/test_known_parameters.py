@@ -10,12 +10,14 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identify.estimators.loss import Loss
 from butterfly.identify.judgement.covariance import cluster_covariance
 from butterfly.identify.judgement.findings import FindingKind
 from butterfly.identify.prior import Prior
-from butterfly.model.known import Knowledge
+from butterfly.model.known import Knowledge, Known
+from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
-from tests.identify.simulated import ROBOT, SWINGS, steady, wild
+from tests.identify.simulated import ROBOT, SWINGS, simulated, steady, wild
 
 ONE = MASSES[1]
 METHODS = {
@@ -151,6 +153,76 @@ def test_undriven_logs_need_a_gain_besides():
     decays = [replace(log, input=np.zeros(log.time.size)) for log in wild(ROBOT, duration=6.0)]
     with pytest.raises(IdentifiabilityError, match="--known p4="):
         METHODS["weak-form"](knowing(decays, p3=0.04))
+
+
+@pytest.mark.parametrize("method", ["weak-form", "output-error"])
+def test_of_undriven_logs_a_gain_tells_no_scale(method):
+    starts = (0.8, -0.6)
+    still = [simulated(ROBOT, ONE, np.zeros_like, 6.0, start=start) for start in starts]
+    told = (ROBOT.p3, 0.02 * ROBOT.p3)
+    estimate = METHODS[method](knowing(noisy(still), p4=ROBOT.p4, delay=0.0, p3=told))
+    assert found(estimate)["p1"] == pytest.approx(ROBOT.p1, rel=0.01)
+    assert estimate.standard_errors[estimate.names.index("p3")] == pytest.approx(told[1], rel=0.05)
+
+
+def test_a_prior_widens_a_robust_fit_as_it_does_a_plain_one():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    data = knowing(logs, p4=(ROBOT.p4, 0.02 * ROBOT.p4), p3=(1.01 * ROBOT.p3, 0.02 * ROBOT.p3))
+    plain, robust = (
+        replace(METHODS["output-error"], loss=loss)(data) for loss in (Loss.LINEAR, Loss.HUBER)
+    )
+    assert robust.standard_errors[:4] == pytest.approx(plain.standard_errors[:4], rel=0.05)
+
+
+def test_a_vague_prior_beside_two_masses_widens_nothing():
+    logs = noisy(wild(ROBOT, [MASSES[0], MASSES[0], ONE, ONE], duration=6.0))
+    checked = WeakForm(terms=())
+    with_it, without = checked(knowing(logs, p4=(ROBOT.p4, ROBOT.p4))), checked(DataSet.of(logs))
+    assert with_it.upper - with_it.lower == pytest.approx(without.upper - without.lower, rel=1e-3)
+
+
+def test_a_term_that_is_known_is_not_chosen_away():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    estimate = OutputError(check=False, workers=1)(knowing(logs, p4=ROBOT.p4, bias=(2e-3, 2e-4)))
+    assert "bias" in estimate.names
+    (said,) = (f for f in estimate.findings if f.kind is FindingKind.PRIOR_APART)
+    assert said.parameters == ("bias",)
+
+
+def test_a_parameter_that_carries_the_scale_is_not_called_held():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    estimate = METHODS["output-error"](knowing(logs, p4=(ROBOT.p4, 0.01)))
+    assert not estimate.held.keys() & {*estimate.names}
+
+
+def test_an_uncertain_zero_weighs_as_its_uncertainty_says():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    data = knowing(logs, p4=ROBOT.p4)
+    told = data.with_zero(Known(value=0.01, uncertainty=0.02))
+    left, free = (METHODS["output-error"](each) for each in (told, data))
+    assert left.local[None]["zero"] == pytest.approx(free.local[None]["zero"], abs=1e-6)
+    assert left.standard_errors == pytest.approx(free.standard_errors, rel=1e-2)
+
+
+def test_what_is_known_is_not_to_be_found_otherwise():
+    data = knowing(wild(ROBOT, [ONE], duration=6.0), p4=(0.5, 0.01), bias=0.0)
+    for options, message in (
+        ({"fixed": ("p4",)}, "fixed: got p4; expected what is not known"),
+        ({"per_log": ("bias",)}, "per_log: got bias; expected what is not known"),
+    ):
+        with pytest.raises(InputError, match=message):
+            OutputError(terms=(), **options)(data)
+    every = {name: getattr(ROBOT, name) for name in PARAMETERS}
+    with pytest.raises(InputError, match=r"known: got p1, .* all exactly; expected some of them"):
+        METHODS["weak-form"](data.knowing(Knowledge.told(every)))
+
+
+def test_a_wrong_mass_is_weighed_by_the_gravity_there():
+    masses = [replace(mass, gravity=3.7) for mass in MASSES for _ in range(2)]
+    logs = wild(ROBOT, masses, duration=6.0)
+    logs[-1] = replace(logs[-1], added_mass=replace(masses[-1], mass=masses[-1].mass + 0.01))
+    first = METHODS["weak-form"](DataSet.of(noisy(logs))).corrections[0]
+    assert first.change == pytest.approx(-0.01, rel=0.1)
 
 
 def test_uncertain_masses_and_arms_widen_the_intervals():

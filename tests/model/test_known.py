@@ -58,6 +58,26 @@ def test_what_is_said_later_goes_before():
     assert both.holding("p4").reference is None
 
 
+def test_what_two_know_of_a_robot_agrees():
+    one, other = Knowledge.told({"p4": (1, 0.1)}), Knowledge.told({"p4": (1, 0.1), "p3": 2})
+    assert one.agreeing(other, "b") == other
+    with pytest.raises(InputError, match=r"b: known.p4: got 2; expected 1 ± 0.1"):
+        one.agreeing(Knowledge.told({"p4": 2}), "b")
+
+
+@pytest.mark.parametrize(
+    ("told", "reference"),
+    [
+        ({"p4": (1, 0.1), "p3": (2, 0.1)}, "p3"),
+        ({"p4": (1, 0.1), "compression": 0.1, "load": 0.01, "delay": 0.1}, "p4"),
+        ({"p4": (1, 0.1), "coulomb": 0.1}, None),
+        ({"p3": (0, 0.1)}, None),
+    ],
+)
+def test_the_best_known_torque_tells_the_scale(told, reference):
+    assert Knowledge.told(told).reference == reference
+
+
 def test_a_slide_carries_masses_and_a_vertical_axis_no_moments():
     slide = AddedMass(mass=0.2, arm=0.3, joint=JointKind.SLIDE)
     assert slide.effect == (0.2, 0.0)

@@ -106,8 +106,10 @@ def _sweep_page(folder):
             condition=3.0,
             fit=FitSummary(99.0, 99.0, 99.0),
             parameters=tuple(
-                ParameterRecord(parameter=name, value=rng.normal(1, 0.05), **interval)
-                for name in ("p1", "p3")
+                ParameterRecord(
+                    parameter=name, value=rng.normal(1, 0.05), **interval, known=name == "p4"
+                )
+                for name in ("p1", "p3", "p4")
             ),
         )
         estimates = (estimate,) if status == "ok" else ()
@@ -170,6 +172,8 @@ def test_the_report_of_a_sweep_counts_and_lists_estimates_that_did_not_converge(
     (row,) = section.tables[0].rows
     assert [str(cell) for cell in row] == ["9", "m", "stopped", ""]
     assert page.numbers["unconverged"] == 1
+    recovered = [each["parameter"] for each in page.numbers["recovery"]]
+    assert recovered == ["p1", "p3"]  # not p4, which was known
 
 
 def test_the_report_of_a_sweep_counts_verdicts(pages):

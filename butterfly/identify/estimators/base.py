@@ -102,8 +102,14 @@ def usable(method: str, known: Knowledge) -> Knowledge:
     return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
 
 
-def require_usable(method: str, known: Knowledge) -> None:
-    """Raise InputError for knowledge that a method cannot make use of (see `usable`)."""
+def require_usable(method: str, known: Knowledge, names: tuple[str, ...] = PARAMETERS) -> None:
+    """Raise InputError for knowledge that a method cannot make use of (see `usable`).
+
+    So does knowledge of all that is to be found, some names at least.
+    """
+    if not known.open(names):
+        expected = "some of them to be found (`predict` takes parameters that are known)"
+        raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)
     for name in known.parameters.keys() - usable(method, known).parameters.keys():
         each = known.parameters[name]
         others = " or ".join(other for other in TAKES if _can_use(other, name, each))

@@ -119,7 +119,8 @@ def inseparable(problem: FreeRunResiduals, at: Equations) -> tuple[str, ...]:
     """Return a term, and what comes with it, that the equations cannot tell from the others."""
     rows = np.concatenate([rows for rows, _ in at.compressed()])
     names = tuple(name for name, _ in problem.keys)
-    conditioning = Conditioning.of(rows, names)
+    told = None if problem.prior is None else problem.prior.told
+    conditioning = Conditioning.of(rows, names, told)
     doubtful = [n for n in conditioning.weakest if n in {*CANDIDATES, *offered("output-error")}]
     if conditioning.number <= SINGULAR_CONDITION or not doubtful:
         return ()

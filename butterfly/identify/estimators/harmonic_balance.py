@@ -146,7 +146,7 @@ class Linear(Estimator):
         self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
     ) -> ParameterEstimate:
         """Estimate from steady responses (see `Estimator`)."""
-        require_usable(HarmonicBalance.method, known)
+        require_usable(HarmonicBalance.method, known, LINEAR)
         reference, fit = _begun(points, known, LINEAR, small=True)
         return _judged(points, fit, "joint linear complex fit", [], reference, check=self.check)
 

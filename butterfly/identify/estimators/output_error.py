@@ -165,16 +165,17 @@ class OutputError(Estimator):
             found = replace(self, horizon=horizon).of_starts(logs, first, known)
             return found if math.isfinite(horizon) else replace(found, horizon=None)
         require_usable(self.method, known)
-        masses = [log.added_mass for log in logs]
-        refuse_without_scale(masses, known, driven=is_driven(logs))
-        reference = Reference.of(masses, known)
+        self._require_told_once(known)
+        masses, driven = [log.added_mass for log in logs], is_driven(logs)
+        refuse_without_scale(masses, known, driven=driven)
+        reference = Reference.of(masses, known, driven=driven)
         variance = self._variance(logs, first, reference.held)
         ends = self._ends(logs, first, reference.held, variance)
         problem, end = ends.problem, ends.end
         rivals: tuple[NDArray[np.float64], ...] = ()
         said = list(ends.findings)
         if self.terms is None:
-            chosen = FreeRunTerms.of(problem, end.point, end.at, ())
+            chosen = FreeRunTerms.of(problem, end.point, end.at, tuple(known.uncertain))
             problem, rivals = chosen.part, chosen.rivals
             end = self.descend(problem, problem.initial)
             said += chosen.choice.findings
@@ -192,7 +193,7 @@ class OutputError(Estimator):
             end_of_part = self.descend(part, end.point[kept], end.at.part(rest, kept))
             return np.asarray((end_of_part.point * part.scale)[: problem.shared])
 
-        left_out, few = without_each_mass(masses, without, known, asked=self.check)
+        left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = solved_of(problem, end)
         found = ParameterEstimate.from_rows(
@@ -202,14 +203,26 @@ class OutputError(Estimator):
             rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
             shared=problem.shared + bool(reference.name),
             findings=[*few, *of_few_logs(len(logs)), *said],
-            held=self._held(problem),
+            held=self._held(problem, reference.name),
             local=local_of(list(ended)[problem.shared :]),
             masses=masses,
             blocks=blocks_of(len(logs), len(problem.keys)),
             known=known,
             horizon=self.horizon or math.inf,
         )
-        return found.with_findings(*self._missing(logs, found, problem.zeros))
+        return found.with_findings(*self._missing(logs, found, problem.zeros, variance))
+
+    def _require_told_once(self, known: Knowledge) -> None:
+        """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
+        for name in self.fixed:
+            if name in known.uncertain:
+                expected = "what is not known with an uncertainty"
+                raise InputError(self.method, "fixed", name, expected)
+        for field in ("per_mass", "per_log"):
+            for name in getattr(self, field):
+                if name in known.parameters:
+                    expected = "what is not known of the robot already"
+                    raise InputError(self.method, field, name, expected)
 
     def _ends(
         self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge, variance: float = 1.0
@@ -221,13 +234,18 @@ class OutputError(Estimator):
 
     def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
         """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
-        if not known.uncertain:
+        zeros = (log.zero for log in logs if log.zero is not None)
+        if not known.uncertain and all(zero.exact for zero in zeros):
             return 1.0
         ends = self._ends(logs, first, known, 0.0)
         return solved_of(ends.problem, ends.end).realised_variance
 
     def _missing(
-        self, logs: Sequence[Log], found: ParameterEstimate, zeros: Mapping[AddedMass, float]
+        self,
+        logs: Sequence[Log],
+        found: ParameterEstimate,
+        zeros: Mapping[AddedMass, float],
+        variance: float,
     ) -> list[Finding]:
         """Tell which terms that were not asked for would help, by one expansion with them all."""
         if self.terms is None or not self.check or self.per_mass or self.per_log:
@@ -236,7 +254,7 @@ class OutputError(Estimator):
             zeros = dict.fromkeys(zeros, found.local[None]["zero"])
         more = candidates(CANDIDATES, zeros, found.known)
         every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
-        problem = every.problem(logs, found.parameters, zeros, found.known)
+        problem = every.problem(logs, found.parameters, zeros, found.known, variance)
         at = self._counted(problem.equations(problem.initial))
         try:
             best = FreeRunTerms.of(problem, problem.initial, at, found.names)
@@ -337,10 +355,10 @@ class OutputError(Estimator):
         residuals = np.concatenate([log.residuals for log in at.logs])
         return replace(at, loss=self.loss, scale=outlying(residuals))
 
-    def _held(self, problem: FreeRunResiduals) -> dict[str, float]:
+    def _held(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
-        fitted = {name for name, _ in problem.keys}
+        fitted = {reference, *(name for name, _ in problem.keys)}
         return {
             each.name: getattr(start, each.name)
             for each in fields(start)

@@ -131,9 +131,9 @@ class WeakForm(Estimator):
             If a log is shorter than a test function.
         """
         require_usable(self.method, known)
-        masses = [log.added_mass for log in logs]
-        refuse_without_scale(masses, known, driven=is_driven(logs))
-        reference = Reference.of(masses, known)
+        masses, driven = [log.added_mass for log in logs], is_driven(logs)
+        refuse_without_scale(masses, known, driven=driven)
+        reference = Reference.of(masses, known, driven=driven)
         windows = [self._windows(log, reading_of(log, zeros)) for log in logs]
         chosen = WeakTerms.of(windows, self.terms, reference.held, check=self.check)
         held = chosen.held | {"cogging_periods": self.cogging_periods}
@@ -145,7 +145,7 @@ class WeakForm(Estimator):
             rest = [each for each in pairs if each.windows.added != mass]
             return refined(chosen.fit, rest).solved.values
 
-        left_out, few = without_each_mass(masses, without, known, asked=self.check)
+        left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
         blocks = blocks_of(len(logs), len(fit.solved.names))
         solved = replace(fit.solved, cluster=split(fit.solved.cluster, blocks))
         rivals = [each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals]

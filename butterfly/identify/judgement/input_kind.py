@@ -30,7 +30,8 @@ def judge_input(estimate: ParameterEstimate, kind: InputKind) -> list[Finding]:
     """
     if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
         return []
-    upper = dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
+    upper = {"p2": estimate.parameters.p2}  # where it is known
+    upper |= dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
     p4 = abs(estimate.parameters.p4)
     if not upper["p2"] >= 0 or not p4 > 0:
         return []

@@ -32,6 +32,7 @@ def without_each_mass(
     known: Knowledge,
     *,
     asked: bool,
+    driven: bool = True,
 ) -> tuple[dict[Hashable, NDArray[np.float64]], list[Finding]]:
     """Estimate again without each added mass, but where the rest cannot determine the parameters.
 
@@ -42,9 +43,12 @@ def without_each_mass(
     refit
         Returns the (n,) estimates from all logs but those of one added mass.
     known
-        What is known of the robot, by which even one mass may be enough.
+        What is known of the robot. If that is exact, even one mass may be enough; a scale that
+        rests on what is uncertain would tell of that alone.
     asked
         Whether to do so at all.
+    driven
+        Whether an input acts.
 
     Returns
     -------
@@ -54,9 +58,11 @@ def without_each_mass(
     if not asked:
         return {}, [Finding(kind=FindingKind.UNCHECKED)]
     left_out: dict[Hashable, NDArray[np.float64]] = {}
+    sure = known.within(known.exact)
     for mass in different if len(different) > 1 else ():
+        rest = [other for other in different if other != mass]
         try:
-            refuse_without_scale((other for other in different if other != mass), known)
+            refuse_without_scale(rest, sure, driven=driven)
             left_out[mass] = refit(mass)
         except IdentifiabilityError:
             continue

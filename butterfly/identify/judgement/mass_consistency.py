@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.model.parameters import GRAVITY
-
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -86,7 +84,7 @@ def corrections(
     masses, numbers = list(carried.values()), np.array(list(carried))
     farthest = max(mass.arm for mass in masses)  # where a bare hand would carry what it was not to
     arms = np.array([[mass.arm or farthest] for mass in masses])
-    columns = arms**2 * inertia + GRAVITY * arms * gravity
+    columns = arms**2 * inertia + masses[0].gravity * arms * gravity
     flat = rows.reshape(-1, len(names))
     size = np.linalg.norm(flat, axis=0)
     basis = np.linalg.qr(flat / np.where(size > 0, size, 1.0))[0]

@@ -59,6 +59,9 @@ def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
     )
     said = judge_input(estimate, InputKind.VOLTAGE)
     assert [each.number for each in said] == pytest.approx([resistance] if accused else [])
+    found = replace(ROBOT, p2=resistance * p4**2, p4=p4)
+    known = SimpleNamespace(names=("p4",), upper=np.array([2.1]), parameters=found)
+    assert bool(judge_input(known, InputKind.VOLTAGE)) == accused
 
 
 def test_the_profile_s_interval_is_student_s_where_the_cost_is_a_parabola():
