@@ -31,6 +31,10 @@ Begin: TypeAlias = Beginning | float | None
 LONGEST_STEP = 0.01
 """Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
 
+_ROUGH = 0.005
+"""Share of noise in an input, from which on no two of its samples share a step: what it does where
+the joint turns back or sticks is then no matter of its mean."""
+
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
@@ -199,4 +203,5 @@ def grid_step(log: Log, parameters: LumpedParameters) -> float:
     """Return the longest step in s of a simulation's grid, for parameters of the bare hand."""
     drive = log.excitation.omega if log.excitation else 0.0
     fastest = max(resonance_frequency(parameters.with_added_mass(log.added_mass)), drive)
-    return min(LONGEST_STEP, 1 / (_STEPS_PER_RADIAN * fastest)) if fastest else LONGEST_STEP
+    longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
+    return min(longest, 1 / (_STEPS_PER_RADIAN * fastest)) if fastest else longest

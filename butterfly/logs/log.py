@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""
 
+_MOST = 0.9
+_MOST_OF_NOISE = 4.029  # that quantile of its second differences, over its standard deviation
 
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
 
@@ -279,6 +281,19 @@ class Log:
     def beginning(self) -> Beginning:
         """How it begins, at rest or in motion (see `butterfly.logs.beginning`)."""
         return beginning(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
+
+    @cached_property
+    def roughness(self) -> float:
+        """Share of the input's rms value that is noise from sample to sample; rare steps are not.
+
+        Of white noise it is its standard deviation, by the 90 % quantile of its second differences:
+        the noise of an encoder of coarse steps is not there most of the time.
+        """
+        size = float(np.sqrt(np.mean(self.input**2)))
+        if size == 0.0:
+            return 0.0
+        most = np.quantile(np.abs(np.diff(self.input, 2)), _MOST)
+        return float(most) / (_MOST_OF_NOISE * size)
 
     @property
     def mean_step(self) -> float:

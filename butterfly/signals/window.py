@@ -32,7 +32,7 @@ def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> ND
 
 
 def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> float:
-    """Return the length in s of the last whole periods of a log, at most ``seconds`` of them.
+    """Return the length in s of the last whole periods of a log.
 
     Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock.
 
@@ -43,7 +43,8 @@ def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> floa
     omega
         Frequency in rad/s.
     seconds
-        Longest window in s. A log shorter than this is used whole.
+        Longest window in s, if that holds `MIN_PERIODS` periods; they are used of slower sines. A
+        log shorter than this is used whole.
 
     Raises
     ------
@@ -52,15 +53,15 @@ def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> floa
     """
     period = 2 * math.pi / omega
     available = float(log.time[-1] - log.time[0])
-    periods = math.floor(min(seconds, available) / period)
-    if periods < MIN_PERIODS:
+    whole = math.floor(available / period)
+    if whole < MIN_PERIODS:
         raise InputError(
             log.source,
             "time",
             f"{available:.3g} s",
             f"at least {MIN_PERIODS} periods of {period:.3g} s",
         )
-    return periods * period
+    return min(whole, max(math.floor(seconds / period), MIN_PERIODS)) * period
 
 
 def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:

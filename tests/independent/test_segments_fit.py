@@ -1,8 +1,11 @@
-"""Another team's pendulum, by a fit that shares nothing with the program."""
+"""Another team's pendulum, by a fit that shares nothing with the program, and by the program."""
+
+import json
 
 import numpy as np
 import pytest
 
+import butterfly as bf
 from tests.independent.kinds import draw
 from tests.independent.segments_fit import NAMES, fit, segments
 
@@ -17,13 +20,20 @@ GEOMETRY = 19.6
 
 
 @pytest.fixture(scope="module")
-def pendulum(logs_folder):
-    """Segments of each log, of a weight on a rod whose torques were measured."""
+def folder(logs_folder):
+    """Logs of a weight on a rod whose torques were measured."""
     folder = logs_folder.parent / "strangers/dfki"
     if not folder.is_dir():
         pytest.skip(f"the logs of DFKI's pendulum are not there: no folder {folder}")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def independent(folder):
+    """The fit that shares nothing, to all segments of the three logs."""
     logs = [np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True) for name in LOGS]
-    return [segments(log["time"], log["torque"], log["position"], LENGTH) for log in logs]
+    parts = [segments(log["time"], log["torque"], log["position"], LENGTH) for log in logs]
+    return fit([part for log in parts for part in log], FIRST)
 
 
 def test_it_finds_a_simulated_joint_under_a_law():
@@ -41,11 +51,35 @@ def test_it_finds_a_simulated_joint_under_a_law():
     assert found.misfits.max() < 2e-3
 
 
-def test_a_pendulum_is_the_one_that_its_drawings_show(pendulum):
+def test_a_pendulum_is_the_one_that_its_drawings_show(independent):
     """Though not the one whose inertia and moment are published with its logs."""
-    found = fit([part for parts in pendulum for part in parts], FIRST)
-    inertia, gravity = found.values["inertia"], found.values["gravity"]
+    inertia, gravity = independent.values["inertia"], independent.values["gravity"]
     assert gravity / inertia == pytest.approx(GEOMETRY, rel=0.03)
     assert inertia == pytest.approx(0.178, abs=0.006)
-    assert found.values["coulomb"] == pytest.approx(0.17, abs=0.04)
-    assert np.median(found.misfits) < 0.01
+    assert independent.values["coulomb"] == pytest.approx(0.17, abs=0.04)
+    assert np.median(independent.misfits) < 0.01
+
+
+def test_the_program_finds_the_same_pendulum(folder, independent, tmp_path):
+    manifest = {
+        "name": "pendulum",
+        "root": str(folder),
+        "input": "torque",
+        "known": {"p4": 1.0},
+        "columns": {"time": "time", "input": "torque", "angle": "position"},
+        "logs": [{"file": f"{name}.csv"} for name in LOGS],
+    }
+    (tmp_path / "manifest.yaml").write_text(json.dumps(manifest), encoding="utf-8")
+    found = bf.identify(tmp_path)
+    estimate = found.estimate
+    limits = dict(
+        zip(estimate.names, zip(estimate.lower, estimate.upper, strict=True), strict=True)
+    )
+    for ours, name in zip(OURS, NAMES, strict=True):
+        lower, upper = limits[ours]
+        own = 2.0 * independent.errors[name]
+        assert lower - own <= independent.values[name] <= upper + own, name
+    assert estimate.parameters.p1 == pytest.approx(independent.values["inertia"], rel=0.02)
+    assert estimate.parameters.p3 == pytest.approx(independent.values["gravity"], rel=0.02)
+    assert estimate.parameters.p3 / estimate.parameters.p1 == pytest.approx(GEOMETRY, rel=0.03)
+    assert found.fit.median > 98.0

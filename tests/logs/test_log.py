@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.identify.data import DataSet, read_data_set
-from butterfly.logs.log import with_unique_names
+from butterfly.logs.log import Log, with_unique_names
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 
@@ -61,3 +61,16 @@ def test_a_name_survives_repairs(sine_log):
 def test_columns_of_different_lengths_are_refused(sine_log):
     with pytest.raises(InputError, match=r"sine: angle: got shape \(3,\)"):
         replace(sine_log, angle=np.zeros(3))
+
+
+def test_roughness_is_the_share_of_noise_and_not_of_rare_steps():
+    time = np.arange(0, 20, 5e-3)
+    noise = np.random.default_rng(0).standard_normal(time.size)
+    smooth, stairs = np.sin(3 * time), np.sign(np.sin(time))
+
+    def roughness(inputs):
+        return Log(time=time, input=inputs, angle=smooth).roughness
+
+    assert roughness(smooth + 0.1 * noise) == pytest.approx(0.14, rel=0.1)
+    assert roughness(smooth) < 1e-3
+    assert roughness(stairs) == roughness(0.0 * time) == 0.0

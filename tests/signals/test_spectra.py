@@ -67,6 +67,13 @@ def test_the_steady_window_holds_whole_periods_at_the_end(sine_log, omega):
     assert 30 - 2 * np.pi / omega < duration <= 30.001
 
 
+def test_three_periods_of_a_slow_sine_may_take_longer_than_the_window(sine_log):
+    slowest = 3.5 * 2 * np.pi / (sine_log.time[-1] - sine_log.time[0])
+    seconds = 2.0 * np.pi / slowest  # room for one
+    rows = steady_window(sine_log, slowest, seconds)
+    assert rows.sum() * sine_log.mean_step == pytest.approx(3.0 * seconds, rel=1e-2)
+
+
 def test_a_log_of_too_few_periods_is_refused(sine_log):
     short = replace(sine_log, excitation=Sine(omega=0.3, amplitude=1.0))
     with pytest.raises(InputError, match="at least 3 periods"):

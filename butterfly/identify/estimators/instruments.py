@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.identify.estimators.weak_fit import WeakFit, Windows
+    from butterfly.identify.regression import Regression
     from butterfly.logs.log import Log
     from butterfly.model.parameters import AddedMass, LumpedParameters
 
@@ -79,6 +80,7 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
     ]
     regression = fit.about.regression([each.windows for each in pairs], moving)
     through = fit.about.regression([each.instruments for each in pairs], moving)
+    regression = _corrected(regression, through, fit, pairs)
     more, wanted = regression.known_rows
     rows, target = np.concatenate([regression.rows, more]), np.append(regression.target, wanted)
     multiplied = np.concatenate([through.rows, more])
@@ -94,6 +96,19 @@ def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
         free, held = free & ~low, held | low
     solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
     return fit.solved_by(regression, through, solution)
+
+
+def _corrected(
+    regression: Regression, through: Regression, fit: WeakFit, pairs: Sequence[Seen]
+) -> Regression:
+    """Take from equations of the logs what those of their simulations lack of balance.
+
+    A simulation obeys the equation of motion with the parameters that it was made with; what its
+    averages leave over is their own error, and the logs' averages have it too.
+    """
+    simulated = np.array([each.instruments is not each.windows for each in pairs])
+    error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
+    return replace(regression, target=regression.target + error)
 
 
 def _through(

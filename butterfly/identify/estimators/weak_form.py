@@ -136,7 +136,8 @@ class WeakForm(Estimator):
         reference = Reference.of(masses, known, driven=driven)
         windows = [self._windows(log, reading_of(log, zeros)) for log in logs]
         chosen = WeakTerms.of(windows, self.terms, reference.held, check=self.check)
-        parameters = LumpedParameters(**chosen.held | chosen.fit.values)
+        held = chosen.held | {"cogging_periods": self.cogging_periods}
+        parameters = LumpedParameters(**held | chosen.fit.values)
         pairs = seen(logs, windows, parameters, zeros, self._windows)
         fit = refined(chosen.fit, pairs)
 
@@ -156,7 +157,7 @@ class WeakForm(Estimator):
             left_out=left_out,
             rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=[*few, *of_few_logs(len(logs)), *chosen.said],
-            held=chosen.held | {"cogging_periods": self.cogging_periods},
+            held=held,
             masses=masses,
             blocks=blocks,
             known=known,
