@@ -63,7 +63,11 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
         :_LOGS
     ]
     tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
-    possible = [each for each in tried if each is not None and each.trial.physical]
+    possible = [
+        each
+        for each in tried
+        if each is not None and each.trial.physical and each.trial.misfit < FOLLOWED
+    ]
     least = min((each.left for each in possible), default=0.0)
     agreeing = [each for each in possible if each.left <= 2 * least]
     return [_explanation(data, each, len(agreeing)) for each in agreeing]
