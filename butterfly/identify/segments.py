@@ -60,10 +60,9 @@ class Segments:
         before = _edges(log.time[:first], horizon)
         self._edges = [*before, *(first + k for k in _edges(log.time[first:], horizon))]
         ends = [*self._edges[1:], log.time.size]
+        rate = log.rms_speed / (float(np.std(log.angle)) or 1.0)
         self._segments = [
-            _Segment(
-                log.piece(begin, end), parameters, log.rms_speed / (float(np.std(log.angle)) or 1.0)
-            )
+            _Segment(log.piece(begin, end), parameters, rate, whole=len(self._edges) == 1)
             for begin, end in zip(self._edges, ends, strict=True)
         ]
         self._counted = self._segments[len(before) :]
@@ -171,16 +170,16 @@ class _About(NamedTuple):
 class _Segment:
     """One segment, and the start that was fitted to it last: the next one is near.
 
-    Where it begins at rest, only the angle there is sought: friction holds a joint at rest, so that
-    nothing can be differentiated by its velocity.
+    Of a whole log that begins at rest only the angle there is sought: friction holds a joint at
+    rest, so that nothing can be differentiated by its velocity.
     """
 
-    def __init__(self, log: Log, parameters: LumpedParameters, rate: float) -> None:
+    def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, whole: bool) -> None:
         self.trajectory = Trajectory(log, parameters)
         self._units = np.array([1.0, rate])
         self._latest = log.beginning
         self._spread = float(np.var(log.angle))
-        self._sought = 1 if log.beginning.velocity == 0 else len(_START)
+        self._sought = 1 if whole and log.beginning.velocity == 0 else len(_START)
 
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float

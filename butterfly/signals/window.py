@@ -61,7 +61,8 @@ def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> floa
             f"{available:.3g} s",
             f"at least {MIN_PERIODS} periods of {period:.3g} s",
         )
-    return min(whole, max(math.floor(seconds / period), MIN_PERIODS)) * period
+    longest = math.floor(min(seconds, available) / period)
+    return max(longest, MIN_PERIODS) * period
 
 
 def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:

@@ -25,6 +25,7 @@ SAID = {
     "per_log": ("zero,velocity", ("zero", "velocity")),
     "loss": (Loss.CAUCHY, Loss.CAUCHY),
     "window": (12.5, 12.5),
+    "horizon": (1.5, 1.5),
     "half_width": (0.1, 0.1),
     "check": (False, False),
     "workers": (2, 2),

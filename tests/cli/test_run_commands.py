@@ -37,7 +37,7 @@ def test_a_sine_that_will_swing_wide_is_warned_about(butterfly, quick, tmp_path)
     quick.write_text(yaml.safe_dump(content))
     code, _, err = butterfly("simulate", quick, "--out", tmp_path / "logs")
     assert code == 0
-    assert "warning: 0 g at 104 mm, 3.9 rad/s: predicted to swing" in err
+    assert "warning: no added mass, 3.9 rad/s: predicted to swing" in err
 
 
 def test_a_run_whose_estimate_did_not_settle_ends_with_code_3_done_or_found_done(

@@ -83,7 +83,7 @@ def test_a_run_that_cannot_be_identified_is_recorded_and_the_others_go_on(folder
     assert summary.unsuccessful == 1
     rows = ResultStore(folder / "refused").table(RUNS).to_pylist()
     assert [row["status"] for row in rows] == [REFUSED, OK]
-    assert "same added mass" in rows[0]["error"]
+    assert "carry no added mass" in rows[0]["error"]
     assert rows[1]["error"] == ""
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from butterfly.identify import predict
+from butterfly.identify import segments
 from butterfly.identify.data import DataSet
 from butterfly.identify.free_run import Trajectory
 from butterfly.identify.other_parameters import best_gain, try_parameters
@@ -30,7 +30,7 @@ def built(monkeypatch):
             count.append(arguments[0].name)
             super().__init__(*arguments)
 
-    monkeypatch.setattr(predict, "Trajectory", Counted)
+    monkeypatch.setattr(segments, "Trajectory", Counted)
     return count
 
 

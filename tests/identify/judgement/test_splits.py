@@ -95,7 +95,7 @@ def test_stretches_of_any_motion_are_predicted():
 
 def test_refusals_name_what_works(sines):
     for data, split, said in (
-        (_of(sines, 1), Split.MASS, "same added mass .*; split frequency works"),
+        (_of(sines, 1), Split.MASS, "carry no added mass: .*; split frequency works"),
         (_other(AddedMass(), HEAVY), Split.FREQUENCY, "no log is a sine.*; split time works"),
         (_other(AddedMass()), Split.LOG, "one log only.*; split time works"),
     ):
