@@ -68,9 +68,9 @@ class DataOptions:
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
-        from butterfly.experiment.data_source import named_data  # noqa: PLC0415 - slow to import
+        from butterfly.identify.data import read_data_set  # noqa: PLC0415 - slow to import
 
-        return named_data(source, track=show_progress, **vars(self))
+        return read_data_set(self.manifest(source), show_progress)
 
 
 def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _TURN = 2 * math.pi
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-_LOADS = {"Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "N": 1.0, "mN": 1e-3}
 _RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": _TURN / 60}
 
 UNITS: dict[str, dict[str, float]] = {
