@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -95,12 +96,12 @@ class Knowledge:
     def __bool__(self) -> bool:
         return bool(self.parameters or self.physical)
 
-    @property
+    @cached_property
     def exact(self) -> dict[str, float]:
         """Values of the parameters that are known exactly."""
         return {name: each.value for name, each in self.parameters.items() if each.exact}
 
-    @property
+    @cached_property
     def uncertain(self) -> dict[str, Known]:
         """The parameters that are known with an uncertainty."""
         return {name: each for name, each in self.parameters.items() if not each.exact}
