@@ -109,6 +109,10 @@ class HarmonicBalance(Estimator):
             points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
         )
 
+    def roughly(self, data: DataSet) -> ParameterEstimate:
+        """Estimate without terms, as far as describing functions go (see `Estimator`)."""
+        return self.with_terms(()).of_points(data.sines, data.known)
+
     def of_points(
         self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
     ) -> ParameterEstimate:

@@ -101,20 +101,30 @@ class Nested:
             folds=folds,
         )
 
-    def fitted(self, kept: NDArray[np.bool_]) -> Samples | None:
-        """Return the (n,) values of the fit with some of the parameters; None if not determined."""
+    def fitted(self, kept: NDArray[np.bool_]) -> Samples:
+        """Return the values of fits with some of the parameters, all at once.
+
+        Parameters
+        ----------
+        kept
+            (t, n) which parameters each of t fits has.
+
+        Returns
+        -------
+        (t, n), nan where the data do not determine what a fit has.
+        """
         return self._fitted(*self._total, kept)
 
-    def held_out(self, kept: NDArray[np.bool_]) -> Samples | None:
-        """(k,) squared errors of each log, foretold by a fit to the other parts of the data.
+    def held_out(self, kept: NDArray[np.bool_]) -> Samples:
+        """(t, k) squared errors of each log, foretold by fits to the other parts of the data.
 
-        None if the rest does not determine the parameters, or there are no two parts.
+        They are nan where the rest does not determine the parameters, or there are no two parts
+        (see `fitted`), and infinite where simulations ran away.
         """
         parts = np.unique(self.folds)
-        if parts.size < _LEAST_FOLDS:
-            return None
+        errors = np.empty((len(kept), self.cost.size))
+        lost = np.full(len(kept), parts.size < _LEAST_FOLDS)
         curvature, gradient = self._total
-        errors = np.empty(self.cost.size)
         for part in parts:
             mine = self.folds == part
             values = self._fitted(
@@ -122,44 +132,47 @@ class Nested:
                 gradient - self.gradient[mine].sum(axis=0),
                 kept,
             )
-            if values is None:
-                return None
-            errors[mine] = self.costs(values)[mine]
-        return errors
+            lost |= np.isnan(values).any(axis=1)
+            errors[:, mine] = self.costs(values)[:, mine]
+        return np.where(lost[:, np.newaxis], np.nan, np.nan_to_num(errors, nan=np.inf))
 
     def costs(self, values: Samples) -> Samples:
-        """(k,) squared errors of the logs with (n,) values."""
-        step = values - self.values
-        squares = self.cost + 2 * self.gradient @ step + (self.curvature @ step) @ step
-        return np.asarray(np.maximum(squares, 0.0))
+        """(t, k) squared errors of the logs with (t, n) values."""
+        steps = values - self.values
+        bent = np.einsum("tn,knt->tk", steps, self.curvature @ steps.T)
+        return np.asarray(np.maximum(self.cost + 2 * steps @ self.gradient.T + bent, 0.0))
 
-    def _fitted(
-        self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]
-    ) -> Samples | None:
+    def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
         """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
         absent = np.where(self._mute, self.values, 0.0)
         values = np.where(kept, np.maximum(self.values, self.lower), absent)
         free = kept.copy()
-        while free.any():
-            pull = (gradient + curvature @ (values - self.values))[free]
-            step = _solved(curvature[np.ix_(free, free)], -pull)
-            if step is None:
-                return None
-            reached = values[free] + step
-            low = reached < self.lower[free]
-            values[free] = np.maximum(reached, self.lower[free])
-            if not low.any():
-                break
-            free[np.flatnonzero(free)[low]] = False
+        rows = np.flatnonzero(free.any(axis=1))
+        while rows.size:
+            pull = gradient + (values[rows] - self.values) @ curvature
+            reached = values[rows] + _solved(curvature, -pull, free[rows])
+            low = free[rows] & (reached < self.lower)
+            values[rows] = np.where(free[rows], np.maximum(reached, self.lower), values[rows])
+            free[rows] &= ~low
+            rows = rows[low.any(axis=1) & free[rows].any(axis=1)]
         return values
 
 
-def _solved(matrix: Samples, target: Samples) -> Samples | None:
-    """Solve normal equations, whatever the units; None if they are singular."""
-    scale = np.sqrt(np.diag(matrix))
-    if not (scale > 0).all():
-        return None
-    eigenvalues, axes = np.linalg.eigh(matrix / np.outer(scale, scale))
-    if eigenvalues[0] < _SINGULAR * eigenvalues[-1]:
-        return None
-    return np.asarray(axes @ (axes.T @ (target / scale) / eigenvalues) / scale)
+def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Samples:
+    """Solve (n, n) normal equations for (t, n) targets, whatever the units.
+
+    Each of the t solutions has only the unknowns that are ``free`` in it, the others being 0; it is
+    nan where they are not determined.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    lost = np.asarray((free & ~(scale > 0)).any(axis=1))
+    scale = np.where(scale > 0, scale, 1.0)
+    asked = free & ~lost[:, np.newaxis]
+    both = asked[:, :, np.newaxis] & asked[:, np.newaxis, :]
+    eigenvalues, axes = np.linalg.eigh(
+        np.where(both, matrix / np.outer(scale, scale), np.eye(scale.size))
+    )
+    lost |= np.asarray(eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1])
+    eigenvalues[lost] = np.nan
+    turned = np.einsum("tnm,tn->tm", axes, np.where(asked, targets / scale, 0.0))
+    return np.asarray(np.einsum("tnm,tm->tn", axes, turned / eigenvalues) / scale)

@@ -189,9 +189,9 @@ def choose_terms(
     return TermChoice(
         names=(*always, *chosen.terms),
         terms=chosen.terms,
-        values=chosen.values(always),
+        values=chosen.values,
         settings=chosen.nested.settings,
-        rivals=tuple(trial.values(always) for trial in as_good if trial is not chosen),
+        rivals=tuple(trial.values for trial in as_good if trial is not chosen),
         not_helping=tuple(
             name
             for name in offered
@@ -202,21 +202,21 @@ def choose_terms(
 
 
 class _Trial(NamedTuple):
-    """A set of terms, where it was fitted, and (k,) errors of logs that it had not seen."""
+    """A set of terms, where it was fitted, what to, and (k,) errors of logs not seen before."""
 
     terms: tuple[str, ...]
     nested: Nested
+    fitted: Samples
     errors: Samples
 
     @property
     def score(self) -> float:
         return float(self.errors.mean())
 
-    def values(self, always: Sequence[str]) -> dict[str, float]:
-        nested = self.nested
-        values = nested.fitted(_kept(nested, always, self.terms))
-        assert values is not None  # noqa: S101 - its parts determine it
-        return dict(zip(nested.names, values.tolist(), strict=True)) | nested.settings
+    @property
+    def values(self) -> dict[str, float]:
+        named = zip(self.nested.names, self.fitted.tolist(), strict=True)
+        return dict(named) | self.nested.settings
 
 
 def _all_trials(
@@ -249,17 +249,19 @@ def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> I
     tells = np.einsum("kii->i", nested.curvature) > 0
     told = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
     free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
+    sets: list[tuple[str, ...]] = []
     for count in range(len(free) + 1):
         for more in combinations(free, count):
             wanted = {*more, *must}
             wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS} & told
-            terms = tuple(name for name in nested.names if name in wanted and name not in always)
-            errors = nested.held_out(_kept(nested, always, terms))
-            if errors is None:
-                continue
-            trial = _Trial(terms, nested, np.sqrt(errors))
-            if demanded or not _excess_over_none(trial, always):
-                yield trial
+            sets.append(tuple(n for n in nested.names if n in wanted and n not in always))
+    kept = _kept(nested, always, sets)
+    for terms, fitted, errors in zip(sets, nested.fitted(kept), nested.held_out(kept), strict=True):
+        if np.isnan(errors).any():
+            continue
+        trial = _Trial(terms, nested, fitted, np.sqrt(errors))
+        if demanded or not _excess_over_none(trial):
+            yield trial
 
 
 def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
@@ -267,16 +269,16 @@ def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) 
     if nested.demanded and not demanded:
         return
     terms = tuple(name for name in nested.names if name in {*nested.demanded, *demanded})
-    values = nested.fitted(_kept(nested, always, terms))
-    if values is not None:
-        yield _Trial(terms, nested, np.sqrt(nested.costs(values)))
+    values = nested.fitted(_kept(nested, always, [terms]))
+    if not np.isnan(values).any():
+        yield _Trial(terms, nested, values[0], np.sqrt(nested.costs(values))[0])
 
 
-def _excess_over_none(trial: _Trial, always: Sequence[str]) -> bool:
+def _excess_over_none(trial: _Trial) -> bool:
     """Whether all friction at rest would be Stribeck's: it then stands for something else."""
     if "stribeck" not in trial.terms:
         return False
-    found = trial.values(always)
+    found = trial.values
     return "coulomb" in found and found["stribeck"] > 0 and found["coulomb"] <= 0
 
 
@@ -288,9 +290,11 @@ def _as_good(trial: _Trial, best: _Trial) -> bool:
     return bool(worse.mean() <= slack)
 
 
-def _kept(nested: Nested, always: Sequence[str], terms: Sequence[str]) -> NDArray[np.bool_]:
-    wanted = {*always, *terms}
-    return np.array([name in wanted for name in nested.names])
+def _kept(
+    nested: Nested, always: Sequence[str], sets: Sequence[Sequence[str]]
+) -> NDArray[np.bool_]:
+    """(t, n) which of the names of a fit each of t sets of terms has."""
+    return np.array([[name in {*always, *terms} for name in nested.names] for terms in sets])
 
 
 def missing_terms(found: ParameterEstimate, best: Mapping[str, float]) -> list[Finding]:

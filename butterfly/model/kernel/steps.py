@@ -61,6 +61,7 @@ def advance(state, drives, h, c, tape, column):
             note(STEP, 0.0, 1.0, 0.0, tape)
         return after
     begin = 0.0
+    onward = 1.0 if c.p1 > 0.0 else -1.0  # what has a negative inertia sets out against the torque
     for _ in range(MAX_REVERSALS):
         x, v, m, z = state
         sign = np.sign(v)
@@ -68,7 +69,7 @@ def advance(state, drives, h, c, tape, column):
         if v == 0.0:
             load = pull(x, c)
             net = (m if c.lag > 0.0 else drive_at(drives, begin)) + load
-            sign = np.sign(net)
+            sign = np.sign(net) * onward
             if abs(net) <= holding and holding > 0.0:
                 rest = _rest(state, drives, begin, h, c, tape)
                 later, final = 1.0, rest[M] + load
@@ -87,6 +88,7 @@ def advance(state, drives, h, c, tape, column):
                     tape[row, STAGE + 3] = later
                     note(LOOSE, begin, 0.0, sign, tape)
                 begin = later
+                sign *= onward
                 loosened = True
         share = 1.0 - begin
         after = _runge_kutta(state, drives, begin, share, h, sign, c, tape)

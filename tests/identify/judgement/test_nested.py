@@ -45,39 +45,38 @@ def _anew(rows, target, kept, lower=FREE):
     return values
 
 
-SUBSETS = [np.array(each) for each in ([1, 1, 1, 1], [1, 1, 0, 0], [1, 0, 1, 1], [0, 1, 0, 1])]
+SUBSETS = np.array([[1, 1, 1, 1], [1, 1, 0, 0], [1, 0, 1, 1], [0, 1, 0, 1]], dtype=bool)
+EVERYTHING = SUBSETS[:1]
 
 
-@pytest.mark.parametrize("kept", [each.astype(bool) for each in SUBSETS])
-def test_a_fit_with_fewer_terms_is_that_of_the_remaining_columns(kept):
+def test_fits_with_fewer_terms_are_those_of_the_remaining_columns():
     rows, target, nested = _problem()
-    found = nested.fitted(kept)
-    np.testing.assert_allclose(found / UNITS, _anew(rows, target, kept) / UNITS, atol=1e-9)
-    left = np.sum((rows @ found - target) ** 2, axis=1)
-    np.testing.assert_allclose(nested.costs(found), left, rtol=1e-9)
+    found = nested.fitted(SUBSETS)
+    for kept, values, costs in zip(SUBSETS, found, nested.costs(found), strict=True):
+        np.testing.assert_allclose(values / UNITS, _anew(rows, target, kept) / UNITS, atol=1e-9)
+        np.testing.assert_allclose(costs, np.sum((rows @ values - target) ** 2, axis=1), rtol=1e-9)
 
 
-@pytest.mark.parametrize("kept", [each.astype(bool) for each in SUBSETS])
 @pytest.mark.parametrize("folds", [np.arange(LOGS), np.array([0, 0, 1, 1, 2, 2])])
-def test_errors_of_what_was_left_out_are_those_of_a_fit_to_the_rest(kept, folds):
+def test_errors_of_what_was_left_out_are_those_of_fits_to_the_rest(folds):
     rows, target, nested = _problem(folds=folds)
-    expected = np.empty(LOGS)
-    for part in np.unique(folds):
-        mine = folds == part
-        values = _anew(rows[~mine], target[~mine], kept)
-        expected[mine] = np.sum((rows[mine] @ values - target[mine]) ** 2, axis=1)
-    np.testing.assert_allclose(nested.held_out(kept), expected, rtol=1e-9)
+    expected = np.empty((len(SUBSETS), LOGS))
+    for kept, errors in zip(SUBSETS, expected, strict=True):
+        for part in np.unique(folds):
+            mine = folds == part
+            values = _anew(rows[~mine], target[~mine], kept)
+            errors[mine] = np.sum((rows[mine] @ values - target[mine]) ** 2, axis=1)
+    np.testing.assert_allclose(nested.held_out(SUBSETS), expected, rtol=1e-9)
 
 
 def test_a_bound_holds_what_the_data_would_have_beyond_it():
     lower = np.array([-np.inf, -np.inf, 0.0, 0.0])
     rows, target, nested = _problem(lower=lower)
-    everything = np.ones(4, dtype=bool)
-    found = nested.fitted(everything)
-    assert found[3] == 0.0
-    np.testing.assert_allclose(
-        found / UNITS, _anew(rows, target, everything, lower) / UNITS, atol=1e-7
-    )
+    found = nested.fitted(SUBSETS)
+    assert found[0, 3] == 0.0
+    for kept, values in zip(SUBSETS, found, strict=True):
+        expected = _anew(rows, target, kept, lower)
+        np.testing.assert_allclose(values / UNITS, expected / UNITS, atol=1e-7)
 
 
 def test_what_the_data_do_not_determine_has_no_fit():
@@ -86,20 +85,26 @@ def test_what_the_data_do_not_determine_has_no_fit():
     nested = Nested.of(
         rows, -target, names=NAMES, values=np.zeros(4), lower=FREE, folds=np.arange(LOGS)
     )
-    everything = np.ones(4, dtype=bool)
-    assert nested.fitted(everything) is None
-    assert nested.held_out(everything) is None
-    assert nested.fitted(np.array([True, True, True, False])) is not None
+    sets = np.array([[True, True, True, True], [True, True, True, False]])
+    for found in (nested.fitted(sets), nested.held_out(sets)):
+        assert np.isnan(found[0]).any()
+        assert np.isfinite(found[1]).all()
 
 
 def test_one_part_foretells_nothing():
     _, _, nested = _problem(folds=np.zeros(LOGS, dtype=int))
-    assert nested.held_out(np.ones(4, dtype=bool)) is None
+    assert np.isnan(nested.held_out(EVERYTHING)).all()
+
+
+def test_what_ran_away_is_no_lack_of_data():
+    _, _, nested = _problem()
+    away = replace(nested, cost=np.full(LOGS, np.nan))
+    assert np.isposinf(away.held_out(EVERYTHING)).all()
 
 
 def test_a_companion_that_is_absent_keeps_its_value_and_other_terms_are_nothing():
     _, _, nested = _problem()
     nested = replace(nested, names=("p1", "p3", "stribeck", "stribeck_velocity"))
-    found = nested.fitted(np.array([True, True, False, False]))
+    (found,) = nested.fitted(np.array([[True, True, False, False]]))
     assert found[2] == 0.0
     assert found[3] == nested.values[3]

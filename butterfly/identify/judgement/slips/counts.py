@@ -10,7 +10,7 @@ import numpy as np
 
 from butterfly.identify.judgement.slips.hypotheses import of_angle
 from butterfly.identify.judgement.slips.names import Slip
-from butterfly.identify.judgement.slips.trial import Explanation, attempt
+from butterfly.identify.judgement.slips.trial import Explanation, attempt, attempt_roughly
 
 if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
@@ -51,16 +51,16 @@ def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
     )
     least, most = (2 * math.pi * swing / each for each in reversed(_SWINGS))
     numbers = [each for each in PER_TURN if least <= each <= most]
-    tried = {k: _with(data, estimator, each) for k, each in list(enumerate(numbers))[::_COARSE]}
-    if not tried:
+    every = [of_angle(Slip.COUNTS, 2 * math.pi / each) for each in numbers]
+    coarse = {
+        k: attempt_roughly(every[k].undo, data, estimator).misfit
+        for k in range(0, len(every), _COARSE)
+    }
+    if not coarse:
         return []
-    best = min(tried, key=lambda k: tried[k].misfit)
-    near = range(max(best - _COARSE + 1, 0), min(best + _COARSE, len(numbers)))
-    tried |= {k: _with(data, estimator, numbers[k]) for k in near if k not in tried}
-    return [replace(min(tried.values(), key=lambda each: each.misfit), last=not whole)]
-
-
-def _with(data: DataSet, estimator: Estimator, per_turn: int) -> Explanation:
-    hypothesis = of_angle(Slip.COUNTS, 2 * math.pi / per_turn)
-    trial = attempt(hypothesis.undo, data, estimator)
-    return Explanation.of(hypothesis.slip, hypothesis.factor, trial)
+    best = min(coarse, key=lambda k: coarse[k])
+    near = every[max(best - _COARSE + 1, 0) : best + _COARSE]
+    tried = [
+        Explanation.of(each.slip, each.factor, attempt(each.undo, data, estimator)) for each in near
+    ]
+    return [replace(min(tried, key=lambda each: each.misfit), last=not whole)]

@@ -15,13 +15,20 @@ from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identify.judgement.mass_consistency import Correction, disagreeing
 from butterfly.identify.judgement.slips.hypotheses import carrying
 from butterfly.identify.judgement.slips.names import Slip
-from butterfly.identify.judgement.slips.trial import FOLLOWED, Explanation, attempt, judged, thinned
+from butterfly.identify.judgement.slips.trial import (
+    FOLLOWED,
+    NOTHING,
+    Explanation,
+    Trial,
+    attempt_roughly,
+    judged,
+    thinned,
+)
 
 if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.identify.estimators import Estimator
-    from butterfly.identify.judgement.slips.trial import Trial
     from butterfly.model.parameters import AddedMass
 
 _ROUNDS = 8  # in which a mass is corrected about the parameters found with it
@@ -63,11 +70,7 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
         :_LOGS
     ]
     tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
-    possible = [
-        each
-        for each in tried
-        if each is not None and each.trial.physical and each.trial.misfit < FOLLOWED
-    ]
+    possible = [each for each in tried if each is not None and each.trial.misfit < FOLLOWED]
     least = min((each.left for each in possible), default=0.0)
     agreeing = [each for each in possible if each.left <= 2 * least]
     return [_explanation(data, each, len(agreeing)) for each in agreeing]
@@ -106,9 +109,11 @@ def mass_of_unfollowed(data: DataSet, estimate: ParameterEstimate) -> list[Expla
         if each.kind is FindingKind.UNFOLLOWED
         for name in each.logs
     }
-    trial = judged(data, estimate)
     numbers = [k for k, log in enumerate(data.logs) if log.name in unfollowed]
-    if len(numbers) > _LOGS or not trial.physical:
+    if not 0 < len(numbers) <= _LOGS:
+        return []
+    trial = judged(data, estimate)
+    if trial is NOTHING:
         return []
     found = []
     for number in numbers:
@@ -118,7 +123,7 @@ def mass_of_unfollowed(data: DataSet, estimate: ParameterEstimate) -> list[Expla
             suspect = Correction(
                 told=told, logs=(number,), change=mass.mass - told.mass, evidence=math.inf
             )
-            alone = replace(trial, misfits=np.array([misfit]))
+            alone = Trial(misfits=np.array([misfit]))
             corrected = _Corrected(suspect=suspect, mass=mass, trial=alone, left=0.0)
             found.append(_explanation(data, corrected, 1))
     return found
@@ -160,7 +165,7 @@ def _suspects_alone(data: DataSet, quick: Estimator) -> list[Correction]:
     misfits = []
     for number in numbers:
         rest = thinned(data.take([k for k in numbers if k != number]))
-        misfits.append(attempt(lambda same: same, rest, quick).misfit)
+        misfits.append(attempt_roughly(lambda same: same, rest, quick).misfit)
     worst = int(np.argmin(misfits))
     if misfits[worst] > FOLLOWED:
         return []

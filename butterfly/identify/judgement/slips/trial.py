@@ -28,6 +28,7 @@ FOLLOWED = 0.6
 
 _MOST_STEPS = 200_000  # samples that are simulated for a trial, about
 _NONE = 1e3  # misfit of logs that no joint explains
+_HOPELESS = 1.0  # misfit without any terms, from which on terms do not help
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,51 +39,62 @@ class Trial:
     ----------
     misfits
         (n,) 1 - FIT/100 of each log: 0 is perfect, 1 no better than a constant.
-    physical
-        Whether a joint can have the parameters.
-    estimate
-        The parameters; None if there are none.
     """
 
     misfits: NDArray[np.float64]
-    physical: bool
-    estimate: ParameterEstimate | None = None
 
     @property
     def misfit(self) -> float:
-        """Median over the logs; of what no joint can be, worse than any."""
-        return float(np.median(self.misfits)) if self.physical else _NONE
+        """Median over the logs."""
+        return float(np.median(self.misfits))
 
 
-NOTHING = Trial(misfits=np.array([_NONE]), physical=False)
-"""Of logs from which nothing can be estimated."""
+NOTHING = Trial(misfits=np.array([_NONE]))
+"""Of logs that tell no parameters, or such as no joint can have."""
 
 
 def attempt(undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estimator) -> Trial:
-    """Undo a slip, estimate quickly, and simulate."""
+    """Undo a slip, estimate, and simulate; roughly at first, and no more if that is hopeless."""
+    rough = attempt_roughly(undo, data, estimator)
+    if rough is not NOTHING and rough.misfit > _HOPELESS:
+        return rough
+    return _attempted(undo, data, estimator)
+
+
+def attempt_roughly(
+    undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estimator
+) -> Trial:
+    """Undo a slip, estimate without terms, and simulate."""
+    return _attempted(undo, data, estimator.roughly)
+
+
+def _attempted(
+    undo: Callable[[DataSet], DataSet],
+    data: DataSet,
+    estimate: Callable[[DataSet], ParameterEstimate],
+) -> Trial:
     try:
         with np.errstate(all="ignore"):
             undone = undo(data)
-            return judged(undone, estimator(undone))
+            return judged(undone, estimate(undone))
     except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
         return NOTHING
 
 
 def judged(data: DataSet, estimate: ParameterEstimate) -> Trial:
-    """Simulate logs with an estimate, and tell whether a joint can be so.
+    """Simulate logs with an estimate, if a joint can be so.
 
     Logs are simulated whole, unless the estimate says otherwise: wrong units make any motion look
     as if small causes grew.
     """
     if not np.isfinite(estimate.values).all():
         return NOTHING
+    if any(each.severity is Severity.WARNING for each in judge_physics(estimate, data.masses)):
+        return NOTHING
     whole = replace(estimate, horizon=estimate.horizon or math.inf)
     fits = Predictor(data).fits(whole)
     misfits = np.nan_to_num(1 - fits / 100, nan=_NONE, posinf=_NONE)
-    physical = not any(
-        each.severity is Severity.WARNING for each in judge_physics(estimate, data.masses)
-    )
-    return Trial(misfits=np.minimum(misfits, _NONE), physical=physical, estimate=estimate)
+    return Trial(misfits=np.minimum(misfits, _NONE))
 
 
 @dataclass(frozen=True, kw_only=True)
