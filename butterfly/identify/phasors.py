@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.kinematics import Motion
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import LumpedParameters
@@ -153,31 +152,48 @@ class Phasors:
 
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
-        hand = replace(self.described(values), delay=0.0)
-        slopes = np.empty(self.omega.size)
-        largest = max(mass.inertia for mass in self.masses)
-        for mass, rows in self._of_mass.items():
-            loaded = hand.with_added_mass(mass)
-            least = _LEAST_SLOPE * max(abs(loaded.p1), largest) * self.omega[rows] ** 2
-            slopes[rows] = np.maximum(_slope(loaded, self.omega[rows], self.swing[rows]), least)
-        return slopes
+        found = self.known.exact | dict(zip(self.names, values.tolist(), strict=True))
+        inertia = self._inertia + found.get("p1", 0.0)
+        acting = {**found, "p1": inertia, "p3": self._moment + found.get("p3", 0.0)}
+        torques = sum(acting[name] * each for name, each in self._swings.items())
+        below, there, above = np.asarray(torques)
+        radial = (above - below) / (2 * _SWING_STEP * self.swing)
+        tangential = there / self.swing
+        least = _LEAST_SLOPE * np.maximum(np.abs(inertia), self._inertia.max()) * self.omega**2
+        rms = np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2)
+        return np.asarray(np.maximum(rms, least))
 
     @cached_property
-    def _of_mass(self) -> dict[AddedMass, NDArray[np.intp]]:
-        """Rows of each added mass."""
-        numbers: dict[AddedMass, list[int]] = {}
-        for number, mass in enumerate(self.masses):
-            numbers.setdefault(mass, []).append(number)
-        return {mass: np.array(rows, dtype=np.intp) for mass, rows in numbers.items()}
+    def _inertia(self) -> NDArray[np.float64]:
+        """(n,) in kg m^2, of the added masses."""
+        return np.array([mass.inertia for mass in self.masses])
+
+    @cached_property
+    def _moment(self) -> NDArray[np.float64]:
+        """(n,) gravity moments in N m of the added masses."""
+        return np.array([mass.gravity_moment for mass in self.masses])
 
     @cached_property
     def _columns(self) -> dict[str, NDArray[np.complex128]]:
         """What parameters multiply, the motor's torque aside: (n,) each."""
+        described = self._described(self.swing)
+        return {name: np.asarray(each * self.angle) for name, each in described.items()}
+
+    @cached_property
+    def _swings(self) -> dict[str, NDArray[np.complex128]]:
+        """What they multiply in swings a little narrower, as they are, and wider: (3, n) each."""
+        steps = np.array([[1 - _SWING_STEP], [1.0], [1 + _SWING_STEP]])
+        described = self._described(steps * self.swing)
+        return {name: np.asarray(each * steps * self.swing) for name, each in described.items()}
+
+    def _described(self, swing: NDArray[np.float64]) -> dict[str, NDArray[np.complex128]]:
+        """Return the describing functions of what acts, at (..., n) swings in rad."""
         weight = np.array([mass.weight for mass in self.masses])
-        settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity)
+        periods = self.known.exact.get("cogging_periods", FrictionTerms.cogging_periods)
+        settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         motion = Motion.of(settings, 0.0, 0.0, weight=weight)
         return {
-            row.name: np.asarray(row.describing(self.omega, self.swing, motion) * self.angle)
+            row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()
             if row.describing is not None
             and row.name in {*self.names, *self.known.exact, "p1", "p3"}
@@ -189,21 +205,8 @@ class Phasors:
 
         So do the parameters that are known exactly, but for the motor's.
         """
-        inertia = np.array([mass.inertia for mass in self.masses])
-        moment = np.array([mass.gravity_moment for mass in self.masses])
-        carried = inertia * self._columns["p1"] + moment * self._columns["p3"]
+        carried = self._inertia * self._columns["p1"] + self._moment * self._columns["p3"]
         for name, value in self.known.exact.items():
             if name in self._columns:
                 carried = carried + value * self._columns[name]
         return np.asarray(self.remainder - carried)
-
-
-def _slope(
-    loaded: LumpedParameters, omega: NDArray[np.float64], swing: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Rms, over its directions, of the slope of torque in angle at the swings of some logs."""
-    h = _SWING_STEP * swing
-    swings = np.array([swing - h, swing, swing + h])
-    below, there, above = loaded.p4 * (swings / quasi_linear_response(loaded, omega, swings))
-    radial, tangential = (above - below) / (2 * h), there / swing
-    return np.asarray(np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2))

@@ -23,8 +23,13 @@ COMMANDS = {
 }
 
 
-def _arguments(command, data, saved):
-    told = (data, "--with", saved) if command == "predict" else (data,)
+def _arguments(butterfly, command, data, folder, identified=None):
+    """Words of a command about data; those that foretell need what was identified before."""
+    told = (data,)
+    if command == "predict":
+        saved = folder / "saved.json"
+        butterfly("identify", identified or data, "--save", saved)
+        told = (data, "--with", saved)
     return (*command.split(), *told, *COMMANDS[command])
 
 
@@ -37,14 +42,11 @@ def impossible(quick_data, tmp_path_factory):
 def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_code_3(
     butterfly, quick_data, tmp_path, monkeypatch, command
 ):
-    saved = tmp_path / "saved.json"
-    butterfly("identify", quick_data, "--save", saved)
-    code, out, err = butterfly(*_arguments(command, quick_data, saved))
+    code, out, err = butterfly(*_arguments(butterfly, command, quick_data, tmp_path))
     assert (code, err) == (ExitCode.DONE, "")
     assert out.splitlines()[0] == GOOD
     follow_nothing(monkeypatch)
-    butterfly("identify", quick_data, "--save", saved)
-    code, out, err = butterfly(*_arguments(command, quick_data, saved))
+    code, out, err = butterfly(*_arguments(butterfly, command, quick_data, tmp_path))
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
     first, *rest = out.splitlines()
     assert first.startswith("Do not use: ")
@@ -57,10 +59,8 @@ def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_co
 def test_nothing_is_made_of_values_that_no_joint_has(
     butterfly, impossible, quick_data, tmp_path, command
 ):
-    saved = tmp_path / "saved.json"
-    assert butterfly("identify", impossible, "--save", saved)[0] == ExitCode.NOT_TO_BE_USED
     data = quick_data if command == "predict" else impossible
-    code, out, err = butterfly(*_arguments(command, data, saved))
+    code, out, err = butterfly(*_arguments(butterfly, command, data, tmp_path, impossible))
     assert (code, out) == (ExitCode.NOT_TO_BE_USED, "")
     assert err.startswith("error: Do not use: No joint has these values: p1 leaves an inertia of")
     assert err.count("\n") == 1
@@ -73,7 +73,8 @@ def test_the_numbers_and_the_page_say_the_verdict(
     follow_nothing(monkeypatch)
     saved, report = tmp_path / "saved.json", tmp_path / "r.html"
     butterfly("identify", quick_data, "--save", saved)
-    code, out, _ = butterfly(*_arguments(command, quick_data, saved), "--report", report)
+    words = _arguments(butterfly, command, quick_data, tmp_path)
+    code, out, _ = butterfly(*words, "--report", report)
     assert code == ExitCode.NOT_TO_BE_USED
     numbers = json.loads(report.with_suffix(".json").read_text(encoding="utf-8"))
     assert numbers["verdict"] == "do not use"

@@ -134,6 +134,16 @@ def test_a_term_may_be_known():
     assert vague.parameters.drag == pytest.approx(1e-3, rel=0.05)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_known_cogging_acts_as_often_in_a_turn_as_is_known(method):
+    robot = replace(ROBOT, cogging=0.003, cogging_periods=7.0)
+    data = knowing(steady(robot, SWINGS), cogging=0.003, cogging_periods=7.0)
+    estimate = METHODS[method](data)
+    for name in LINEAR:
+        assert found(estimate)[name] == pytest.approx(getattr(robot, name), rel=1e-3), name
+    assert estimate.parameters.cogging_periods == 7.0
+
+
 def test_what_a_method_cannot_use_is_refused_with_one_that_can(sines):
     with pytest.raises(InputError, match=r"known.tilt: got 0.1; expected the method output-error"):
         METHODS["harmonic-balance"](knowing(sines, p4=1, tilt=0.1))

@@ -62,7 +62,7 @@ class DescribingFit:
         delay, gain = known.get("delay", 0.0), known.get("p4", 0.0)
         for _ in range(_MAX_ITERATIONS):
             matrix, target = phasors.equations(delay)
-            regression = _regression(phasors, weights, delay, gain)
+            regression = _regression(phasors, (matrix, target), weights, delay, gain)
             solution = regression.solve()
             before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
             values = solution.values
@@ -118,7 +118,9 @@ class DescribingFit:
         Their unknowns are the parameters, but for the delay: of that, p4 (delay - this one's).
         """
         known = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
-        regression = _regression(phasors, self.weights, self._delay, self.parameters.p4)
+        balance = phasors.equations(self._delay)
+        gain = self.parameters.p4
+        regression = _regression(phasors, balance, self.weights, self._delay, gain)
         unknowns = np.array([0.0 if n == "delay" else known.get(n, 0.0) for n in phasors.names])
         residuals = regression.rows @ unknowns - regression.target
         count = phasors.omega.size
@@ -152,9 +154,14 @@ class DescribingFit:
 
 
 def _regression(
-    phasors: Phasors, weights: NDArray[np.float64], delay: float, gain: float
+    phasors: Phasors,
+    balance: tuple[NDArray[np.complex128], NDArray[np.complex128]],
+    weights: NDArray[np.float64],
+    delay: float,
+    gain: float,
 ) -> Regression:
-    matrix, target = phasors.equations(delay)
+    """Weigh the equations of a balance about a delay."""
+    matrix, target = balance
     return Regression(
         names=phasors.names,
         rows=_real(matrix * weights[:, None]),

@@ -111,7 +111,9 @@ class HarmonicBalance(Estimator):
 
     def roughly(self, data: DataSet) -> ParameterEstimate:
         """Estimate without terms, as far as describing functions go (see `Estimator`)."""
-        return self.with_terms(()).of_points(data.sines, data.known)
+        require_usable(self.method, data.known)
+        reference, fit = _begun(data.sines, data.known, PARAMETERS)
+        return _judged(data.sines, fit, _NAME, [], reference, check=False)
 
     def of_points(
         self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING

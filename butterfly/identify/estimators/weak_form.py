@@ -15,6 +15,7 @@ function of the motion. The delay enters as p4 d int phi' u, about the current o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -134,11 +135,13 @@ class WeakForm(Estimator):
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         reference = Reference.of(masses, known, driven=driven)
-        windows = [self._windows(log, reading_of(log, zeros)) for log in logs]
+        periods = known.exact.get("cogging_periods", self.cogging_periods)
+        window = partial(self._windows, periods=periods)
+        windows = [window(log, reading_of(log, zeros)) for log in logs]
         chosen = WeakTerms.of(windows, self.terms, reference.held, check=self.check)
-        held = chosen.held | {"cogging_periods": self.cogging_periods}
+        held = chosen.held | {"cogging_periods": periods}
         parameters = LumpedParameters(**held | chosen.fit.values)
-        pairs = seen(logs, windows, parameters, zeros, self._windows)
+        pairs = seen(logs, windows, parameters, zeros, window)
         fit = refined(chosen.fit, pairs)
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
@@ -165,8 +168,8 @@ class WeakForm(Estimator):
         )
         return found.with_findings(*missing_terms(found, chosen.best))
 
-    def _windows(self, log: Log, zero: float) -> Windows:
+    def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf
-        settings = FrictionTerms(cogging_periods=self.cogging_periods)
+        settings = FrictionTerms(cogging_periods=periods)
         half_width = min(self.half_width, period / 4)
         return Windows(log.added_mass, Averaging(log, zero, half_width, settings))
