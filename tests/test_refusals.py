@@ -106,7 +106,7 @@ CASES = {
     ),
     "too few sines": Case(
         f"identify sine.yaml {BALANCE} {GAIN}",
-        "1 logs give 2 equations for 5 parameters",
+        "1 log gives 2 equations for 5 parameters",
         (f"identify sines.yaml {BALANCE} {GAIN}",),
     ),
     "a mass without an arm": Case(

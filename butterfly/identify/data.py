@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identify.implied import implied
+from butterfly.identify.implied import beside_masses, implied
 from butterfly.identify.judgement.knowledge import is_driven
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
@@ -112,7 +112,7 @@ class DataSet:
             manifest=manifest,
             input_kind=recorded[0].input_kind,
             told=told,
-            known=_implied(told, recorded[0]),
+            known=_implied(told, recorded),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in examined),
@@ -197,7 +197,7 @@ class DataSet:
         told = self.told.also(known)
         held = None if self.held is None else self.held.knowing(known)
         return replace(
-            self, told=told, known=_implied(told, self.logs[0]), manifest=manifest, held=held
+            self, told=told, known=_implied(told, self.recorded), manifest=manifest, held=held
         )
 
     def with_zero(self, zero: Known) -> DataSet:
@@ -289,18 +289,20 @@ def _of_logs(logs: Sequence[Log]) -> Knowledge:
     return Knowledge(parameters={name: zero for name, holds in absent.items() if holds})
 
 
-def _implied(told: Knowledge, log: Log) -> Knowledge:
-    """Return what is told, and what follows, of the joint that made a log.
+def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
+    """Return what is told, and what follows, of the joint that made some logs.
 
     Raises
     ------
     InputError
         If it cannot be.
     """
+    first = logs[0]
     moment = told.parameters.get("p3")
-    if moment is not None and moment != Known(value=0.0) and not log.added_mass.gravity:
+    if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
-    return implied(told, log.input_kind, log.added_mass.joint)
+    known = implied(told, first.input_kind, first.added_mass.joint)
+    return beside_masses(known, {log.added_mass for log in logs})
 
 
 def turns_over(log: Log, zero: float) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError
@@ -13,11 +13,13 @@ from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import JointKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from butterfly.identify.quantities import Formula
+    from butterfly.model.parameters import AddedMass
 
 _ROUNDING = 1e-3  # relative; by which exact numbers may differ
+_NEXT_TO_EXACT = 1e-8  # of the largest added mass's share, an uncertainty that is none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +51,32 @@ _MOVING_MASS = Relation(
     needs=("hand_mass", "gear_ratio", "rotor_inertia"),
     formula=lambda of: of["hand_mass"] + of["gear_ratio"] ** 2 * of["rotor_inertia"],
 )
+
+
+def beside_masses(known: Knowledge, masses: Iterable[AddedMass]) -> Knowledge:
+    """Return what is known of p1 and p3, next to exactly where it stands beside uncertain masses.
+
+    How far masses that were weighed badly move the other parameters is told by how these two do:
+    they have to be among those that are fitted.
+
+    Parameters
+    ----------
+    known
+        Of the robot.
+    masses
+        What it carried.
+    """
+    doubtful = [mass for mass in masses if mass.mass_uncertainty or mass.arm_uncertainty]
+    largest = {
+        "p1": max((mass.inertia for mass in doubtful), default=0.0),
+        "p3": max((mass.gravity_moment for mass in doubtful), default=0.0),
+    }
+    softened = {
+        name: Known(value=known.exact[name], uncertainty=_NEXT_TO_EXACT * size)
+        for name, size in largest.items()
+        if name in known.exact and size
+    }
+    return replace(known, parameters={**known.parameters, **softened}) if softened else known
 
 
 def with_gear(physical: Mapping[str, Known], joint: JointKind) -> dict[str, Known]:

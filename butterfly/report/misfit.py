@@ -40,12 +40,17 @@ _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and i
 def misfit_sentences(misfit: Misfit) -> list[str]:
     """Say what the free runs of all logs leave over, and what that looks like."""
     return [
-        f"{misfit.outside} of {len(misfit.logs)} logs leave over more than their sensors explain "
+        f"{misfit.outside} of {_logs_leave(len(misfit.logs))} sensors explain "
         f"(95 % bands); over all logs the error is {100 * misfit.relative:.2g} % of the motion, "
         f"{100 * misfit.left:.2g} % after small changes of the parameters, and the sensors' is "
         f"{100 * misfit.explained:.2g} %.",
         *said_of(misfit.findings, {}),
     ]
+
+
+def _logs_leave(count: int) -> str:
+    leave = "log leaves over more than its" if count == 1 else "logs leave over more than their"
+    return f"{count} {leave}"
 
 
 def misfit_table(logs: Iterable[LogMisfit]) -> Table:

@@ -46,8 +46,12 @@ def summary(identification: Identification) -> list[str]:
         *held_out_sentences(identification.held_out),
         *_known(estimate),
         *others,
-        f"{flagged} of {len(data.logs)} logs have findings in their health record.",
+        f"{flagged} of {_logs_have(len(data.logs))} health record.",
     ]
+
+
+def _logs_have(count: int) -> str:
+    return "1 log has findings in its" if count == 1 else f"{count} logs have findings in their"
 
 
 def _stretch(fit: FitSummary, data: DataSet) -> str:
@@ -162,7 +166,7 @@ def _simulations(finding: Finding, _: Values) -> str:
     how = "converged"
     if finding.severity is Severity.WARNING:
         how = "did not converge: do not trust the values"
-    return f"The fit {how}, after {_number(finding):.0f} simulations of every log."
+    return f"The fit {how}, after {counted(_number(finding), 'simulation')} of every log."
 
 
 def _on_bound(finding: Finding, _: Values) -> str:
@@ -296,6 +300,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.INSEPARABLE: lambda f, _: (
         f"Not fitted, since these data cannot tell {_joined(f)} from the other terms."
+    ),
+    FindingKind.ADDS_UP: lambda f, _: (
+        f"Fitted over stretches of {_number(f):g} s, since nothing brings the joint back from what "
+        "the model lacks, and over longer ones that adds up to more than the noise."
     ),
     FindingKind.OTHER_END: lambda f, _: (
         "Started elsewhere the fit ends elsewhere, where it follows the logs less well "

@@ -33,6 +33,7 @@ NUMBERS = {
     FindingKind.FEW_LOGS: (2.0, "2 logs"),
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.UNFORETOLD: (41.2, "41.2 %"),
+    FindingKind.ADDS_UP: (0.5, "0.5 s"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
@@ -47,7 +48,7 @@ NAMELESS = {
     *(FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.LEFT_OUT),
     *(FindingKind.UNPREDICTABLE, FindingKind.FEW_LOGS, FindingKind.REST_APART),
     *(FindingKind.UNCHECKED, FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
-    *(FindingKind.UNFORETOLD, FindingKind.ZERO_GUESSED),
+    *(FindingKind.UNFORETOLD, FindingKind.ZERO_GUESSED, FindingKind.ADDS_UP),
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
 

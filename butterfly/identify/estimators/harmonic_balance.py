@@ -91,7 +91,7 @@ class HarmonicBalance(Estimator):
         require_usable(self.method, data.known)
         numbers, said = steady_sines(data)
         points = [point for k in numbers if (point := data.points[k]) is not None]
-        _refuse_unsteady(len(data.sines), len(points))
+        _refuse_unsteady(len(data.sines), len(points), len(data.known.fitted(PARAMETERS)))
         reference, fit = _begun(points, data.known, PARAMETERS)
         wanted = None if self.terms is None else "bias" in self.terms
         told = [data.logs[k].zero for k in numbers]
@@ -216,8 +216,8 @@ def _judged(
     return chosen.judge(found) if chosen else found
 
 
-def _refuse_unsteady(sines: int, steady: int) -> None:
-    if steady < sines and 2 * steady <= len(PARAMETERS):
+def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:
+    if steady < sines and 2 * steady <= sought:
         raise IdentifiabilityError(
             f"of {sines} logs of sines {steady} show a steady swing about a rest angle, too few: "
             "in the others the hand turns over, rests elsewhere, swings too wide or never settles; "
@@ -235,7 +235,8 @@ def _refuse_too_few(
         )
     refuse_without_scale((point.added_mass for point in points), known)
     if 2 * len(points) <= len(names):
+        give = "log gives" if len(points) == 1 else "logs give"
         raise IdentifiabilityError(
-            f"{len(points)} logs give {2 * len(points)} equations for {len(names)} "
-            "parameters: add runs at other frequencies"
+            f"{len(points)} {give} {2 * len(points)} equations for {len(names)} parameters: add "
+            "runs at other frequencies"
         )

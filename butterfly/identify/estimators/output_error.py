@@ -18,6 +18,7 @@ import numpy as np
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identify.divergence import horizon_of
+from butterfly.identify.drift import lasting_horizon
 from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.base import Estimator, require_names, require_usable
 from butterfly.identify.estimators.ends import Ends
@@ -31,7 +32,12 @@ from butterfly.identify.judgement.covariance import FEW, blocks_of
 from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.knowledge import is_driven, refuse_without_scale
-from butterfly.identify.judgement.term_choice import candidates, missing_terms, told_terms
+from butterfly.identify.judgement.term_choice import (
+    candidates,
+    missing_terms,
+    told_terms,
+    weightless,
+)
 from butterfly.identify.reference import Reference
 from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
@@ -79,7 +85,8 @@ class OutputError(Estimator):
     horizon
         Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
         that no error at the start of one grows more than 30-fold: whole logs, where the hand stays
-        away from the upright. The start of each stretch is fitted to it.
+        away from the upright; and, where no gravity brings the joint back, that little but noise is
+        left over. The start of each stretch is fitted to it.
     loss
         How residuals count; all but linear are robust.
     cogging_periods
@@ -163,7 +170,9 @@ class OutputError(Estimator):
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
             found = replace(self, horizon=horizon).of_starts(logs, first, known)
-            return found if math.isfinite(horizon) else replace(found, horizon=None)
+            if math.isfinite(horizon):
+                return found
+            return replace(self._of_lasting(logs, first, known, found), horizon=None)
         require_usable(self.method, known)
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
@@ -211,6 +220,23 @@ class OutputError(Estimator):
             horizon=self.horizon or math.inf,
         )
         return found.with_findings(*self._missing(logs, found, problem.zeros, variance))
+
+    def _of_lasting(
+        self,
+        logs: Sequence[Log],
+        first: Sequence[Start],
+        known: Knowledge,
+        found: ParameterEstimate,
+    ) -> ParameterEstimate:
+        """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
+        if not weightless((log.added_mass for log in logs), known):
+            return found
+        horizon = lasting_horizon(logs, found)
+        if not math.isfinite(horizon):
+            return found
+        adds_up = Finding(kind=FindingKind.ADDS_UP, number=horizon)
+        again = replace(self, horizon=horizon).of_starts(logs, first, known)
+        return again.with_findings(adds_up)
 
     def _require_told_once(self, known: Knowledge) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""

@@ -15,10 +15,15 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
 
+_MOST = 0.8  # share of the logs that must have settled
+
 
 @dataclass(frozen=True, kw_only=True)
 class Suitable(Estimator):
-    """Harmonic balance of sines that all settled, output error of all other logs.
+    """Harmonic balance of sines that settled, output error of all other logs.
+
+    Of sines, nearly all must have settled, and be more than the parameters that are sought: the
+    errors of a balance are told by how its logs differ.
 
     Parameters
     ----------
@@ -39,8 +44,8 @@ class Suitable(Estimator):
         """Return the estimator that suits the logs of a data set."""
         if all(log.excitation for log in data.logs):
             steady, _ = steady_sines(data)
-            enough = 2 * len(steady) > len(data.known.fitted(PARAMETERS))
-            if enough and 2 * len(steady) >= len(data.logs):
+            enough = len(steady) > len(data.known.fitted(PARAMETERS))
+            if enough and len(steady) >= _MOST * len(data.logs):
                 return HarmonicBalance(terms=self.terms, check=self.check)
         return OutputError(terms=self.terms, check=self.check)
 
