@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from butterfly.identify.data import DataSet
 from butterfly.identify.design import next_experiments
 from butterfly.identify.estimators import OutputError, WeakForm
 from butterfly.identify.given import given_estimate
+from butterfly.identify.judgement.identifiability import Conditioning
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Knowledge
@@ -52,6 +55,29 @@ def test_a_wheel_that_runs_on_is_identified_from_steps_of_one_sign():
     estimate = FIT(DataSet.of(logs, known=known))
     assert estimate.parameters.p1 == pytest.approx(1.2e-4, rel=0.01)
     assert estimate.parameters.coulomb == pytest.approx(2e-3, rel=0.01)
+
+
+def test_a_small_mass_on_a_heavy_slide_tells_the_scale_to_simulations():
+    """Of a tenth of what moves; a closed form takes it for noise, and finds no inertia."""
+    rng = np.random.default_rng(0)
+    joint = Joint(4.0, 0.9, 0.0, 0.15, coulomb=4e-4)
+    logs = []
+    for added in (SLIDE, replace(SLIDE, mass=0.4)):
+        loaded = joint._replace(inertia=joint.inertia + added.mass)
+        wave = np.cumsum(rng.standard_normal((2, 3000)), axis=1) * 0.02
+        logs += _logs(loaded, *wave, added=added, noise=1e-3)
+    data = DataSet.of(logs)
+    closed = WeakForm(terms=(), check=False)(data).parameters
+    assert not closed.p1 > 0
+    found = FIT(data).parameters
+    assert found.p1 == pytest.approx(4.0, rel=0.02)
+    assert found.p4 == pytest.approx(0.15, rel=0.02)
+
+
+def test_logs_that_tell_nothing_of_a_parameter_are_refused():
+    rows = np.zeros((8, 2))
+    with pytest.raises(IdentifiabilityError, match="add logs of other motion"):
+        Conditioning.of(rows, ("p1", "p4")).refuse_singular()
 
 
 def test_a_known_gain_of_the_wrong_sign_is_named(slide):

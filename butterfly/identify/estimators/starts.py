@@ -10,7 +10,8 @@ from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identify.estimators.base import usable
 from butterfly.identify.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identify.estimators.weak_form import WeakForm
-from butterfly.model.terms import offered
+from butterfly.model.known import Knowledge
+from butterfly.model.terms import GROWING, offered
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimators.base import Estimator
     from butterfly.model.parameters import AddedMass, LumpedParameters
+
+_HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,7 +40,7 @@ class Start:
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
-    """Return the estimates of all closed forms that the logs allow.
+    """Return the estimates of all closed forms that the logs allow, or else a guess of the scale.
 
     Parameters
     ----------
@@ -64,9 +67,12 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
             found.append(start)
         else:
             refusals.append(_without_inertia(data, inertia))
-    if not found:
+    if found:
+        return found
+    guess = None if data.known.scale else _of_ratios(data)
+    if guess is None:
         raise refusals[-1]
-    return found
+    return [guess]
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
@@ -105,6 +111,26 @@ def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
     turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
     corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}
     return Start(parameters=replace(found, p3_offset=0.0), zeros=corrected)
+
+
+def _of_ratios(data: DataSet) -> Start | None:
+    """Return a guess of what the masses hardly tell: the scale of ratios found without them.
+
+    A small mass that is added to a large one changes the motion by less than noise does to a closed
+    form, not to a simulation. That finds the scale from anywhere, so the guess is any.
+    """
+    bare = {mass: replace(mass, mass=0.0, arm=0.0) for mass in data.masses}
+    zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
+    logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
+    try:
+        ratios = WeakForm(check=False).of_logs(logs, zeros, Knowledge.told({"p4": 1.0})).parameters
+    except ButterflyError:
+        return None
+    if not ratios.p1:
+        return None
+    scale = _HEAVIER * max(mass.inertia for mass in data.masses) / ratios.p1
+    guess = {name: scale * getattr(ratios, name) for name in GROWING}
+    return Start(parameters=replace(ratios, **guess), zeros=data.equilibria)
 
 
 def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str, ...] | None:

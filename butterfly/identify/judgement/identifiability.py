@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,11 @@ SINGULAR_CONDITION = 1e7
 _INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
 _PRECISE = 0.10  # of the value, within which a parameter counts as known
 _FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
+
+OTHER_LOGS = (
+    "add logs of other motion, faster and slower, wider and less wide, or with another known mass"
+)
+"""What helps where logs do not tell enough."""
 
 
 @dataclass(frozen=True)
@@ -59,16 +65,16 @@ class Conditioning:
         _, singular, right = np.linalg.svd(scaled, full_matrices=False)
         share = np.abs(right[-1]) / np.abs(right[-1]).max()
         weakest = tuple(np.array(names)[share > _INVOLVED].tolist())
-        with np.errstate(divide="ignore"):
-            return cls(number=float(singular[0] / singular[-1]), weakest=weakest)
+        number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
+        return cls(number=number, weakest=weakest)
 
     def refuse_singular(self) -> None:
         """Raise IdentifiabilityError if the regression is singular for every practical purpose."""
         if self.number > SINGULAR_CONDITION:
+            apart = " separately" if len(self.weakest) > 1 else ""
             raise IdentifiabilityError(
-                f"these logs do not determine {' and '.join(self.weakest)} separately (condition "
-                f"number {self.number:.1e}): add frequencies on both sides of the resonance, and "
-                "a run with another known mass"
+                f"these logs do not determine {' and '.join(self.weakest)}{apart} (condition "
+                f"number {self.number:.1e}): {OTHER_LOGS}"
             )
 
     @property

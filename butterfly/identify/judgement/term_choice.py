@@ -16,6 +16,7 @@ import numpy as np
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identify.judgement.identifiability import OTHER_LOGS
 from butterfly.model.terms import COMPANIONS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -236,10 +237,7 @@ def _all_trials(
                 return found
     if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
         return found
-    raise IdentifiabilityError(
-        f"these logs do not determine {', '.join(always)}: add frequencies on both sides of the "
-        "resonance, and a run with another known mass"
-    )
+    raise IdentifiabilityError(f"these logs do not determine {', '.join(always)}: {OTHER_LOGS}")
 
 
 def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
