@@ -14,7 +14,6 @@ from butterfly.identify.implied import beside_masses, implied
 from butterfly.identify.judgement.knowledge import is_driven
 from butterfly.identify.judgement.slips.inputs import slips_of_refused, slips_of_still
 from butterfly.identify.judgement.slips.names import with_slips
-from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import numbers_named, with_unique_names
@@ -162,7 +161,7 @@ class DataSet:
     @property
     def hangs(self) -> bool:
         """Whether gravity pulls at the joint, so that it has a rest angle, as far as is known."""
-        return not weightless(self.masses, self.known)
+        return not self.known.weightless(self.masses)
 
     @property
     def unread(self) -> list[AddedMass]:

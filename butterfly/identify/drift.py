@@ -39,9 +39,14 @@ def lasting_horizon(logs: Sequence[Log], estimate: ParameterEstimate) -> float:
         The parameters.
     """
     for horizon in HORIZONS[:-1]:
-        if float(np.median([_excess(log, estimate, horizon) for log in logs])) <= _MORE:
+        if lasts(logs, estimate, horizon):
             return horizon
     return HORIZONS[-1]
+
+
+def lasts(logs: Sequence[Log], estimate: ParameterEstimate, horizon: float) -> bool:
+    """Whether simulations over stretches of a horizon in s leave little but noise."""
+    return float(np.median([_excess(log, estimate, horizon) for log in logs])) <= _MORE
 
 
 def _excess(log: Log, estimate: ParameterEstimate, horizon: float) -> float:

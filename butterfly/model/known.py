@@ -16,6 +16,8 @@ from butterfly.model.terms import TERMS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from butterfly.model.parameters import AddedMass
+
 OF_SCALE = ("p1", "p2", "p3", "p4", "coulomb")
 """Parameters of which any that is known, and is not 0, says how large all of them are."""
 
@@ -120,6 +122,12 @@ class Knowledge:
             return None
         known = self.parameters
         return min(self.scale, key=lambda name: known[name].uncertainty / abs(known[name].value))
+
+    def weightless(self, masses: Iterable[AddedMass]) -> bool:
+        """Whether no gravity moment acts on what carried some masses, wherever the angle is 0."""
+        carried = list(masses)
+        balanced = self.exact.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
+        return balanced or not any(mass.gravity for mass in carried)
 
     def holding(self, name: str) -> Knowledge:
         """Return the same, one parameter being taken to be exact."""

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError
 from butterfly.identify.judgement.slips.names import listed
-from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.zeros import ZeroKind, zeros_of
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
@@ -33,7 +32,7 @@ def zeros_said(logs: Sequence[Log], known: Knowledge) -> list[str]:
     known
         Of the robot; where no gravity acts there is nothing to say.
     """
-    if not logs or weightless((log.added_mass for log in logs), known):
+    if not logs or known.weightless(log.added_mass for log in logs):
         return []
     zeros = zeros_of(logs, [_response(log) for log in logs])
     said = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import OutputError
+from butterfly.identify.estimators import OutputError, Suitable, WeakForm
 from butterfly.identify.judgement.findings import FindingKind
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.known import Knowledge
@@ -55,9 +55,12 @@ def _followed(ripple, noise, seconds=20.0):
     )
 
 
+def _data(log):
+    return DataSet.of([log], known=Knowledge.told({"p4": GAIN}))
+
+
 def _found(log, **options):
-    data = DataSet.of([log], known=Knowledge.told({"p4": GAIN}))
-    return OutputError(workers=1, **options)(data)
+    return OutputError(workers=1, **options)(_data(log))
 
 
 def _covers(found, **truth):
@@ -77,6 +80,14 @@ def test_friction_that_changes_along_the_way_is_not_taken_for_mass_or_delay():
     assert _cut(found) == [0.5]
     assert all(_covers(found, **truth).values())
     assert not all(_covers(whole, **truth).values())
+
+
+def test_nobody_who_names_no_method_gets_such_friction_added_up():
+    uneven, even = (_followed(ripple=ripple, noise=2e-5) for ripple in (4.0, 0.0))
+    assert isinstance(Suitable().suited(_data(uneven)), WeakForm)
+    assert isinstance(Suitable().suited(_data(even)), OutputError)
+    truth = {"p1": MASS, "p2": DAMPING, "coulomb": FRICTION, "delay": 0.0}
+    assert all(_covers(Suitable()(_data(uneven)), **truth).values())
 
 
 def test_logs_that_hold_nothing_but_noise_besides_are_fitted_whole():

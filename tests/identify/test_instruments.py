@@ -25,7 +25,7 @@ def clean():
 
 def _windows(logs):
     estimator = WeakForm(terms=())
-    return [estimator._windows(log, 0.0) for log in logs]  # noqa: SLF001 - the step before
+    return [estimator._windows(log, 0.0, periods=1.0) for log in logs]  # noqa: SLF001 - the step before
 
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
@@ -69,7 +69,7 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
     windows = _windows(clean)
 
     def cut(log, zero):
-        return WeakForm()._windows(log, zero)  # noqa: SLF001
+        return WeakForm()._windows(log, zero, periods=1.0)  # noqa: SLF001
 
     for parameters in (replace(ROBOT, p1=-0.01), replace(ROBOT, p4=-0.5)):
         pairs = seen(clean, windows, parameters, ZEROS, cut)

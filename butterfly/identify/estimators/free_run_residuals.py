@@ -12,7 +12,6 @@ from butterfly.errors import InputError
 from butterfly.identify.estimators.equations import Equations, LogEquations
 from butterfly.identify.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
 from butterfly.identify.judgement.covariance import FEW
-from butterfly.identify.judgement.term_choice import weightless
 from butterfly.identify.prior import Prior
 from butterfly.identify.segments import Segments, simulation
 from butterfly.identify.zeros import reading_of
@@ -149,7 +148,7 @@ class FreeRunResiduals:
             simulation(log, start, choice.horizon, k, told=told_velocity, free=len(logs) <= FEW)
             for log, k in zip(logs, first, strict=True)
         )
-        hangs = not weightless((log.added_mass for log in logs), choice.known)
+        hangs = not choice.known.weightless(log.added_mass for log in logs)
         anchored = [each.log for each in trajectories if not isinstance(each, Segments)]
         owned = owned_keys(logs, choice.per_mass, choice.per_log, hangs=hangs, anchored=anchored)
         keys = (*((name, None) for name in choice.shared), *owned)

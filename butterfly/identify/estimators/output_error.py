@@ -36,7 +36,6 @@ from butterfly.identify.judgement.term_choice import (
     candidates,
     missing_terms,
     told_terms,
-    weightless,
 )
 from butterfly.identify.reference import Reference
 from butterfly.model.friction import require_periods
@@ -229,7 +228,7 @@ class OutputError(Estimator):
         found: ParameterEstimate,
     ) -> ParameterEstimate:
         """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
-        if not weightless((log.added_mass for log in logs), known):
+        if not known.weightless(log.added_mass for log in logs):
             return found
         horizon = lasting_horizon(logs, found)
         if not math.isfinite(horizon):

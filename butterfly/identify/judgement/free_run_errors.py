@@ -114,7 +114,7 @@ def free_run_errors(data: DataSet, estimate: ParameterEstimate) -> list[Run | Er
     """
     predictor, slow = Predictor(data), slow_velocity(data.logs)
     runs = [Run.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
-    owners, missing = estimate.owners(data.unread), missing_terms(estimate)
+    owners, missing = estimate.owners(data.unread), missing_terms(estimate, data.logs[0].added_mass)
     return [_differentiated(run, estimate.names, owners, missing, slow) or run for run in runs]
 
 

@@ -21,12 +21,14 @@ if TYPE_CHECKING:
 
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.logs.log import Log
+    from butterfly.model.parameters import AddedMass
 
     Samples = NDArray[np.float64]
 
 _SURE = 4.0  # standard errors from 0 at which a coefficient counts as one
 _LIKE = 0.3  # share that a term must explain of what is more than noise, to be named
 _MORE_THAN_NOISE = 1.2  # rms over the noise's, from which there is something else
+_OF_GRAVITY = ("p3", "p3_offset")
 _ALIKE = 0.8  # of the likeliest one's share, from which another term looks like it
 _SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
 _PIECES = 10  # of a log, between which what is left is taken to be independent
@@ -103,10 +105,18 @@ class LeftOver:
         return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
 
 
-def missing_terms(estimate: ParameterEstimate) -> tuple[str, ...]:
-    """Names of the terms that are looked for: those with a name for it that the model lacks."""
+def missing_terms(estimate: ParameterEstimate, added: AddedMass) -> tuple[str, ...]:
+    """Names of the terms that are looked for: those with a name for it that the model lacks.
+
+    Parameters
+    ----------
+    estimate
+        Of the parameters.
+    added
+        What the joint carries somewhere: nothing that it carries weighs without gravity.
+    """
     local = {name for values in estimate.local.values() for name in values}
-    has = {*estimate.names, *local}
+    has = {*estimate.names, *local, *(() if added.gravity else _OF_GRAVITY)}
     named = (row.name for row in TERMS.values() if row.looks_like)
     return tuple(
         name for name in named if name not in has and not getattr(estimate.parameters, name)

@@ -104,7 +104,7 @@ def residual_torques(
     model = _Model(
         names=tuple(name for name in (*_AVERAGED, "tilt") if name in estimate.names),
         owners=estimate.owners(data.unread),
-        missing=missing_terms(estimate),
+        missing=missing_terms(estimate, data.logs[0].added_mass),
     )
     slow = slow_velocity(data.logs[k] for k in chosen)
     averaged = [_averaged(data.logs[k], predictor.setting(k, estimate), slow) for k in chosen]

@@ -111,7 +111,7 @@ def candidates(
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
     if len({mass.effect for mass in carried}) < _LEAST_FOLDS:
         lost.add("load")
-    if weightless(carried, known):
+    if known.weightless(carried):
         lost.add("p3_offset")
     return tuple(name for name in names if name not in lost)
 
@@ -119,13 +119,6 @@ def candidates(
 def told_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
     """Return terms that were told, but for others that are found, or known, by themselves."""
     return tuple(name for name in terms if name not in others)
-
-
-def weightless(masses: Iterable[AddedMass], known: Knowledge) -> bool:
-    """Whether no gravity moment acts, so that it does not matter where the angle is 0."""
-    carried = list(masses)
-    balanced = known.exact.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
-    return balanced or not any(mass.gravity for mass in carried)
 
 
 def stribeck_velocities(fastest: float, known: Knowledge) -> list[float]:

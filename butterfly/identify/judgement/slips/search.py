@@ -40,6 +40,7 @@ _CLEARLY = 0.5  # share of the misfit that a slip undone must leave at most
 _FAR_MORE = 0.3  # share of the misfit that a far-fetched slip must leave at most to come first
 _AS_GOOD = 1.3  # times the least misfit, below which a slip explains as much
 _LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are right
+_EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method refused, no slip
 _ROOM = 0.005  # misfit that makes no difference
 
 
@@ -79,6 +80,8 @@ def find_slips_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the slips but for which there would be an estimate."""
     quick = _quick(data, estimator)
     before = attempt(lambda same: same, thinned(data), quick)
+    if before.misfit < _EXPLAINED:
+        return []
     return _best(_tried(data, quick, (*CLOCKS, *OTHERS)), before)
 
 
