@@ -59,8 +59,12 @@ class Estimator:
         return self
 
     def roughly(self, data: DataSet) -> ParameterEstimate:
-        """Estimate without terms, in as little time as may be (see `__call__`)."""
-        return (self.with_terms(()) if hasattr(self, "terms") else self)(data)
+        """Estimate in as little time as may be (see `__call__`).
+
+        Without terms, but for a constant torque where no gravity holds against it.
+        """
+        terms = () if data.hangs else ("bias",)
+        return (self.with_terms(terms) if hasattr(self, "terms") else self)(data)
 
     def unchecked(self) -> Self:
         """Return the estimator without the refits that leave one added mass out."""
