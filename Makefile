@@ -7,13 +7,17 @@ BIN := $(VENV)/bin
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test lint types bench bench-short coverage kinds wheel clean
+.PHONY: demo test test-slow lint types bench bench-short coverage kinds wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
 
 test: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks
+	$(ONE_THREAD) $(BIN)/pytest -n auto --dist loadfile --ignore=tests/benchmarks -m 'not slow'
+
+# Repeated experiments, killed workers, reproductions, browsers: as long again.
+test-slow: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/pytest -n auto --ignore=tests/benchmarks -m slow
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .

@@ -71,6 +71,7 @@ def _start(package):
     return float(found), int(hits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "before", "after", "expected"),
     [

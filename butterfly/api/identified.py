@@ -31,7 +31,7 @@ from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import write_report
 from butterfly.report.parameter_rows import rows_of, unit_of
 from butterfly.report.physical import physical_numbers
-from butterfly.report.words import sentences, summary, verdict_on
+from butterfly.report.words import fit_said, sentences, summary, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -153,7 +153,7 @@ class Identified(Result):
         """Method, data, and the values with their standard errors."""
         fit = self.fit
         name = self.origin["name"]
-        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit.median:.1f} %"
+        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_said(fit.median)} %"
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: value, standard error, 95 % interval, unit."""

@@ -13,7 +13,7 @@ from butterfly.identify.predict import FitSummary
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
 from butterfly.report.page import Section
 from butterfly.report.prediction import band_figures, share_figure
-from butterfly.report.words import sentences, verdict_on
+from butterfly.report.words import fit_said, sentences, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -152,7 +152,7 @@ def _followed(
     said = [
         f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
         f"FIT{fit.over} "
-        f"{fit.median:.1f} % (mean {fit.mean:.1f} %, worst {fit.worst:.1f} %)."
+        f"{fit_said(fit.median)} % (mean {fit_said(fit.mean)} %, worst {fit_said(fit.worst)} %)."
     ]
     inside = {name: _share(predictions, name) for name in predictions[0].bands}
     if OF_NEW_LOG in inside:

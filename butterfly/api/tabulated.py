@@ -15,7 +15,7 @@ from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.report.figures import PALETTE
 from butterfly.report.three_way import three_way_page
 from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import held_out_sentences, verdict_on
+from butterfly.report.words import fit_said, held_out_sentences, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,8 +105,8 @@ class Validated(Tabulated):
                 judged.sentence,
                 held.division.said,
                 f"What was left out is followed with a median FIT{without.over} of "
-                f"{without.median:.1f} % (mean {without.mean:.1f} %, worst {without.worst:.1f} %); "
-                f"those that were seen, {within.median:.1f} %.",
+                f"{fit_said(without.median)} % (mean {fit_said(without.mean)} %, worst "
+                f"{fit_said(without.worst)} %); those that were seen, {fit_said(within.median)} %.",
                 *held_out_sentences(held_out_fits(data, whole)),
             ),
             table=rows,

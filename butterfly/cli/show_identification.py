@@ -11,7 +11,7 @@ from rich.table import Table
 from butterfly.cli.console import CONSOLE, new_table
 from butterfly.report.parameter_rows import parameter_rows, rows_of
 from butterfly.report.physical import HEADERS, TITLE, physical_rows, physical_sentences
-from butterfly.report.words import sentences_of, summary
+from butterfly.report.words import fit_said, sentences_of, summary
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,8 +75,8 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
         if estimate.fit is not None:
             fit = estimate.fit
             typer.echo(
-                f"Median FIT{fit.over} {fit.median:.1f} % (mean {fit.mean:.1f} %, worst "
-                f"{fit.worst:.1f} %)."
+                f"Median FIT{fit.over} {fit_said(fit.median)} % (mean {fit_said(fit.mean)} %, "
+                f"worst {fit_said(fit.worst)} %)."
             )
         for sentence in said[1:]:
             typer.echo(sentence)
@@ -92,13 +92,13 @@ def show_estimates(record: RunRecord) -> None:
             held = estimate.holdout
             typer.echo(
                 f"{estimate.estimator}: held out, not used for the fit: median FIT "
-                f"{held.median:.1f} % (worst {held.worst:.1f} %)."
+                f"{fit_said(held.median)} % (worst {fit_said(held.worst)} %)."
             )
         if estimate.held_out is not None:
             held = estimate.held_out
             typer.echo(
                 f"{estimate.estimator}: logs that were left out are followed with a median "
-                f"FIT{held.over} of {held.median:.1f} % (worst {held.worst:.1f} %)."
+                f"FIT{held.over} of {fit_said(held.median)} % (worst {fit_said(held.worst)} %)."
             )
 
 
@@ -113,5 +113,7 @@ def _comparison_table(result: Identification) -> Table:
         gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
         rows.append((other.name + gain, other.summary))
     for name, fit in rows:
-        table.add_row(name, f"{fit.median:.1f}", f"{fit.mean:.1f}", f"{fit.worst:.1f}")
+        table.add_row(
+            name, f"{fit_said(fit.median)}", f"{fit_said(fit.mean)}", f"{fit_said(fit.worst)}"
+        )
     return table

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     Values = Mapping[str, float]
 
+_FAR_OFF = -1000.0  # FIT in per cent
 _LEAST_MASSES = 3  # of which one can be left out
 
 
@@ -41,8 +42,9 @@ def summary(identification: Identification) -> list[str]:
         f"{_logs(data)}, driven by {'voltage' if voltage else 'torque command'}, "
         f"method: {estimate.method}.",
         f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
-        f"the measured angle with a median FIT of {fit.median:.1f} % (mean {fit.mean:.1f} %, "
-        f"worst {fit.worst:.1f} %); 100 % is perfect, 0 % no better than a constant.",
+        f"the measured angle with a median FIT of {fit_said(fit.median)} % (mean "
+        f"{fit_said(fit.mean)} %, worst {fit_said(fit.worst)} %); 100 % is perfect, 0 % no better "
+        "than a constant.",
         *held_out_sentences(identification.held_out),
         *_known(estimate),
         *others,
@@ -69,11 +71,12 @@ def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
     values = sorted(fits.values())
     if len(fits) == 1:
         return [
-            f"Held out: {next(iter(fits))}, not used for the fit, has a FIT of {values[0]:.1f} %."
+            f"Held out: {next(iter(fits))}, not used for the fit, has a FIT of "
+            f"{fit_said(values[0])} %."
         ]
     return [
         f"Held out: {len(fits)} logs, not used for the fit, have a median FIT of "
-        f"{median(values):.1f} % (worst {values[0]:.1f} %): {listed(list(fits))}."
+        f"{fit_said(median(values))} % (worst {fit_said(values[0])} %): {listed(list(fits))}."
     ]
 
 
@@ -83,6 +86,11 @@ def _logs(data: DataSet) -> str:
     if len(data.masses) == 1:
         return f"{logs} with {data.masses[0]}"
     return f"{logs} with {len(data.masses)} added masses"
+
+
+def fit_said(fit: float) -> str:
+    """Return FIT in per cent as it is said: of what is far off there is no more to know."""
+    return f"{fit:.1f}" if fit > _FAR_OFF else f"less than {_FAR_OFF:.0f}"
 
 
 def counted(number: float, thing: str) -> str:
@@ -219,8 +227,8 @@ def _poor_fit(finding: Finding, _: Values) -> str:
     if not math.isfinite(_number(finding)):
         return f"Simulated with these values, the model runs away. {cure}"
     return (
-        f"The model follows the logs with a median FIT of {_number(finding):.1f} % only: it moves "
-        f"otherwise than this robot. {cure}"
+        f"The model follows the logs with a median FIT of {fit_said(_number(finding))} % only: it "
+        f"moves otherwise than this robot. {cure}"
     )
 
 
@@ -234,12 +242,13 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.SLIP: lambda f, _: slip_in_words(f),
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.UNFOLLOWED: lambda f, _: (
-        f"The model does not follow {listed(f.logs)} (FIT {_number(f):.1f} % at worst): look at "
-        "what is different there, or leave out what is not this robot."
+        f"The model does not follow {listed(f.logs)} (FIT {fit_said(_number(f))} % at worst): look "
+        "at what is different there, or leave out what is not this robot."
     ),
     FindingKind.UNFORETOLD: lambda f, _: (
         f"Held out, {listed(f.logs)} {'is' if len(f.logs) == 1 else 'are'} followed far worse than "
-        f"the logs that were used (FIT {_number(f):.1f} % at worst): the values do not hold there."
+        f"the logs that were used (FIT {fit_said(_number(f))} % at worst): the values do not "
+        "hold there."
     ),
     FindingKind.NO_INERTIA: lambda f, _: (
         f"No joint has these values: {_joined(f)} leaves an inertia of {_number(f):.2g} kg m². "

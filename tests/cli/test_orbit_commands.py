@@ -26,6 +26,7 @@ control:
 """
 
 
+@pytest.mark.slow
 def test_an_orbit_is_calibrated_and_reported(butterfly, tmp_path):
     path = tmp_path / "orbit.yaml"
     path.write_text(ORBIT)

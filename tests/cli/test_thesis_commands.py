@@ -1,6 +1,9 @@
 """`butterfly reproduce`."""
 
+import pytest
 
+
+@pytest.mark.slow
 def test_the_thesis_is_reproduced(butterfly, logs_folder, tmp_path):
     code, out, _ = butterfly("reproduce", "thesis", "--root", logs_folder, "--out", tmp_path)
     assert code == 0

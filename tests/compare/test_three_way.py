@@ -116,6 +116,7 @@ def test_a_log_without_a_sine_has_no_gain(data, estimate):
     assert way.fits["MuJoCo"] > 97
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [9, 13, 19, 40])
 def test_the_three_ways_to_simulate_a_real_log_agree(real, number):
     """MuJoCo's Coulomb friction, which creeps at rest, is what is left."""

@@ -49,6 +49,7 @@ def test_the_tables_say_what_was_set_and_found(folder):
     assert record.seconds["total"] >= record.seconds["simulate"]
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments_and_resumed_the_tables_are_the_same(folder, undisturbed):
     small_plan(folder)
     out = folder / "killed"

@@ -30,6 +30,7 @@ def _seconds(jobs, tmp_path, **how):
     return time.perf_counter() - begun, outcomes
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_costs_the_others_next_to_nothing(tmp_path):
     undisturbed, outcomes = _seconds(24, tmp_path / "a")
     assert outcomes == {str(k): None for k in range(24)}
@@ -66,6 +67,7 @@ def test_any_number_of_workers_gives_the_same_tables(folder, undisturbed):
     assert tables_of(folder / "two") == undisturbed
 
 
+@pytest.mark.slow
 def test_a_task_whose_worker_dies_is_given_up_after_three_attempts_and_tried_again_next_time(
     folder, monkeypatch, undisturbed
 ):
@@ -125,6 +127,7 @@ def cluster(tmp_path):
         process.wait()
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_that_loses_a_worker_loses_no_result(folder, undisturbed, cluster):
     address, workers = cluster
     shared = dict(DaskEngine(address).run(work, [Job("a", folder)], {"a": (1.0, 2.0)}))

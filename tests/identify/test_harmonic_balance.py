@@ -64,6 +64,7 @@ def test_a_noise_free_balance_gives_back_the_robot(robot):
     np.testing.assert_allclose(estimate.values / scale, _vector(robot) / scale, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_standard_errors_match_repeated_experiments_and_intervals_cover():
     truth = _vector(ROBOT)
     fits = [

@@ -39,6 +39,7 @@ def _predicted(data, found, draws, errors=(), seed=0):
     )
 
 
+@pytest.mark.slow
 def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_linear(clean):
     """For small errors: 1.96 times the root of the diagonal of J Cov J^T."""
     data = _noisy(clean, 0)
@@ -83,6 +84,7 @@ def _noisy_by_its_motion(logs, seed):
     return DataSet.of(noisy)
 
 
+@pytest.mark.slow
 def test_bands_hold_what_they_promise_of_a_new_mass_and_frequency(clean):
     """Of a known robot: its motion lies in the one band, a noisy log of it in the other."""
     truth, recorded, widths = [], [], []
@@ -190,6 +192,7 @@ def test_a_band_knows_its_width_and_what_is_inside():
 EVERY_TERM = ("drag", "load", "bias", "p3_offset", "stribeck")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "estimator",
     [HarmonicBalance(terms=(), check=False), OutputError(terms=EVERY_TERM, check=False)],

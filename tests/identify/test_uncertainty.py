@@ -21,6 +21,7 @@ from tests.identify.simulated import ROBOT, SWINGS, steady, wild
 ZEROS = dict.fromkeys(MASSES, 0.0)
 
 
+@pytest.mark.slow
 def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_length():
     masses = MASSES * 4
     clean = wild(ROBOT, masses, 16.0)

@@ -134,6 +134,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
     assert study.cross.shape == (0, 0)
 
 
+@pytest.mark.slow
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
     small = generic(ROUGH, AGAINST_COULOMB, duration=40.0)

@@ -220,6 +220,7 @@ def test_a_report_is_written_with_its_numbers_and_pictures(pages, written, kind)
             assert (folder / f"r-figures/{name}.{suffix}").stat().st_size > 3000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_browser_draws_every_figure_without_error_or_request(pages, written, kind, tmp_path):

@@ -161,6 +161,7 @@ def test_a_page_s_time_series_are_the_points_of_each_log_s_own_figure(simulated)
             np.testing.assert_array_equal(y, trace.y)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
 def test_a_browser_draws_every_figure_without_error_or_request(page, tmp_path):
     command = [CHROMIUM, *FLAGS.split(), f"--user-data-dir={tmp_path}", page.as_uri()]

@@ -162,3 +162,9 @@ def test_the_back_emf_constant_of_a_drive_is_bounded_by_its_resistance_and_gain(
     """k = R p4, for a motor with p4 = k/R."""
     (said,) = _said(Finding(kind=FindingKind.TORQUE_DRIVEN, number=0.004))
     assert "below 0.002 V s/rad" in said
+
+
+@pytest.mark.parametrize(("fit", "said"), [(98.76, "98.8 %"), (-3e28, "less than -1000 %")])
+def test_a_fit_is_said_as_far_as_there_is_anything_to_know(fit, said):
+    poor = Finding(kind=FindingKind.POOR_FIT, number=fit, severity=Severity.WARNING)
+    assert f"a median FIT of {said} only" in _verdict_and_more(poor)[0]

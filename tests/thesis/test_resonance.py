@@ -107,6 +107,7 @@ def test_the_printed_forms_do_what_the_errata_say():
     assert close == pytest.approx(resonance_frequency(p), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_estimators_come_as_near_the_cramer_rao_bound_as_they_claim():
     rng = np.random.default_rng(1)
     squares, bounds, claims, covered = [], [], [], []
@@ -140,6 +141,7 @@ def test_the_estimators_come_as_near_the_cramer_rao_bound_as_they_claim():
     assert 0.92 < np.mean(covered) < 0.98
 
 
+@pytest.mark.slow
 def test_the_joint_linear_fit_reaches_the_bound_and_its_intervals_cover():
     rng = np.random.default_rng(2)
     truth = np.array([THESIS.p1, THESIS.p2, THESIS.p3, THESIS.p4])

@@ -48,6 +48,7 @@ def test_a_synthetic_log_lasts_as_long_as_the_experiment_says_whatever_its_clock
     np.testing.assert_allclose(np.diff(log.time), 0.004, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_synthetic_tables_need_no_real_logs(monkeypatch):
     monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
     assert [row.what for row in reproduce(thesis_robot())][-1].startswith("Table 2")

@@ -162,6 +162,7 @@ def test_the_bootstrap_agrees_with_the_sandwich(real):
         bootstrap(real.data, estimator, whole, repetitions=3)
 
 
+@pytest.mark.slow
 def test_the_bootstrap_keeps_the_terms_that_were_chosen_from_all_logs(real):
     drawn = bootstrap(real.data, HarmonicBalance(), real.estimate, repetitions=20)
     assert len(real.estimate.names) > len(PARAMETERS)

@@ -55,6 +55,7 @@ def test_nothing_is_named_of_logs_that_are_right(sines, tones):
         assert (slips, standing) == ([], Standing.GOOD)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(CASES))
 def test_every_slip_in_logs_of_sines_is_recognised_and_named(sines, name):
     slipped = CASES[name].make(sines, np.random.default_rng(3))
@@ -63,6 +64,7 @@ def test_every_slip_in_logs_of_sines_is_recognised_and_named(sines, name):
     assert names_it(name, sines, slipped, answer.text), answer.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(CASES) - OF_SINES))
 def test_every_slip_in_other_logs_is_recognised_and_named(tones, name):
     slipped = CASES[name].make(tones, np.random.default_rng(4))

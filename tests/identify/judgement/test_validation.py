@@ -42,6 +42,7 @@ def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
         assert summary.worst >= worst
 
 
+@pytest.mark.slow
 def test_output_error_predicts_masses_and_frequencies_it_has_not_seen(real):
     """With the terms that `butterfly select` chooses."""
     estimator = OutputError(terms=("p3_offset", "drag", "bias"), check=False)
