@@ -105,13 +105,15 @@ def candidates(
     """Return the terms that are worth trying with some added masses, and some knowledge.
 
     What grows with the added weight shows with three of them: by two the scale of all is set. What
-    is known is not tried, nor what comes with it, nor gravity beside its line where there is none.
+    is known is not tried, nor what comes with it, nor gravity beside its line where there is none,
+    or where p3 is known and no second mass tells it from a turn of the encoder.
     """
     carried = list(masses)
+    effects = {mass.effect for mass in carried}
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
-    if len({mass.effect for mass in carried}) < _LEAST_FOLDS:
+    if len(effects) < _LEAST_FOLDS:
         lost.add("load")
-    if known.weightless(carried):
+    if known.weightless(carried) or ("p3" in known.parameters and len(effects) < _LEAST_FOLDS):
         lost.add("p3_offset")
     return tuple(name for name in names if name not in lost)
 

@@ -121,6 +121,13 @@ def test_what_is_known_is_not_tried_nor_what_no_gravity_moves():
     drag = Knowledge.told({"drag": 0, "p3": 0})
     assert candidates(("drag", "bias", "p3_offset"), [AddedMass()], drag) == ("bias",)
     assert candidates(("p3_offset",), MASSES, drag) == ("p3_offset",)
+
+
+def test_gravity_beside_its_line_makes_up_for_no_moment_that_is_known():
+    """With one mass a turn of the encoder would: the moment could be any, and larger."""
+    weighed = Knowledge.told({"p3": (2.98, 0.03), "p4": (1.0, 0.2)})
+    assert candidates(("drag", "p3_offset"), [AddedMass()] * 3, weighed) == ("drag",)
+    assert candidates(("drag", "p3_offset"), MASSES, weighed) == ("drag", "p3_offset")
     assert stribeck_velocities(2.0, Knowledge.told({"stribeck": 0})) == []
     assert stribeck_velocities(2.0, Knowledge.told({"stribeck_velocity": 0.3})) == [0.3]
 
