@@ -23,7 +23,7 @@ from butterfly.experiment.planned import planned_logs
 from butterfly.experiment.schema import Experiment
 from butterfly.identify.draws import COUNT, draw_parameters
 from butterfly.identify.expected_errors import left_over
-from butterfly.identify.given import given_estimate, judged_on
+from butterfly.identify.given import given_estimate, judged_on, outdone
 from butterfly.identify.importance import weighed
 from butterfly.identify.predict import Predictor, Setting
 from butterfly.identify.prediction import predict_logs
@@ -120,9 +120,10 @@ def predict(
     )
     drawn = None if known.draws is None else Drawn.of(known.draws, found, known.said)
     if whole is not None:
-        counted = whole.calm or range(len(logs))
+        counted = whole.calm or list(range(len(logs)))
         fits = np.array([predictions[k].run.fit for k in counted])
         estimate = judged_on(estimate, fits, [logs[k].name for k in counted])
+        estimate = estimate.with_findings(*outdone(whole, estimate, fits, counted))
     return Predicted.of(
         source.name, predictions, known.said, estimate, drawn=drawn, measured=whole is not None
     )

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.errors import InputError
+from butterfly.errors import ButterflyError, InputError
 from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.judgement.findings import Ending, FindingKind
+from butterfly.identify.estimators.weak_form import WeakForm
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.following import judge_fit
 from butterfly.identify.judgement.physics import judge_physics
 from butterfly.identify.other_parameters import best_gain, told_parameters
 from butterfly.identify.predict import Predictor
-from butterfly.model.known import Known
+from butterfly.model.known import Knowledge, Known
 from butterfly.model.terms import PARAMETERS
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 METHOD = "given parameters"
 
+_FAR_MORE = 3.0  # times the misfit of values that the logs give themselves
+_NOTABLE = 10.0  # per cent of misfit below which logs are followed well by any measure
 _OF_FITS = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.UNFORETOLD}
 
 
@@ -105,6 +108,39 @@ def judged_on(
     """
     rest = tuple(each for each in estimate.findings if each.kind not in _OF_FITS)
     return replace(estimate, findings=(*rest, *judge_fit(fits, names)))
+
+
+def outdone(
+    data: DataSet, estimate: ParameterEstimate, fits: NDArray[np.float64], numbers: Sequence[int]
+) -> list[Finding]:
+    """Tell whether values that the logs give themselves follow them far better.
+
+    With the same p4, by the weak form, over the same stretches: an angle that is put back on its
+    way every second is followed well by many.
+
+    Parameters
+    ----------
+    data, estimate
+        The logs and the parameters.
+    fits
+        (n,) FIT in per cent with them.
+    numbers
+        Of the n logs.
+    """
+    predictor = Predictor(data)
+    known = Knowledge(parameters={"p4": Known(value=estimate.parameters.p4)})
+    try:
+        own = WeakForm(check=False)(replace(data.take(numbers), known=known))
+    except ButterflyError:
+        return []
+    if any(each.severity is Severity.WARNING for each in judge_physics(own, data.masses)):
+        return []
+    own = replace(own, horizon=predictor.horizon(estimate))
+    reached = float(np.median(predictor.fits(own, numbers)))
+    left, given = 100 - reached, 100 - float(np.median(fits))
+    if given <= max(_FAR_MORE * left, _NOTABLE):
+        return []
+    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Severity.CARE)]
 
 
 def _angle(value: object, source: str) -> float:

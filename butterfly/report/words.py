@@ -310,6 +310,10 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     FindingKind.INSEPARABLE: lambda f, _: (
         f"Not fitted, since these data cannot tell {_joined(f)} from the other terms."
     ),
+    FindingKind.OUTDONE: lambda f, _: (
+        "Values that these logs give themselves, with the same p4, follow them far better (median "
+        f"FIT {fit_said(_number(f))} %): identify them, and compare."
+    ),
     FindingKind.ADDS_UP: lambda f, _: (
         f"Fitted over stretches of {_number(f):g} s, since nothing brings the joint back from what "
         "the model lacks, and over longer ones that adds up to more than the noise."

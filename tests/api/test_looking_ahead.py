@@ -168,6 +168,13 @@ def test_given_parameters_are_judged_by_how_they_move(data, result):
     assert told.rows() == aside.rows()
 
 
+def test_given_parameters_that_logs_outdo_far_are_not_called_good(data, result):
+    own = {name: getattr(result.parameters, name) for name in ("p1", "p2", "p3", "p4", "coulomb")}
+    near = bf.predict(data, own | {"p3": 1.2 * own["p3"], "p1": 1.2 * own["p1"]})
+    assert near.summary[0].startswith("Use with care: Values that these logs give themselves")
+    assert near.standing == "use with care"
+
+
 def test_a_gain_that_is_not_given_is_fitted_and_said(data, result):
     found = bf.predict(data.take([0, 5]), {"p1": result.parameters.p1, "p3": result.parameters.p3})
     assert any(each.startswith("p4 was not given: 0.0") for each in found.summary)

@@ -34,6 +34,7 @@ NUMBERS = {
     FindingKind.REST_APART: (0.131, "0.13 rad"),
     FindingKind.UNFORETOLD: (41.2, "41.2 %"),
     FindingKind.ADDS_UP: (0.5, "0.5 s"),
+    FindingKind.OUTDONE: (99.52, "99.5 %"),
     FindingKind.KNOWN_APART: (-0.021, "about 2.1 % smaller"),
     FindingKind.PRIOR_APART: (3.42, "3.4 standard errors"),
     FindingKind.TOLD_APART: (4.23, "4.2 standard uncertainties"),
@@ -49,6 +50,7 @@ NAMELESS = {
     *(FindingKind.UNPREDICTABLE, FindingKind.FEW_LOGS, FindingKind.REST_APART),
     *(FindingKind.UNCHECKED, FindingKind.TORQUE_DRIVEN, FindingKind.NO_UNCERTAINTY),
     *(FindingKind.UNFORETOLD, FindingKind.ZERO_GUESSED, FindingKind.ADDS_UP),
+    FindingKind.OUTDONE,
     *(FindingKind.ABSOLUTE, FindingKind.RATIOS, FindingKind.MISFIT, FindingKind.NO_MISFIT),
 }
 

@@ -47,6 +47,7 @@ class FindingKind(StrEnum):
     SCANNED = "scanned"  # value of a parameter that was found by trying several
     NOT_HELPING = "not-helping"  # terms that were offered and did not help to predict
     INSEPARABLE = "inseparable"  # terms that were dropped: the data cannot tell them from the rest
+    OUTDONE = "outdone"  # median FIT in per cent of values that the logs give themselves
     ADDS_UP = "adds-up"  # s, the longest stretch fitted, since what the model lacks adds up
     OTHER_END = "other-end"  # cost of the next best end over that of the best
     COMBINATION = "combination"  # the same, of parameters known in one combination only
