@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint types bench bench-short coverage kinds wheel clean
+.PHONY: demo test test-slow lint types bench bench-short coverage kinds fuzz wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -44,6 +44,11 @@ coverage: $(VENV)/.development
 # The same of robots of unknown kind, each as its owner knows it: 20 of each by ROBOTS=20.
 kinds: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.benchmarks.kinds --robots $(ROBOTS) --seed $(SEED)
+
+# Damaged files of all kinds, each read in a child: CASES of each kind.
+CASES ?= 1000
+fuzz: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.fuzz --cases $(CASES) --seed $(SEED)
 
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:

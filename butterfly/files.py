@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
@@ -15,6 +16,38 @@ if TYPE_CHECKING:
 
 DRAFT = ".draft-"
 """How the names of files begin that were not finished."""
+
+
+LONGEST_NAME = 100
+"""Characters that the name of something kept in a folder may have: more is added to it."""
+
+_RESERVED = re.compile(r"\.+|(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+_LONGEST = 255  # bytes of a name, on all file systems that matter
+_LONGEST_PATH = 4096
+
+
+def is_name(text: str) -> bool:
+    """Tell whether a text may name a folder: short, not of dots alone, not a device of Windows."""
+    return len(text) <= LONGEST_NAME and _RESERVED.fullmatch(text) is None
+
+
+def require_path(named: str, source: object, field: str) -> None:
+    """Raise InputError for a text that no file system takes as a path.
+
+    Parameters
+    ----------
+    named
+        The text.
+    source, field
+        Where it stands.
+    """
+    parts = [part.encode(errors="surrogatepass") for part in named.replace("\\", "/").split("/")]
+    longest = max(map(len, parts))
+    if "\0" in named:
+        raise InputError(source, field, repr(named[:40]), "a path, which holds no character 0")
+    if longest > _LONGEST or len(named) > _LONGEST_PATH:
+        found = f"{named[:40]}... ({len(named)} characters)"
+        raise InputError(source, field, found, f"a path of names of up to {_LONGEST} bytes each")
 
 
 @contextmanager

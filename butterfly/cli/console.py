@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-CONSOLE = Console()
-"""Where tables and progress bars go."""
+CONSOLE = Console(markup=False, emoji=False)
+"""Where tables and progress bars go; brackets in names are brackets."""
 
 if not CONSOLE.is_terminal:
     CONSOLE.width = 140  # a pipe has no width of its own, and folded numbers cannot be read back

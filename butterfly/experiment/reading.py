@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment, TableFile
 from butterfly.experiment.signal_tables import filled, read_table
+from butterfly.files import require_path
 from butterfly.resources import locate, shipped
 from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
 
@@ -114,6 +115,7 @@ def inside(folder: Path, named: Path, source: Path) -> Path:
     InputError
         If it leads out of the folder.
     """
+    require_path(str(named), source, "path")
     path = (folder / named).resolve()
     if not path.is_relative_to(folder.resolve()):
         raise InputError(source, "path", named, f"a path below {folder.resolve()}")
@@ -136,6 +138,7 @@ def _chain(path: Path) -> list[Document]:
 
 
 def _base(path: Path, named: str) -> Path:
+    require_path(named, path, "extends")
     beside = path.parent / named
     if beside.exists():
         if beside.resolve().is_relative_to(shipped("experiments").resolve()):

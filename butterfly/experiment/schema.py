@@ -21,6 +21,7 @@ from butterfly.experiment.methods import DEFAULT_OF_EXPERIMENTS, ESTIMATORS
 from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
+from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identify.judgement.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Told
@@ -234,6 +235,13 @@ class Experiment(StrictModel):
     keep_signals: bool = False
     extends: str | None = None
 
+    @field_validator("name")
+    @classmethod
+    def _of_a_folder(cls, name: str) -> str:
+        if not is_name(name):
+            raise ValueError(f"a name that a folder can have, of up to {LONGEST_NAME} characters")
+        return name
+
     @field_validator("terms")
     @classmethod
     def _offered(
@@ -256,6 +264,7 @@ class Experiment(StrictModel):
     @model_validator(mode="after")
     def _possible(self) -> Experiment:
         Knowledge.told(self.known)
+        self.plant.clock.count(self.duration)
         if any(mass.effect != replace(mass, gravity=GRAVITY).effect for mass in self.added_masses):
             raise ValueError("added masses on a hinge under 9.81 m/s², as the simulators have it")
         return self

@@ -14,6 +14,7 @@ from scipy.special import ndtri
 
 from butterfly.errors import InputError
 from butterfly.experiment.oneof import OneOf
+from butterfly.sizes import require_room
 from butterfly.yaml_input import StrictModel
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 SEEDS = 2**63
 """Number of the seeds that there are: what fits into a column of 64-bit integers."""
 
+_BYTES_PER_RUN = 2000  # of a plan
 _RANDOM, _HYPERCUBE = 1, 2  # streams of the experiment's seed
 
 
@@ -100,12 +102,25 @@ class SweepSpec(StrictModel):
         paths = [*self.grid, *(path for row in self.rows for path in row)]
         return list(dict.fromkeys([*paths, *(path for each in drawn for path in each)]))
 
+    @property
+    def _count(self) -> int:
+        """How many runs there are."""
+        drawn = (spec.count for spec in (self.random, self.latin_hypercube) if spec)
+        values = (len(each) for each in self.grid.values())
+        return math.prod((*values, *drawn, len(self.rows) or 1, self.repetitions))
+
     def points(self, seed: int) -> Iterator[tuple[Overrides, int, int]]:
         """Yield the overrides, the repetition and the seed of each run, in order.
 
         A run's seed depends on the experiment's seed, the repetition and the values set alone, so
         a sweep that grows keeps the runs that it had.
+
+        Raises
+        ------
+        InputError
+            If there are more than memory holds the plan of.
         """
+        require_room("sweep", "runs", f"{self._count:,}", _BYTES_PER_RUN * self._count)
         axes: list[list[Overrides]] = [
             [dict(zip(self.grid, values, strict=True)) for values in product(*self.grid.values())],
             self.rows or [{}],

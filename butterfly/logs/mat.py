@@ -11,6 +11,7 @@ from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
 from butterfly.logs.column_map import checked_map
 from butterfly.logs.log import SAMPLED, Log
+from butterfly.logs.mat5 import whole
 from butterfly.logs.mat73 import is_mat73, load73, names73
 from butterfly.logs.units import AS_IS, Units
 
@@ -107,14 +108,15 @@ def _load(path: Path, names: Collection[str]) -> dict[str, Any]:
     if is_mat73(path):
         return load73(path, names)
     try:
-        return dict(loadmat(path, variable_names=list(names), simplify_cells=names != {_MATRIX}))
+        file = whole(path)
+        return dict(loadmat(file, variable_names=list(names), simplify_cells=names != {_MATRIX}))
     except Exception as error:  # scipy's reader meets corrupt bytes with whatever they lead to
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(path, "content", f"unreadable ({reason})", "a whole .mat file") from None
 
 
 def _names(path: Path) -> list[str]:
-    return names73(path) if is_mat73(path) else [name for name, *_ in whosmat(path) if name]
+    return names73(path) if is_mat73(path) else [name for name, *_ in whosmat(whole(path)) if name]
 
 
 def _vector(path: Path, variables: dict[str, Any], parts: list[str]) -> NDArray[np.float64]:
@@ -149,7 +151,7 @@ def _vector(path: Path, variables: dict[str, Any], parts: list[str]) -> NDArray[
 
 def _refuse_objects(path: Path, wanted: str) -> None:
     """Raise InputError if a file of before v7.3 holds objects, whose names it does not tell."""
-    if not is_mat73(path) and any(kind == "opaque" for _, _, kind in whosmat(path)):
+    if not is_mat73(path) and any(kind == "opaque" for _, _, kind in whosmat(whole(path))):
         raise InputError(path, wanted, *_OBJECTS)
 
 

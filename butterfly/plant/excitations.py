@@ -12,11 +12,14 @@ import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import Sine
+from butterfly.sizes import require_room
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
+_POINTS = 16  # in a period of the highest harmonic
+_BYTES_PER_POINT = 40  # a signal, its spectrum, and copies
 _CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
 _CLIP = 0.9  # share of the peak at which a round clips
 _TAPS = {
@@ -139,11 +142,13 @@ class Multisine:
             raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
         if len(set(self.harmonics)) != len(self.harmonics):
             raise InputError("Multisine", "harmonics", self.harmonics, "each harmonic once")
+        size = _BYTES_PER_POINT * self._points
+        require_room("Multisine", "harmonics", max(self.harmonics), size)
         object.__setattr__(self, "harmonics", tuple(self.harmonics))
 
     @property
     def _points(self) -> int:
-        return 16 * max(self.harmonics)
+        return _POINTS * max(self.harmonics)
 
     def _of_low_crest(self) -> tuple[_Lines, float]:
         return _of_low_crest(self.harmonics, self.seed, self._points)

@@ -11,6 +11,7 @@ import numpy as np
 from butterfly.compiled import compiled
 from butterfly.errors import InputError, require_number
 from butterfly.plant.simulink_noise import BandLimitedNoise  # noqa: TC001 - the schema reads annotations
+from butterfly.sizes import require_room
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""
 
+_FINEST = 1 << 40  # steps per turn; no encoder has 2^32
+_BYTES_PER_CYCLE = 64  # stamps, input, angle and velocity of a log, and copies
 _SHORTEST = 0.1  # an interval is never shorter than this share of the nominal one
 
 
@@ -42,8 +45,9 @@ class Encoder:
     band_limited: BandLimitedNoise | None = None
 
     def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise InputError("Encoder", "steps", self.steps, "a positive number of steps per turn")
+        if not 1 <= self.steps <= _FINEST:
+            found = self.steps if self.steps < _FINEST else "more"
+            raise InputError("Encoder", "steps", found, f"1 to {_FINEST} steps per turn")
         require_number("Encoder", unit="rad", noise=self.noise)
 
     def read(
@@ -126,7 +130,9 @@ class Clock:
             If ``duration`` is not a finite positive number.
         """
         require_number("Clock", positive=True, unit="s", duration=duration)
-        return max(round(duration / self.step), 1)
+        count = max(duration / self.step, 1.0)
+        require_room("Clock", "duration", f"{duration:g} s", _BYTES_PER_CYCLE * count)
+        return round(count)
 
     def cycles(self, duration: float, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return the (n,) lengths in s of the cycles that fill about ``duration`` s."""

@@ -1,0 +1,77 @@
+"""What no machine can do, and no folder be called, is refused in a line before it is begun."""
+
+import pytest
+import yaml
+
+from butterfly.cli.exit_codes import ExitCode
+from butterfly.errors import InputError
+from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.sweeps import SweepSpec
+from butterfly.files import is_name
+from butterfly.sizes import memory, require_room, said
+
+TOO_MUCH = {
+    "a duration": ({"duration": 1e12}, r"duration: got 1e\+12 s; expected less: it takes .* EB|PB"),
+    "harmonics": (
+        {"signals": [{"multisine": {"base": 1.0, "harmonics": [1, 2_000_000_000], "peak": 0.1}}]},
+        r"harmonics: got 2000000000; expected less: it takes 1\.3 TB of memory",
+    ),
+    "an encoder": (
+        {"plant": {"encoder": {"steps": 10**400}}},
+        r"encoder\.steps: got more; expected 1 to 1099511627776 steps per turn",
+    ),
+}
+NAMELESS = ("..", "...", "nul", "COM1.yaml", "x" * 101)
+
+
+def _changed(quick, changes):
+    content = yaml.safe_load(quick.read_text())
+    plant = content["plant"] | changes.pop("plant", {})
+    quick.write_text(yaml.safe_dump(content | {"plant": plant} | changes))
+    return quick
+
+
+@pytest.mark.parametrize("what", TOO_MUCH)
+def test_what_does_not_fit_into_memory_is_refused_with_its_bytes(quick, what):
+    changes, message = TOO_MUCH[what]
+    with pytest.raises(InputError, match=message):
+        read_experiment(_changed(quick, dict(changes)))
+
+
+def test_a_plan_that_no_memory_holds_is_refused_before_it_is_made():
+    sweep = SweepSpec(grid={"seed": list(range(1000))}, repetitions=10**9)
+    with pytest.raises(InputError, match=r"runs: got 1,000,000,000,000; expected less: it takes 2"):
+        next(iter(sweep.points(0)))
+
+
+@pytest.mark.parametrize("name", NAMELESS)
+def test_a_name_is_the_name_of_a_folder(quick, name):
+    assert not is_name(name)
+    with pytest.raises(InputError, match="a name that a folder can have, of up to 100 characters"):
+        read_experiment(_changed(quick, {"name": name}))
+
+
+@pytest.mark.parametrize("path", ["a\0b.csv", "a" * 5000])
+def test_a_path_is_one_that_a_file_system_takes(quick, path):
+    table = {"file": {"path": path}}
+    for changes in ({"signals": [table]}, {"extends": path}):
+        with pytest.raises(InputError, match="expected a path"):
+            read_experiment(_changed(quick, dict(changes)))
+
+
+def test_room_is_that_of_the_machine():
+    require_room("test", "size", 1, memory())
+    with pytest.raises(InputError, match="it takes inf EB of memory"):
+        require_room("test", "size", 1, float("inf"))
+    assert [said(size) for size in (17, 1.5e3, 2.4e12)] == ["17 bytes", "1.5 kB", "2.4 TB"]
+
+
+def test_texts_are_no_markup(butterfly, quick_data, tmp_path):
+    manifest = yaml.safe_load((quick_data / "manifest.yaml").read_text())
+    name = "a[/b][red]:smile:"
+    told = manifest | {"name": name, "root": str(quick_data)}
+    (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(told))
+    for command in ("identify", "inspect"):
+        code, out, err = butterfly(command, tmp_path)
+        assert (code, err) == (ExitCode.DONE, "")
+        assert name in out or command == "inspect"

@@ -1,0 +1,86 @@
+"""Damage files of each kind, read them in a child, and count what is neither done nor a line.
+
+python -m tests.fuzz --cases 5000 --seed 7
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from pathlib import Path
+
+from tests.fuzz.damage import damaged
+from tests.fuzz.kinds import KINDS
+
+SLOW = 5.0
+"""Seconds that a case may take."""
+
+
+def main() -> int:
+    """Run all kinds; the exit code says whether anything escaped."""
+    asked = _options().parse_args()
+    if asked.child is not None:
+        _child(asked.child, asked.cases, asked.seed, asked.begin)
+        return 0
+    found = {kind: _counted(kind, asked.cases, asked.seed) for kind in asked.kind}
+    for kind, escapes in found.items():
+        print(f"{kind}: {asked.cases} cases, {sum(escapes.values())} escapes")
+        for escape, count in escapes.most_common():
+            print(f"  {count} times, {escape}")
+    return int(any(found.values()))
+
+
+def _options() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=1000, help="of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kind", nargs="*", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--child", choices=KINDS, help=argparse.SUPPRESS)
+    parser.add_argument("--begin", type=int, default=0, help=argparse.SUPPRESS)
+    return parser
+
+
+def _counted(kind: str, cases: int, seed: int) -> Counter[str]:
+    """Count escapes; one that ends the child counts, and the next child goes on behind it."""
+    escapes: Counter[str] = Counter()
+    begin = 0
+    while begin < cases:
+        told = ("--child", kind, "--cases", cases, "--seed", seed, "--begin", begin)
+        words = [sys.executable, "-m", "tests.fuzz", *map(str, told)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603
+        lines = done.stdout.splitlines()
+        escapes.update(line.partition(" ")[2] for line in lines if " " in line)
+        if done.returncode == 0:
+            break
+        last = int(lines[-1].partition(" ")[0]) if lines else begin
+        escapes[f"the process ended with {done.returncode} {done.stderr[-200:]}"] += 1
+        begin = last + 1
+    return escapes
+
+
+def _child(kind: str, cases: int, seed: int, begin: int) -> None:
+    """Print the number of each case before it, and what escaped after it."""
+    warnings.simplefilter("error")
+    sound, escapes = KINDS[kind]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "damaged"
+        for number in range(begin, cases):
+            rng = random.Random(f"{kind} {seed} {number}")  # noqa: S311 - no secret
+            content = damaged(rng.choice(sound), rng)
+            print(number, flush=True)
+            before = time.perf_counter()
+            escape = escapes(content, path)
+            if time.perf_counter() - before > SLOW:
+                escape = escape or f"more than {SLOW:g} s"
+            if escape:
+                print(f"{number} {escape}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
