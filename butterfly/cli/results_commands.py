@@ -113,6 +113,18 @@ def table_command(
         typer.echo(f"{found.num_rows - limit} more rows; --limit shows them, export keeps them.")
 
 
+def without_formulas(table: pa.Table) -> pa.Table:
+    """Return a table none of whose texts a spreadsheet takes for a formula."""
+    for k, field in enumerate(table.schema):
+        if not pa.types.is_string(field.type):
+            continue
+        texts = table.column(k)
+        taken = pc.match_substring_regex(texts, r"^[=+\-@\t\r]")
+        quoted = pc.binary_join_element_wise("'", texts, "")
+        table = table.set_column(k, field, pc.if_else(taken, quoted, texts))
+    return table
+
+
 def export_command(
     folder: FolderArgument,
     out: Annotated[Path, typer.Option(help="File to write: .csv or .parquet.")],
@@ -120,13 +132,17 @@ def export_command(
     where: FilterOption = None,
     columns: ColumnsOption = None,
 ) -> None:
-    """Write rows of a table to a CSV or Parquet file."""
+    """Write rows of a table to a CSV or Parquet file.
+
+    In CSV, texts that a spreadsheet would take for a formula (they begin with =, +, - or @) begin
+    with an apostrophe.
+    """
     found = _filtered(_table(folder, table), where, columns)
     if out.suffix not in {".csv", ".parquet"}:
         raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
     with replacing(out) as draft:
         if out.suffix == ".csv":
-            csv.write_csv(found, draft)
+            csv.write_csv(without_formulas(found), draft)
         else:
             parquet.write_table(found, draft)
     typer.echo(f"{found.num_rows} rows: {out}")

@@ -36,6 +36,7 @@ _ROUGH = 0.005
 the joint turns back or sticks is then no matter of its mean."""
 
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
+_FINEST = 100  # steps in one of a log
 _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 
 
@@ -200,8 +201,13 @@ class Trajectory:
 
 
 def grid_step(log: Log, parameters: LumpedParameters) -> float:
-    """Return the longest step in s of a simulation's grid, for parameters of the bare hand."""
+    """Return the longest step in s of a simulation's grid, for parameters of the bare hand.
+
+    It is no shorter than a hundredth of the log's own: no log shows a resonance that asks for more.
+    """
     drive = log.excitation.omega if log.excitation else 0.0
     fastest = max(resonance_frequency(parameters.with_added_mass(log.added_mass)), drive)
     longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
-    return min(longest, 1 / (_STEPS_PER_RADIAN * fastest)) if fastest else longest
+    if not fastest:
+        return longest
+    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / _FINEST)

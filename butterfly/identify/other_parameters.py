@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.identify.predict import FitSummary
 from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from butterfly.identify.predict import Predictor
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
+_TOO_FAST = 3.0  # times the fastest that samples can show
 _GRID = 41
 
 
@@ -127,11 +129,16 @@ def best_gain(
     Raises
     ------
     InputError
-        If no log is a sine, whose gain tells where to look.
+        If no log is a sine, whose gain tells where to look; or if the joint would swing faster than
+        any log could show.
     """
     if not predictor.data.sines:
         expected = "a value: no log is a sine, which would tell the best one"
         raise InputError(source, "p4", "nothing", expected)
+    fastest, seen = resonance_frequency(parameters), math.pi / predictor.data.logs[0].mean_step
+    if fastest > _TOO_FAST * seen:
+        expected = f"at most the {seen:.3g} rad/s that samples show, or p4 too"
+        raise InputError(source, "p3", f"a resonance of {fastest:.3g} rad/s", expected)
     unit = replace(parameters, p4=1.0)
     ratios = [
         abs(

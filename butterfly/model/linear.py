@@ -100,8 +100,9 @@ class Linearisation:
         c = self.inertia + self.time_constant * self.damping
         a = self.damping + self.back_emf + self.time_constant * self.stiffness
         if b == 0:
-            excess = 2 * c * self.stiffness - a**2
-            return math.sqrt(excess / (2 * c**2)) if excess > 0 and c**2 > 0 else 0.0
+            damping = a / c if c else 0.0
+            excess = self.stiffness / c - damping * damping / 2 if c else 0.0
+            return math.sqrt(excess) if excess > 0 else 0.0
         roots = np.roots([3 * b**2, 2 * c**2 - 4 * a * b, a**2 - 2 * c * self.stiffness])
         squares = [float(root.real) for root in roots if root.imag == 0 and root.real > 0]
         return math.sqrt(max(squares, default=0.0))
