@@ -48,6 +48,10 @@ class UnusableError(ButterflyError):
     """Values were found, but no joint has them, and nothing can be made of them."""
 
 
+class StoppedError(ButterflyError):
+    """A sweep was interrupted; what is done is kept, and the same command goes on."""
+
+
 def require_number(source: str, *, positive: bool = False, unit: str = "", **values: float) -> None:
     """Raise InputError unless each value is finite and not negative (or strictly positive).
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from typing import Annotated
 
 import typer
@@ -10,7 +12,7 @@ import typer
 from butterfly import __version__
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.lazy import MARKUP, Command, LazyGroup
-from butterfly.errors import ButterflyError, UnusableError
+from butterfly.errors import ButterflyError, StoppedError, UnusableError
 
 COMMANDS = {
     "run": Command(
@@ -188,8 +190,16 @@ def _root(
 
 def main() -> None:
     """Run the command line; bad input ends in one line on stderr (see `ExitCode`)."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # asked to end, as by Ctrl-C
     try:
         app()
+    except StoppedError as stopped:
+        typer.echo(str(stopped), err=True)
+        sys.exit(ExitCode.STOPPED)
+    except KeyboardInterrupt:
+        typer.echo("stopped", err=True)
+        sys.exit(ExitCode.STOPPED)
     except ButterflyError as error:
         typer.secho(f"error: {' '.join(str(error).split())}", fg="red", err=True)
         unusable = isinstance(error, UnusableError)

@@ -18,6 +18,7 @@ class ExitCode(IntEnum):
     NO_RESULT = 1
     BAD_INPUT = 2
     NOT_TO_BE_USED = 3
+    STOPPED = 130
 
     @property
     def meaning(self) -> str:
@@ -36,4 +37,5 @@ _MEANINGS = {
     ExitCode.NO_RESULT: "some runs of a sweep gave no result",
     ExitCode.BAD_INPUT: "bad input",
     ExitCode.NOT_TO_BE_USED: "an answer not to be used: it did not converge, or warns of itself",
+    ExitCode.STOPPED: "a sweep was stopped, by Ctrl-C or a signal to end; what is done is kept",
 }

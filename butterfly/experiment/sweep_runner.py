@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, StoppedError
 from butterfly.experiment.columns import RUNS
 from butterfly.experiment.perform import execute, versions
 from butterfly.experiment.record import FAILED, OK, SweepRecord
@@ -64,15 +64,25 @@ def run_sweep(
     ------
     InputError
         If ``only`` names no runs, or the folder cannot be written.
+    StoppedError
+        If it is interrupted: what is done is kept.
     """
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
     pending = [task for task in unique.values() if force or is_to_do(store, task)]
     store.write_sweep(sweep_record(plan))
-    with closing(engine.run(execute, pending, plan.tables)) as outcomes:
-        for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
-            store.write(outcome)
+    left = len(pending)
+    try:
+        with closing(engine.run(execute, pending, plan.tables)) as outcomes:
+            for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
+                store.write(outcome)
+                left -= 1
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"stopped: {len(unique) - left} of {len(unique)} runs are done; the same command goes "
+            "on with the others"
+        ) from None
     store.write_tables()
     status = store.table(RUNS)["status"].to_pylist()
     return SweepSummary(

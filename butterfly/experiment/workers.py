@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections import Counter, deque
 from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -101,7 +102,7 @@ class LocalEngine:
         running: dict[Future[Outcome], Task] = {}
         pool = ProcessPool(
             min(self._jobs, len(pending)),
-            initializer=_keep_tables,
+            initializer=_begin,
             initargs=(tables,),
             context=_context(),
         )
@@ -141,9 +142,19 @@ _tables: Tables = {}
 """Of a worker: the signals that its tasks name."""
 
 
-def _keep_tables(tables: Tables) -> None:
+def _begin(tables: Tables) -> None:
+    """Keep the tables, and see to it that a worker does not outlive who asked for it."""
     global _tables  # noqa: PLW0603 - the one thing that a worker keeps between tasks
     _tables = tables
+    threading.Thread(target=_end_with_owner, daemon=True).start()
+
+
+def _end_with_owner() -> None:
+    """End this process when the one that asked for it has ended, however it did."""
+    owner = multiprocessing.parent_process()
+    if owner is not None:
+        owner.join()
+        os._exit(1)
 
 
 def _work_here(work: Work, task: Task) -> Outcome:
