@@ -153,8 +153,15 @@ class ResultStore:
             first = str(error).splitlines()[0]
             raise InputError(path, "content", first, "a whole Parquet file") from None
 
+    def _holds(self, path: Path) -> bool:
+        """Whether a path leads to its place through no link."""
+        inside = path.relative_to(self.folder)
+        return not any((self.folder / part).is_symlink() for part in (inside, *inside.parents[:-1]))
+
     def clean(self, *, failed: bool = False) -> list[Path]:
         """Remove records that no run of the sweep has, and unfinished files.
+
+        Nothing is removed that a link leads to, here or elsewhere.
 
         Parameters
         ----------
@@ -172,7 +179,7 @@ class ResultStore:
             unwanted = record is None or (failed and record.status != OK)
             if unwanted or path.stem not in wanted:
                 removed += [path, *([self.files_path(path.stem)])]
-        existing = [path for path in dict.fromkeys(removed) if path.exists()]
+        existing = [path for path in dict.fromkeys(removed) if path.exists() and self._holds(path)]
         for path in existing:
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         return existing

@@ -28,6 +28,21 @@ def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted
     assert store.clean() == []
 
 
+def test_cleaning_follows_no_link(folder):
+    plan = small_plan(folder)
+    store = ResultStore(folder / "linked")
+    run_sweep(plan, store.folder, HereEngine())
+    elsewhere = folder / "elsewhere"
+    elsewhere.mkdir()
+    kept = elsewhere / f"{'ff' * 12}.json"
+    kept.write_text("{}")
+    (store.folder / "runs/link").symlink_to(elsewhere, target_is_directory=True)
+    (store.folder / "runs/ff").mkdir()
+    (store.folder / "runs/ff" / kept.name).symlink_to(kept)
+    assert store.clean() == []
+    assert kept.exists()
+
+
 @pytest.mark.parametrize(
     "text", ["", "[]", "null", '{"key": 3}', '{"schema": 1}', "\x00", '{"status": "ok", "seed": 1}']
 )
