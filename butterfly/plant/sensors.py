@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""
 
-_FINEST = 1 << 40  # steps per turn; no encoder has 2^32
+_FINEST = 1 << 60  # steps per turn, finer than any angle in double precision
 _BYTES_PER_CYCLE = 64  # stamps, input, angle and velocity of a log, and copies
 _SHORTEST = 0.1  # an interval is never shorter than this share of the nominal one
 

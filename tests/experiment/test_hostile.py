@@ -20,7 +20,7 @@ TOO_MUCH = {
     ),
     "an encoder": (
         {"plant": {"encoder": {"steps": 10**400}}},
-        r"encoder\.steps: got more; expected 1 to 1099511627776 steps per turn",
+        r"encoder\.steps: got more; expected 1 to 1152921504606846976 steps per turn",
     ),
 }
 NAMELESS = ("..", "...", "nul", "COM1.yaml", "x" * 101)

@@ -9,6 +9,8 @@ from tests.benchmarks.coverage import report
 from tests.independent.robots import FAMILIES, draw
 from tests.independent.scores import METHODS, score
 
+pytestmark = pytest.mark.slow
+
 SEED = 7
 ROBOTS = {"A": 0, "B": 0, "C": 1}
 """One of each family, in which no method ends far off."""

@@ -18,6 +18,8 @@ from butterfly.plant.motor import CommandPath, SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 
+pytestmark = pytest.mark.slow
+
 FREE = LumpedParameters(p1=0.00325, p2=0.0, p3=0.04905, p4=10)
 SIXTY = math.radians(60)
 CYCLE = 2e-3

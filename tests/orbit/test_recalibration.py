@@ -34,6 +34,8 @@ from tests.orbit.setting import (
     wrong,
 )
 
+pytestmark = pytest.mark.slow
+
 ROUGH = plant({"coulomb": 4e-4})
 TRUE = ROUGH.robot.lumped
 NAMES = ("p2", "p3", "p4", "coulomb")
@@ -134,7 +136,6 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
     assert study.cross.shape == (0, 0)
 
 
-@pytest.mark.slow
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
     small = generic(ROUGH, AGAINST_COULOMB, duration=40.0)

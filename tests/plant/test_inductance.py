@@ -22,6 +22,8 @@ from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.sine_fit import fit_sine
 
+pytestmark = pytest.mark.slow
+
 FINE = Encoder(steps=2**45)
 ADDED = AddedMass(mass=0.05, arm=0.104)
 CLOCK = Clock(step=0.01)

@@ -40,6 +40,8 @@ from butterfly.report.words import verdict_on
 from butterfly.thesis.method import Thesis
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
+pytestmark = pytest.mark.slow
+
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-extensions "
@@ -220,7 +222,6 @@ def test_a_report_is_written_with_its_numbers_and_pictures(pages, written, kind)
             assert (folder / f"r-figures/{name}.{suffix}").stat().st_size > 3000
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine to look at the report")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_browser_draws_every_figure_without_error_or_request(pages, written, kind, tmp_path):
