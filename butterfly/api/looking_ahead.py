@@ -120,7 +120,7 @@ def predict(
     )
     drawn = None if known.draws is None else Drawn.of(known.draws, found, known.said)
     if whole is not None:
-        counted = whole.calm or list(range(len(logs)))
+        counted = whole.counted
         fits = np.array([predictions[k].run.fit for k in counted])
         estimate = judged_on(estimate, fits, [logs[k].name for k in counted])
         estimate = estimate.with_findings(*outdone(whole, estimate, fits, counted))

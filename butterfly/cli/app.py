@@ -194,11 +194,8 @@ def main() -> None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # asked to end, as by Ctrl-C
     try:
         app()
-    except StoppedError as stopped:
-        typer.echo(str(stopped), err=True)
-        sys.exit(ExitCode.STOPPED)
-    except KeyboardInterrupt:
-        typer.echo("stopped", err=True)
+    except (StoppedError, KeyboardInterrupt) as stopped:
+        typer.echo(str(stopped) or "stopped", err=True)
         sys.exit(ExitCode.STOPPED)
     except ButterflyError as error:
         typer.secho(f"error: {' '.join(str(error).split())}", fg="red", err=True)

@@ -113,7 +113,5 @@ def _comparison_table(result: Identification) -> Table:
         gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
         rows.append((other.name + gain, other.summary))
     for name, fit in rows:
-        table.add_row(
-            name, f"{fit_said(fit.median)}", f"{fit_said(fit.mean)}", f"{fit_said(fit.worst)}"
-        )
+        table.add_row(name, fit_said(fit.median), fit_said(fit.mean), fit_said(fit.worst))
     return table

@@ -182,6 +182,11 @@ class DataSet:
             return list(range(len(self.logs)))
         return [k for k, log in enumerate(self.logs) if not turns_over(log, self.zero_of(log))]
 
+    @property
+    def counted(self) -> list[int]:
+        """Numbers of the logs by whose free runs a model is judged: the calm ones, or else all."""
+        return self.calm or list(range(len(self.logs)))
+
     def __repr__(self) -> str:
         return (
             f"DataSet({self.name!r}: {len(self.logs)} logs with {len(self.masses)} added masses, "

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.identify.judgement.sensor_errors import encoder_step
 from butterfly.identify.segments import simulation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from butterfly.identify.estimate import ParameterEstimate
     from butterfly.logs.log import Log
@@ -54,11 +53,7 @@ def _excess(log: Log, estimate: ParameterEstimate, horizon: float) -> float:
     parameters, own = estimate.applied(log)
     stretches = simulation(log, parameters, horizon)
     errors = stretches.linearised((), parameters, own.get("zero", 0.0))[0]
-    noise = max(float(np.std(np.diff(errors))) / math.sqrt(2), _rounding(log.angle))
+    noise = max(
+        float(np.std(np.diff(errors))) / math.sqrt(2), encoder_step(log.angle) / math.sqrt(12)
+    )
     return float(np.sqrt(np.mean(errors**2))) / (noise or 1.0)
-
-
-def _rounding(angle: NDArray[np.float64]) -> float:
-    """Rms error that the steps of an encoder make."""
-    steps = np.abs(np.diff(angle))
-    return float(steps[steps > 0].min(initial=math.inf)) / math.sqrt(12) if steps.any() else 0.0

@@ -13,7 +13,7 @@ from butterfly.identify.estimate import ParameterEstimate
 from butterfly.identify.estimators.weak_form import WeakForm
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.following import judge_fit
-from butterfly.identify.judgement.physics import judge_physics
+from butterfly.identify.judgement.physics import is_possible, judge_physics
 from butterfly.identify.other_parameters import best_gain, told_parameters
 from butterfly.identify.predict import Predictor
 from butterfly.model.known import Knowledge, Known
@@ -133,7 +133,7 @@ def outdone(
         own = WeakForm(check=False)(replace(data.take(numbers), known=known))
     except ButterflyError:
         return []
-    if any(each.severity is Severity.WARNING for each in judge_physics(own, data.masses)):
+    if not is_possible(own, data.masses):
         return []
     own = replace(own, horizon=predictor.horizon(estimate))
     reached = float(np.median(predictor.fits(own, numbers)))

@@ -157,9 +157,8 @@ def judge(
     """
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
-    whole = list(range(fits.size))
     segmented = found.horizon is not None and math.isfinite(found.horizon)
-    counted = whole if segmented else data.calm or whole
+    counted = list(range(fits.size)) if segmented else data.counted
     told = found.with_findings(
         *judge_physics(found, data.masses),
         *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
@@ -176,7 +175,7 @@ def _of_held_out(
     """Judge by the logs that were held out, but for those that pass the upright."""
     if data.held is None:
         return []
-    counted = data.held.calm or list(range(len(data.held.logs)))
+    counted = data.held.counted
     fits = Predictor(data.held).fits(found, counted)
     return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
 

@@ -153,8 +153,7 @@ class Predictor:
         if estimate.horizon is not None:
             return estimate.horizon
         if self._horizon is None:
-            counted = self.data.calm or range(len(self.data.logs))
-            logs = [self.data.logs[k] for k in counted]
+            logs = [self.data.logs[k] for k in self.data.counted]
             self._horizon = horizon_of(logs, estimate.parameters, self.data.equilibria)
         return self._horizon
 

@@ -25,7 +25,7 @@ MATS = [_written(each, packed=packed) for each in mat.CONTENTS.values() for pack
 KINDS: dict[str, tuple[list[bytes], Callable[[bytes, Path], str]]] = {
     "mat": (MATS, mat.escapes),
     "csv": (text.CSV, text.csv_escapes),
-    "experiment": (text.EXPERIMENTS[:1], text.experiment_escapes),
-    "manifest": (text.EXPERIMENTS[1:], text.manifest_escapes),
+    "experiment": (text.EXPERIMENTS, text.experiment_escapes),
+    "manifest": (text.MANIFESTS, text.manifest_escapes),
 }
 """Sound contents, and what tells what escapes of one that is not, by the kind."""

@@ -32,11 +32,7 @@ from butterfly.identify.judgement.covariance import FEW, blocks_of
 from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.intervals import of_few_logs, without_each_mass
 from butterfly.identify.judgement.knowledge import is_driven, refuse_without_scale
-from butterfly.identify.judgement.term_choice import (
-    candidates,
-    missing_terms,
-    told_terms,
-)
+from butterfly.identify.judgement.term_choice import candidates, missing_terms, told_terms
 from butterfly.identify.reference import Reference
 from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge

@@ -67,6 +67,11 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
     return judged
 
 
+def is_possible(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> bool:
+    """Whether a joint can have the parameters (see `judge_physics`)."""
+    return all(each.severity is not Severity.WARNING for each in judge_physics(estimate, masses))
+
+
 def _drives(estimate: ParameterEstimate, mass: AddedMass) -> bool:
     """Whether friction that grows with the added weight is clearly negative with some mass."""
     weights = np.array([_OF_LEVEL.get(name, 0.0) for name in estimate.names])

@@ -10,7 +10,7 @@ import numpy as np
 
 from butterfly.errors import ButterflyError
 from butterfly.identify.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identify.judgement.physics import judge_physics
+from butterfly.identify.judgement.physics import is_possible
 from butterfly.identify.judgement.slips.names import Slip
 from butterfly.identify.predict import Predictor
 
@@ -89,7 +89,7 @@ def judged(data: DataSet, estimate: ParameterEstimate) -> Trial:
     """
     if not np.isfinite(estimate.values).all():
         return NOTHING
-    if any(each.severity is Severity.WARNING for each in judge_physics(estimate, data.masses)):
+    if not is_possible(estimate, data.masses):
         return NOTHING
     whole = replace(estimate, horizon=estimate.horizon or math.inf)
     fits = Predictor(data).fits(whole)
