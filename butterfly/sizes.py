@@ -7,6 +7,8 @@ import os
 from butterfly.errors import InputError
 
 _ASSUMED = 8 << 30  # bytes, of a machine that does not say
+_PACKED = 64  # times its size that a file of logs may hold
+_FREE = 256 << 20  # bytes that any may
 _PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
@@ -24,6 +26,17 @@ def require_room(source: object, field: str, value: object, size: float) -> None
     if not size <= there:
         room = f"less: it takes {said(size)} of memory, of which there are {said(there)}"
         raise InputError(source, field, value, room)
+
+
+def most_in(packed: int) -> int:
+    """Return how many bytes a packed file of logs may hold: what says more is damaged, or worse.
+
+    Parameters
+    ----------
+    packed
+        Bytes of the file.
+    """
+    return max(_FREE, _PACKED * packed)
 
 
 def memory() -> int:

@@ -19,6 +19,7 @@ from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import numbers_named, with_unique_names
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.pieces import read_logs
+from butterfly.logs.thinning import thinned
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
@@ -52,7 +53,8 @@ class DataSet:
     recorded
         The logs as they were recorded.
     logs, health
-        The logs, repaired, and the record of what was found in each.
+        The logs, repaired and, if they are very long, thinned (see `butterfly.logs.thinning`), and
+        the record of what was found in each.
     points
         The steady response of each log, None where the input is no sine.
     held
@@ -100,10 +102,10 @@ class DataSet:
             raise InputError(name, "gravity", "different ones", "one joint under one gravity")
         recorded = with_unique_names(recorded)
         try:
-            examined = [examine(log, repairs) for log in recorded]
+            ready = [_ready(log, repairs) for log in recorded]
         except InputError as error:
             raise with_slips(error, slips_of_still(recorded)) from None
-        logs = [log for log, _ in examined]
+        logs = [log for log, _ in ready]
         told = _of_logs(recorded).also(known)
         return cls(
             name=name,
@@ -114,7 +116,7 @@ class DataSet:
             known=_implied(told, recorded),
             recorded=tuple(recorded),
             logs=tuple(logs),
-            health=tuple(health for _, health in examined),
+            health=tuple(health for _, health in ready),
             points=_responses(logs, track),
         )
 
@@ -284,6 +286,11 @@ class DataSet:
             return None
         entries = [self.manifest.logs[k] for k in rows]
         return self.manifest.model_copy(update={"logs": entries, "holdout": []})
+
+
+def _ready(log: Log, repairs: frozenset[Repair]) -> tuple[Log, Health]:
+    clean, health = examine(log, repairs)
+    return thinned(clean), health
 
 
 def _of_logs(logs: Sequence[Log]) -> Knowledge:

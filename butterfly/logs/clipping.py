@@ -32,20 +32,29 @@ def clipped(angle: NDArray[np.float64]) -> int:
     Each side is judged on its own: a joint that sticks at its turning point may leave it abruptly,
     but its speed had fallen to zero when it came.
     """
-    count = 0
     runs = [(level, *_flat_runs(angle == level)) for level in (angle.min(), angle.max())]
-    resolution = _resolution(angle) if any(starts.size for _, starts, _ in runs) else 0.0
-    for level, starts, ends in runs:
-        if not starts.size:
-            continue
-        drop = np.abs(angle - level)
-        span = float(drop.max())
-        starts, ends, lengths = _tops(drop, starts, ends, _NEAR * resolution)  # noqa: PLW2901 - joined
-        sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
-        for entry, exit_, length in zip(sides[:-1], sides[1:], lengths, strict=True):
-            if _at_speed(entry[::-1], resolution, span) and _at_speed(exit_, resolution, span):
-                count += int(length)
-    return count
+    runs = [run for run in runs if run[1].size]
+    resolution = _resolution(angle) if runs else 0.0
+    return sum(_clipped_at(angle, *run, resolution) for run in runs)
+
+
+def _clipped_at(
+    angle: NDArray[np.float64],
+    level: float,
+    starts: NDArray[np.intp],
+    ends: NDArray[np.intp],
+    resolution: float,
+) -> int:
+    """Count samples in the flat runs at one extreme that the angle enters and leaves at speed."""
+    drop = np.abs(angle - level)
+    span = float(drop.max())
+    starts, ends, lengths = _tops(drop, starts, ends, _NEAR * resolution)
+    sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
+    return sum(
+        int(length)
+        for entry, exit_, length in zip(sides[:-1], sides[1:], lengths, strict=True)
+        if _at_speed(entry[::-1], resolution, span) and _at_speed(exit_, resolution, span)
+    )
 
 
 def _tops(

@@ -25,12 +25,13 @@ from butterfly.logs.text_table import is_number, read_text_table
 from butterfly.logs.units import AS_IS, Units, known_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
+_VELOCITY = "velocity"
 
 _BY_NUMBER = (
     "a line with the names of the columns, delimited as the numbers are, or columns by number "
@@ -43,7 +44,7 @@ class _Table:
     """Names and columns of a file, and what else it says of them."""
 
     names: Sequence[str]
-    columns: Sequence[pyarrow.ChunkedArray]
+    columns: Mapping[int, NDArray[np.float64] | pyarrow.ChunkedArray]
     units: Sequence[str] | None = None
     lines: Sequence[int] | None = None
     reading: Reading = AS_WRITTEN
@@ -78,9 +79,9 @@ def read_csv(
         If the file is missing or no table, or a mapped column is absent or not numeric.
     """
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
-    table = _table(path, mapping.values())
-    if not columns and has_column(table.names, "velocity"):
-        mapping["velocity"] = "velocity"
+    table = _table(path, mapping.values(), () if columns else (_VELOCITY,))
+    if not columns and has_column(table.names, _VELOCITY):
+        mapping[_VELOCITY] = _VELOCITY
     places = {field: place(path, table.names, name) for field, name in mapping.items()}
     arrays = {
         field: _numeric(path, table, number, str(mapping[field]))
@@ -120,17 +121,36 @@ def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
-def _table(path: Path, wanted: Iterable[str | int]) -> _Table:
+def _table(path: Path, wanted: Iterable[str | int], welcome: Iterable[str] = ()) -> _Table:
     """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it."""
     wanted = list(wanted)
     try:
-        table = csv.read_csv(path)
-        plain = _Table(table.column_names, table.columns)
-        numbers = [place(path, plain.names, name) for name in wanted]
+        with csv.open_csv(path) as beginning:
+            schema = beginning.schema
+        names = schema.names
+        known = [*wanted, *(name for name in welcome if has_column(names, name))]
+        numbers = [place(path, names, name) for name in known]
+        plain = all(_is_number_type(schema.types[number]) for number in numbers)
+        if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
+            return _Table(names, _streamed(path, {number: names[number] for number in numbers}))
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
-        return _loose(path, wanted)
-    told = all(_is_numeric(plain.columns[number]) for number in numbers)
-    return plain if told and not any(map(is_number, plain.names)) else _loose(path, wanted)
+        pass
+    return _loose(path, wanted)
+
+
+def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, NDArray[np.float64]]:
+    """Read columns, by their numbers, of a file of any length: no more of it is kept at a time."""
+    options = csv.ConvertOptions(
+        include_columns=list(wanted.values()),
+        column_types=dict.fromkeys(wanted.values(), pyarrow.float64()),
+    )
+    parts: dict[int, list[NDArray[np.float64]]] = {number: [] for number in wanted}
+    with csv.open_csv(path, convert_options=options) as batches:
+        for batch in batches:
+            for number, name in wanted.items():
+                values = batch.column(name).to_numpy(zero_copy_only=False)
+                parts[number].append(np.array(values, dtype=np.float64))
+    return {number: np.concatenate(parts.pop(number)) for number in wanted}
 
 
 def _loose(path: Path, wanted: Sequence[str | int]) -> _Table:
@@ -142,7 +162,8 @@ def _loose(path: Path, wanted: Sequence[str | int]) -> _Table:
             found = f"{above} above rows of {len(table.columns)} numbers"
             raise InputError(path, "header", found, _BY_NUMBER)
         names = [""] * len(table.columns)
-    return _Table(names, table.columns, table.units, table.lines, table.reading)
+    columns = dict(enumerate(table.columns))
+    return _Table(names, columns, table.units, table.lines, table.reading)
 
 
 def _own_units(path: Path, table: _Table, places: dict[str, int], units: Units) -> dict[str, str]:
@@ -163,13 +184,15 @@ def _own_units(path: Path, table: _Table, places: dict[str, int], units: Units) 
     return found
 
 
-def _is_numeric(column: pyarrow.ChunkedArray) -> bool:
-    return bool(pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type))
+def _is_number_type(kind: pyarrow.DataType) -> bool:
+    return bool(pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind))
 
 
 def _numeric(path: Path, table: _Table, number: int, name: str) -> NDArray[np.float64]:
     column = table.columns[number]
-    if _is_numeric(column):
+    if isinstance(column, np.ndarray):
+        return column
+    if _is_number_type(column.type):
         return np.asarray(column.to_numpy().astype(np.float64))
     texts = [str(each).strip().strip('"') for each in column.to_pylist()]
     row = next((k for k, text in enumerate(texts) if not is_number(text)), None)

@@ -15,8 +15,10 @@ import zlib
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
+from butterfly.sizes import most_in
+
 if TYPE_CHECKING:
-    from collections.abc import Container
+    from collections.abc import Container, Iterable, Iterator
     from pathlib import Path
 
 _HEADER = 128
@@ -28,7 +30,7 @@ _CELL, _STRUCT, _OBJECT, _CHAR, _SPARSE, _FUNCTION, _OPAQUE = 1, 2, 3, 4, 5, 16,
 _NUMERIC = range(6, 16)  # classes
 _COMPLEX = 0x0800
 _DEEPEST = 32  # arrays within arrays
-_MOST = 1 << 30  # bytes of what is unpacked
+_AT_A_TIME = 1 << 20  # bytes that are unpacked
 
 Bytes = memoryview
 
@@ -63,21 +65,47 @@ def whole(path: Path) -> Path | io.BytesIO:
 
 def _checked(data: Bytes, order: str) -> io.BytesIO | None:
     """Check all variables; return the file unpacked if any was packed."""
-    variables: list[Bytes] = []
-    begin, left, packed = _HEADER, _MOST, False
+    elements = list(_elements(data, order))
+    if all(kind != _COMPRESSED for kind, _ in elements):
+        for _, element in elements:
+            _check_variable(element, order)
+        return None
+    unpacked, ends = _unpacked(data, elements)
+    with unpacked.getbuffer() as content:
+        for begin, end in pairwise(ends):
+            _check_variable(content[begin:end], order)
+    return unpacked
+
+
+def _elements(data: Bytes, order: str) -> Iterator[tuple[int, Bytes]]:
+    """Yield the types of a file's elements, and their bytes, tags included."""
+    begin = _HEADER
     while begin < len(data):
         tag = _tag(data[begin:], order)
-        variable = data[begin : begin + 8 + tag.size]
-        if tag.type == _COMPRESSED:
-            packed, variable = True, memoryview(_inflated(variable[8:], left))
-            left -= len(variable)
-        inner = _tag(variable, order)
-        if inner.type != _MATRIX or 8 + inner.size != len(variable):
-            raise DamagedError(f"a variable of type {inner.type} and {inner.size} bytes")
-        _check_array(variable[8:], order, 0)
-        variables.append(variable)
+        yield tag.type, data[begin : begin + 8 + tag.size]
         begin += 8 + tag.size
-    return io.BytesIO(b"".join([data[:_HEADER], *variables])) if packed else None
+
+
+def _unpacked(data: Bytes, elements: Iterable[tuple[int, Bytes]]) -> tuple[io.BytesIO, list[int]]:
+    """Return a file with its variables unpacked, and where each ends; the header does first."""
+    most = most_in(len(data))
+    found = io.BytesIO()
+    ends = [found.write(data[:_HEADER])]
+    for kind, element in elements:
+        for part in _inflated(element[8:]) if kind == _COMPRESSED else (element,):
+            found.write(part)
+            if found.tell() > most:
+                raise DamagedError(f"packed data of more than {most:,} bytes")
+        ends.append(found.tell())
+    found.seek(0)
+    return found, ends
+
+
+def _check_variable(variable: Bytes, order: str) -> None:
+    tag = _tag(variable, order)
+    if tag.type != _MATRIX or 8 + tag.size != len(variable):
+        raise DamagedError(f"a variable of type {tag.type} and {tag.size} bytes")
+    _check_array(variable[8:], order, 0)
 
 
 class _Tag(NamedTuple):
@@ -104,17 +132,20 @@ def _tag(data: Bytes, order: str) -> _Tag:
     return _Tag(kind, size, 8, min(8 + (size + 7) // 8 * 8, len(data)))
 
 
-def _inflated(packed: Bytes, most: int) -> bytes:
+def _inflated(packed: Bytes) -> Iterator[bytes]:
+    """Yield what was packed, in parts."""
     engine = zlib.decompressobj()
-    try:
-        found = engine.decompress(packed, most + 1)
-    except zlib.error as error:
-        raise DamagedError(f"packed data that cannot be unpacked ({error})") from None
-    if len(found) > most:
-        raise DamagedError(f"packed data of more than {_MOST:,} bytes")
+    for begin in range(0, len(packed), _AT_A_TIME):
+        left: bytes | Bytes = packed[begin : begin + _AT_A_TIME]
+        while left and not engine.eof:
+            try:
+                yield engine.decompress(left, _AT_A_TIME)
+            except zlib.error as error:
+                raise DamagedError(f"packed data that cannot be unpacked ({error})") from None
+            left = engine.unconsumed_tail
+    yield engine.flush()
     if not engine.eof:
         raise DamagedError("packed data that end too soon")
-    return found
 
 
 class _Elements:

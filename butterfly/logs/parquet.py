@@ -14,11 +14,17 @@ from butterfly.files import replacing
 from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Units
+from butterfly.sizes import most_in, said
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from butterfly.logs.column_map import ColumnMap
+
+_BYTES = 8  # of a number
+_AT_A_TIME = 1 << 20  # samples
 
 
 def read_parquet(
@@ -46,24 +52,41 @@ def read_parquet(
     InputError
         If the file is missing, is not Parquet, or lacks a column of numbers.
     """
+    mapping = checked_map(path, columns or DEFAULT_COLUMNS)
     try:
-        table = parquet.read_table(path)
+        with parquet.ParquetFile(path) as file:
+            arrays = _columns(path, file, mapping, "" if columns else "velocity")
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", "an existing Parquet file") from None
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first = str(error).splitlines()[0]
         raise InputError(path, "content", first, "a whole Parquet file") from None
-    mapping = checked_map(path, columns or DEFAULT_COLUMNS)
-    if not columns and "velocity" in table.column_names:
-        mapping["velocity"] = "velocity"
-    arrays = {}
-    for field, name in mapping.items():
-        column = table.column(place(path, table.column_names, name))
-        if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
-            raise InputError(path, str(name), f"a column of {column.type}", "numbers")
-        arrays[field] = column.to_numpy().astype(np.float64)
+    pa.default_memory_pool().release_unused()  # of a long log it would keep as much again
     converted: dict[str, Any] = units.applied(arrays)
     return Log(**converted, source=str(path), **properties)
+
+
+def _columns(
+    path: Path, file: parquet.ParquetFile, mapping: dict[str, str | int], welcome: str
+) -> dict[str, NDArray[np.float64]]:
+    """Read columns one after the other, by the log's field; and one that is welcome, if there."""
+    names = file.schema_arrow.names
+    wanted = {field: place(path, names, name) for field, name in mapping.items()}
+    if welcome in names:
+        wanted[welcome] = names.index(welcome)
+    most = most_in(path.stat().st_size)
+    if not 0 <= file.metadata.num_rows * len(wanted) * _BYTES <= most:
+        found = f"{file.metadata.num_rows} rows in {said(path.stat().st_size)}"
+        raise InputError(path, "content", found, f"a whole Parquet file, of up to {said(most)}")
+    arrays = {}
+    for field, number in wanted.items():
+        kind = file.schema_arrow.types[number]
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            raise InputError(path, names[number], f"a column of {kind}", "numbers")
+        batches = file.iter_batches(_AT_A_TIME, columns=[names[number]])
+        parts = [each.column(0).to_numpy(zero_copy_only=False) for each in batches]
+        arrays[field] = np.concatenate([np.empty(0), *parts])
+    return arrays
 
 
 def write_parquet(log: Log, path: Path) -> None:

@@ -17,11 +17,13 @@ from butterfly.logs.as_read import Reading
 from butterfly.logs.column_map import DEFAULT_COLUMNS
 from butterfly.logs.log import MIN_SAMPLES
 from butterfly.logs.units import UNITS, known_factor
+from butterfly.sizes import require_room, said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+_PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
 _COMMENTS = ("#", "%", "//")
 _SAMPLE = 60  # lines that tell how a file is delimited
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
@@ -77,6 +79,8 @@ def read_text_table(path: Path) -> TextTable:
     InputError
         If the file is missing, holds no table of numbers, or a line has too few or many values.
     """
+    size = path.stat().st_size if path.is_file() else 0
+    require_room(path, "content", f"{said(size)} of an unusual form", _PER_BYTE * size)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     told = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]

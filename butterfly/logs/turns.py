@@ -59,10 +59,10 @@ def find_wrapping(angle: NDArray[np.float64], gap: NDArray[np.bool_]) -> Wrappin
         (n - 1,) intervals that say nothing of the motion between their ends.
     """
     steps = np.diff(angle)
-    sizes = np.abs(steps)
     span = float(np.ptp(angle))
-    if float(sizes.max()) < min(_TURN - _NEAR, _WHOLE * span):
+    if float(max(steps.max(), -steps.min())) < min(_TURN - _NEAR, _WHOLE * span):
         return None
+    sizes = np.abs(steps)
     known = np.where(gap, 0.0, steps)
     turn = _whole_turns(known) or _encoders_turn(angle, known, span)
     if turn is None:

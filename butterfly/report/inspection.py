@@ -15,6 +15,7 @@ from butterfly.files import replacing
 from butterfly.logs.health import examine
 from butterfly.logs.pieces import piece_name, read_pieces
 from butterfly.logs.remarks import Condition, Remark
+from butterfly.logs.thinning import thinned
 from butterfly.signals.amplitude import rms_amplitude
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from butterfly.logs.manifest import LogEntry, Manifest
 
 _TURN = 2 * math.pi
+_ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +124,9 @@ def _swings(health: Health | None) -> TypeGuard[Health]:
 
 def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     """Tabulate a log's clock, range, dominant frequency and findings, as names and texts."""
-    grid = uniform_grid(log.time)
-    swing = resample(log.time, log.angle, grid)
+    few = thinned(log, _ENOUGH)
+    grid = uniform_grid(few.time)
+    swing = resample(few.time, few.angle, grid)
     swing = swing - swing.mean()
     omega, power = periodogram(swing, grid[1] - grid[0])
     bin_width, way = omega[0], log.added_mass.joint.way

@@ -46,6 +46,7 @@ def summary(identification: Identification) -> list[str]:
         f"{fit_said(fit.mean)} %, worst {fit_said(fit.worst)} %); 100 % is perfect, 0 % no better "
         "than a constant.",
         *held_out_sentences(identification.held_out),
+        *_thinned(data),
         *_known(estimate),
         *others,
         f"{flagged} of {_logs_have(len(data.logs))} health record.",
@@ -96,6 +97,15 @@ def fit_said(fit: float) -> str:
 def counted(number: float, thing: str) -> str:
     """Return a number of things."""
     return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
+
+
+def _thinned(data: DataSet) -> list[str]:
+    """Say how many samples were averaged, where logs have more than their motion needs."""
+    used = sum(log.time.size for log in data.logs)
+    sound = sum(health.samples - health.dropped for health in data.health)
+    if used == sound:
+        return []
+    return [f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."]
 
 
 def _known(estimate: ParameterEstimate) -> list[str]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from butterfly.errors import InputError
 from butterfly.identify.judgement.slips.names import listed
 from butterfly.identify.zeros import ZeroKind, zeros_of
+from butterfly.logs.thinning import thinned
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def zeros_said(logs: Sequence[Log], known: Knowledge) -> list[str]:
     """
     if not logs or known.weightless(log.added_mass for log in logs):
         return []
+    logs = [thinned(log) for log in logs]
     zeros = zeros_of(logs, [_response(log) for log in logs])
     said = []
     for zero in dict.fromkeys(zeros):
