@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from butterfly.api.usable import require_possible
-from butterfly.cli.console import show_page, show_progress
+from butterfly.cli.console import show_page
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
@@ -22,6 +22,7 @@ from butterfly.cli.options import (
     ReportOption,
     require_report,
 )
+from butterfly.cli.progress import show_progress
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
 from butterfly.errors import InputError, nearest

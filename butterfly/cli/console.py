@@ -1,13 +1,12 @@
-"""What the commands print with: tables, pages, progress."""
+"""What the commands print with: tables and pages."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
 if TYPE_CHECKING:
@@ -15,20 +14,11 @@ if TYPE_CHECKING:
 
     from butterfly.report.page import Page
 
-_T = TypeVar("_T")
-
 CONSOLE = Console(markup=False, emoji=False)
-"""Where tables and progress bars go; brackets in names are brackets."""
+"""Where tables go; brackets in names are brackets."""
 
 if not CONSOLE.is_terminal:
     CONSOLE.width = 140  # a pipe has no width of its own, and folded numbers cannot be read back
-
-
-def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
-    """Show a progress bar on terminals; elsewhere it would only litter the output."""
-    return track(
-        items, description, console=CONSOLE, transient=True, disable=not CONSOLE.is_terminal
-    )
 
 
 def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:

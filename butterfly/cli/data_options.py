@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from butterfly.cli.console import show_progress
 from butterfly.cli.options import (
     ArmOption,
     ColumnsOption,
@@ -23,6 +22,7 @@ from butterfly.cli.options import (
     ZeroOption,
     parse_pairs,
 )
+from butterfly.cli.progress import show_progress
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.pieces import WHOLE, Cut

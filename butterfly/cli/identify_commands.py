@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from butterfly.cli.console import show_progress
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
@@ -20,6 +19,7 @@ from butterfly.cli.options import (
     parse_pairs,
     require_report,
 )
+from butterfly.cli.progress import show_progress
 from butterfly.cli.show_identification import show_identification
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from butterfly.cli.console import CONSOLE, new_table, show_progress
+from butterfly.cli.console import CONSOLE, new_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
@@ -20,6 +20,7 @@ from butterfly.cli.options import (
     parse_names,
     parse_terms,
 )
+from butterfly.cli.progress import show_progress
 from butterfly.errors import InputError
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import held_out_fits, judged

@@ -20,6 +20,7 @@ from butterfly.cli.options import (
     UnitsOption,
     parse_pairs,
 )
+from butterfly.cli.progress import show_progress
 from butterfly.errors import InputError
 from butterfly.logs.drafted import has_thesis_names, manifest_from_names, manifest_of_files
 from butterfly.logs.formats import FORMATS
@@ -74,20 +75,23 @@ def inspect_command(
         raise InputError(data, "--plot", f"{count} logs", "one log (--log N)")
     part = manifest.model_copy(update={"logs": chosen})
     if json_file is not None:
-        seen = inspect_logs(part)
+        seen = inspect_logs(part, show_progress)
         _write_json(seen, json_file)
         if json_file == _STDOUT:
             _refuse_unusable(data, seen)
             return
     if len(chosen) > 1:
-        seen = inspect_logs(part)
+        seen = inspect_logs(part, show_progress)
         _show_all(data, seen)
         _say_zeros([each.log for each in seen if each.log is not None], manifest)
         _show_hints(remark for each in seen for remark in each.remarks)
         _refuse_unusable(data, seen)
         return
-    ((_, recorded),) = read_pieces(manifest, chosen[0])
-    log, health = examine(recorded, manifest.repair)
+    ((log, health),) = (
+        examine(recorded, manifest.repair)
+        for entry in show_progress(chosen, "Looking at logs")
+        for _, recorded in read_pieces(manifest, entry)
+    )
     is_log = data.suffix.lower() in FORMATS
     typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(chosen[0]))
     show_pairs(health_rows(log, health))

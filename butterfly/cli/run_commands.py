@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from butterfly.cli.console import show_page, show_progress
+from butterfly.cli.console import show_page
 from butterfly.cli.exit_codes import ExitCode, end_with
 from butterfly.cli.options import (
     ExperimentArgument,
     FiguresOption,
     ResultsOption,
 )
+from butterfly.cli.progress import show_progress
 from butterfly.cli.show_identification import show_estimates, show_identification, show_record
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS

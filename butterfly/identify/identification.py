@@ -120,8 +120,10 @@ def identify(
         If the logs cannot determine the parameters.
     """
     estimator = (estimator or Suitable()).suited(data)
-    run = simulated(data, estimated(data, estimator), against=against, track=track)
-    return replace(run, estimate=judge(data, estimator, run.estimate, run.fits))
+    (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
+    run = simulated(data, found, against=against, track=track)
+    (sure,) = [judge(data, estimator, each, run.fits) for each in track([found], "Judging")]
+    return replace(run, estimate=sure)
 
 
 def held_out_fits(data: DataSet, estimate: ParameterEstimate) -> dict[str, float]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.sizes import most_in, said
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -18,6 +20,7 @@ _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
+_OF_NODE = 1 << 20  # bytes that count for a node besides its own: of nodes in a ring is no end
 
 
 class MatlabObject:
@@ -39,7 +42,10 @@ def names73(path: Path) -> list[str]:
         If h5py is not installed, or the file is not whole.
     """
     with _opened(path) as file:
-        return [name for name in file if not name.startswith(_OWN)]
+        try:
+            return [name for name in file if not name.startswith(_OWN)]
+        except (OSError, RuntimeError, ValueError) as error:
+            raise _damaged(path, error) from None
 
 
 def load73(path: Path, names: Collection[str]) -> dict[str, Any]:
@@ -50,10 +56,11 @@ def load73(path: Path, names: Collection[str]) -> dict[str, Any]:
     InputError
         If h5py is not installed, or the file is not whole.
     """
+    room = _Room(most_in(path.stat().st_size))
     with _opened(path) as file:
         try:
-            return {name: _value(file[name]) for name in names if name in file}
-        except (OSError, RuntimeError, KeyError) as error:
+            return {name: _value(file[name], room) for name in names if name in file}
+        except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
             raise _damaged(path, error) from None
 
 
@@ -74,12 +81,27 @@ def _damaged(path: Path, error: Exception) -> InputError:
     return InputError(path, "content", f"unreadable ({reason})", "a whole .mat file")
 
 
-def _value(node: Any) -> Any:  # noqa: ANN401 - h5py is an extra
+@dataclass
+class _Room:
+    """Bytes that a file may still hold."""
+
+    left: int
+
+    def take(self, size: int) -> None:
+        """Raise ValueError if there are not as many: the sizes of arrays are but told."""
+        if not 0 <= size <= self.left:
+            raise ValueError(f"arrays of {said(size)} more than there may be")
+        self.left -= size
+
+
+def _value(node: Any, room: _Room) -> Any:  # noqa: ANN401 - h5py is an extra
     """Return a variable as MATLAB has it: HDF5 keeps its dimensions the other way round."""
+    room.take(_OF_NODE)
     kind = node.attrs.get("MATLAB_class", b"")
     if "MATLAB_object_decode" in node.attrs or (kind and kind.decode() not in _PLAIN):
         return MatlabObject()
     if hasattr(node, "items"):
-        return {key: _value(below) for key, below in node.items()}
+        return {key: _value(below, room) for key, below in node.items()}
+    room.take(node.nbytes)
     values = np.asarray(node[()])
     return np.asarray("".join(map(chr, values.ravel()))) if kind == b"char" else values.T

@@ -7,7 +7,7 @@ means exactly, gravity and friction to the second order of how far the motion go
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -53,7 +53,8 @@ def thinned(log: Log, enough: int = ENOUGH) -> Log:
         ends = log.input[block - 1 :: block][:count]
         before = np.concatenate([log.input[:1], ends[:-1]])
         columns["input"] += ((before - ends) / (2 * block))[kept]
-    return replace(log, **columns, intersample=Intersample.FIRST_ORDER_HOLD)
+    means: dict[str, Any] = columns
+    return replace(log, **means, intersample=Intersample.FIRST_ORDER_HOLD)
 
 
 def _means(values: Samples, block: int) -> Samples:

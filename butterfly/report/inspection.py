@@ -16,6 +16,7 @@ from butterfly.logs.health import examine
 from butterfly.logs.pieces import piece_name, read_pieces
 from butterfly.logs.remarks import Condition, Remark
 from butterfly.logs.thinning import thinned
+from butterfly.progress import Track, untracked
 from butterfly.signals.amplitude import rms_amplitude
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
     from butterfly.logs.manifest import LogEntry, Manifest
 
+_LOOKING = "Looking at logs"
 _TURN = 2 * math.pi
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
@@ -77,9 +79,9 @@ class Inspected:
         return {"log": self.name, "condition": self.condition.value, **numbers, "findings": remarks}
 
 
-def inspect_logs(manifest: Manifest) -> list[Inspected]:
+def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:
     """Look at every log of a data set; the worst come first."""
-    seen = _apart([_inspected(manifest, entry) for entry in manifest.logs])
+    seen = _apart([_inspected(manifest, entry) for entry in track(manifest.logs, _LOOKING)])
     return sorted(seen, key=lambda each: -list(Condition).index(each.condition))
 
 

@@ -1,0 +1,80 @@
+"""Means of neighbouring samples stand for logs that have far more of them than motion."""
+
+import numpy as np
+import pytest
+
+from butterfly.identify.data import DataSet
+from butterfly.identify.estimators.output_error import OutputError
+from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.logs.thinning import thinned
+from butterfly.model.known import Knowledge
+
+P1, P2, P3, P4, DELAY = 0.011, 0.012, 0.3, 0.4, 0.004
+STEP = 1e-4
+
+
+def _log(hold, seconds=20.0, noise=0.0):
+    """A swing by Heun's method, which shares no code with ours, under an input held or straight."""
+    count = round(seconds / STEP)
+    time = STEP * np.arange(count)
+    inputs = 0.12 * np.sin(3.0 * time) + 0.1 * np.sin(7.3 * time)
+    late = round(DELAY / STEP)
+    torque = P4 * np.concatenate([np.zeros(late), inputs])
+    angle, speed, angles = 0.0, 0.0, np.empty(count)
+    for k in range(count):
+        angles[k] = angle
+        first = torque[k]
+        last = torque[k + 1] if hold == "first_order_hold" else first
+        rate = (first - P2 * speed - P3 * np.sin(angle)) / P1
+        far, fast = angle + STEP * speed, speed + STEP * rate
+        then = (last - P2 * fast - P3 * np.sin(far)) / P1
+        angle, speed = angle + STEP * (speed + fast) / 2, speed + STEP * (rate + then) / 2
+    random = np.random.default_rng(3)
+    measured = np.round((angles + noise * random.normal(size=count)) / 1e-3) * 1e-3
+    return Log(time, inputs, measured, input_kind=InputKind.TORQUE, intersample=hold, name="swing")
+
+
+@pytest.mark.parametrize("hold", list(Intersample))
+def test_a_fit_to_means_finds_what_a_fit_to_all_samples_does(hold):
+    log = _log(hold)
+    few = thinned(log, log.time.size // 8)
+    assert few.time.size == log.time.size // 8
+    known = Knowledge.told({"p4": P4}, "test")
+    true = {"p1": P1, "p2": P2, "p3": P3, "delay": DELAY}
+    for each in (log, few):
+        found = OutputError()(DataSet.of([each], known=known)).parameters
+        for name, value in true.items():
+            tolerance = 2e-5 if name == "delay" else 1e-3 * value
+            assert getattr(found, name) == pytest.approx(value, abs=tolerance), (name, hold)
+
+
+def test_short_logs_and_fast_motion_stay_as_they_are():
+    time = np.arange(200_000) * 1e-3
+    slow, fast = np.sin(2.0 * time), np.sin(400.0 * time)
+    random = np.random.default_rng(0).normal(size=time.size)
+    log = Log(time, slow, slow + 0.3 * random)
+    assert thinned(log) is log
+    assert thinned(Log(time, fast, fast), 10_000).time.size == time.size
+    assert thinned(log, 10_000).time.size == 10_000  # noise is no motion
+
+
+def test_motion_is_as_slow_as_it_says_whatever_the_means_alias_it_to():
+    time = np.arange(200_000) * 1e-3
+    ringing = np.sin(2 * np.pi * 50.0 * time)  # of which the mean over 20 samples is 0
+    assert thinned(Log(time, ringing, ringing), 10_000).time.size > 100_000
+
+
+def test_no_mean_is_taken_across_a_gap_and_none_is_moved():
+    time = np.arange(100_000) * 1e-3
+    time[50_005:] += 0.5
+    log = Log(time, 2.0 * time, 3.0 * time, intersample=Intersample.FIRST_ORDER_HOLD)
+    few = thinned(log, 10_000)
+    assert few.time.size == 10_000 - 1
+    assert np.allclose(few.input, 2.0 * few.time, rtol=1e-12)
+    assert np.allclose(few.angle, 3.0 * few.time, rtol=1e-12)
+
+
+def test_a_held_input_acts_half_a_period_after_its_stamps():
+    time = np.arange(100_000) * 1e-3
+    few = thinned(Log(time, 2.0 * time, 3.0 * time), 10_000)
+    assert np.allclose(few.input[1:], 2.0 * (few.time[1:] - 0.5e-3), rtol=1e-9)
