@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,11 +55,11 @@ def list_command(
         except InputError:
             table.add_row(str(path.parent), "–", "–", "–", "of another version")
             continue
-        records = [store.read(run.key) for run in sweep.runs]
-        done = sum(record is not None and record.status == OK for record in records)
-        failed = sum(record is not None and record.status != OK for record in records)
-        counts = (str(len(records)), str(done), str(failed))
-        table.add_row(str(path.parent), *counts, ", ".join(sweep.fields))
+        records = (store.read(run.key) for run in sweep.runs)
+        states = Counter(record and record.status for record in records)
+        done = states[OK]
+        counts = (len(sweep.runs), done, states.total() - states[None] - done)
+        table.add_row(str(path.parent), *map(str, counts), ", ".join(sweep.fields))
     CONSOLE.print(table)
 
 

@@ -134,22 +134,22 @@ class SweepSpec(StrictModel):
 
 
 def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:
-    """Return a copy of an experiment's mapping with fields set by their paths.
+    """Return an experiment's mapping with fields set by their paths.
 
-    Mappings on the way to a field are made if need be. Mappings and lists are copied, what they
-    hold is shared.
+    Mappings on the way to a field are made if need be. Mappings and lists on the way are copied,
+    all else is shared: a hundred thousand variations must fit into memory.
 
     Raises
     ------
     InputError
         If a path leads through a value that has no parts, or beyond the end of a list.
     """
-    changed: dict[str, Any] = _copied(dict(content))
+    changed = dict(content)
     for path, value in overrides.items():
         *way, last = path.split(".")
         place: Any = changed
         for part in way:
-            place = _enter(place, part, path, source)
+            place = _entered(place, part, path, source)
         if isinstance(place, list):
             place[_index(place, last, path, source)] = value
         elif isinstance(place, dict):
@@ -159,18 +159,16 @@ def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> d
     return changed
 
 
-def _copied(value: Any) -> Any:  # noqa: ANN401 - any YAML
-    if isinstance(value, dict):
-        return {key: _copied(each) for key, each in value.items()}
-    return [_copied(each) for each in value] if isinstance(value, list) else value
-
-
-def _enter(place: Any, part: str, path: str, source: object) -> Any:  # noqa: ANN401 - any YAML
+def _entered(place: Any, part: str, path: str, source: object) -> Any:  # noqa: ANN401 - any YAML
+    """Return a part of a place, and put a copy of it there that may be changed."""
+    where: Any = part
     if isinstance(place, list):
-        return place[_index(place, part, path, source)]
-    if isinstance(place, dict):
-        return place.setdefault(part, {})
-    raise InputError(source, f"sweep: {path}", place, f"something with a part {part!r}")
+        where = _index(place, part, path, source)
+    elif not isinstance(place, dict):
+        raise InputError(source, f"sweep: {path}", place, f"something with a part {part!r}")
+    below = place[where] if isinstance(place, list) or where in place else {}
+    place[where] = below.copy() if isinstance(below, dict | list) else below
+    return place[where]
 
 
 def _index(place: list[Any], part: str, path: str, source: object) -> int:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _LISTED = 100  # runs in a table of what went wrong
 _TOLD = ("number", "key", "estimator", "ending", "findings")
+_NUMBERS = ("value", "lower", "upper", "true", "deviation", "fit_median")
+_WANTED = (*_TOLD, *_NUMBERS, "parameter", "known", "verdict")
 
 
 def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
@@ -38,7 +40,8 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     runs, estimates
         The tables of a result store.
     """
-    every = Estimates({name: column(estimates, name) for name in estimates.column_names})
+    wanted = {*_WANTED, *sweep.fields} & {*estimates.column_names}
+    every = Estimates({name: column(estimates, name) for name in wanted})
     table = every.take(~every["known"].astype(bool))  # what was known is no estimate
     fields, status = sweep.fields, column(runs, "status")
     deviating = table.take(np.isfinite(table["deviation"]))

@@ -56,7 +56,9 @@ def column(table: pa.Table, name: str) -> NDArray[Any]:
     if str(column.type) in {"double", "int64"}:
         floats = column.cast("double", safe=False)  # seeds have more digits than a float
         return np.asarray(floats.to_numpy(zero_copy_only=False), dtype=np.float64)
-    return np.array(column.to_pylist(), dtype=object)
+    coded = column.combine_chunks().dictionary_encode()  # few texts, each of them many times
+    texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+    return np.asarray(texts[coded.indices.fill_null(-1).to_numpy()])
 
 
 def axis_figure(table: Estimates, field: str) -> Figure | None:
