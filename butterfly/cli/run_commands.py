@@ -28,11 +28,11 @@ from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate, write_logs
-from butterfly.experiment.store import ResultStore
+from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
 from butterfly.experiment.workers import DaskEngine, LocalEngine
 from butterfly.files import replacing
-from butterfly.logs.manifest import Manifest
+from butterfly.logs.manifest import Manifest, read_manifest
 from butterfly.report.identification import write_report
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
@@ -40,13 +40,14 @@ from butterfly.report.sweep import sweep_page
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from pydantic import BaseModel
 
     from butterfly.experiment.plan import SweepPlan
     from butterfly.experiment.record import RunRecord
     from butterfly.experiment.workers import Engine
+    from butterfly.logs.log import Log
 
 _ORBIT_REPORT = "orbit.html"
 
@@ -161,8 +162,7 @@ def _run_here(
         return
     store.begin()
     result = perform(experiment, threads=jobs, track=show_progress)
-    if result.logs:
-        write_logs(experiment, result.logs, folder)
+    logs = _written(experiment, result.logs, folder)
     store.write(outcome_of(task, experiment, result))
     truth = experiment.plant.robot.lumped
     for name, identification in zip(_report_names(), result.identifications.values(), strict=False):
@@ -174,8 +174,9 @@ def _run_here(
         show_page(page)
         write_page(page, folder / _ORBIT_REPORT, figures=figures)
     show_estimates(result.record)
-    store.write_sweep(replace(sweep_record(plan), in_full=True))
-    store.write_tables()
+    beside = digests(folder, [*logs, *_reports(result.record)])
+    sweep = replace(sweep_record(plan), beside=beside)
+    store.end_sweep(sweep)
     _show_reports(folder, result.record)
     if result.error is not None:
         raise result.error
@@ -188,10 +189,23 @@ def _report_names() -> Iterator[str]:
     yield from (f"report-{number}.html" for number in count(2))
 
 
-def _show_reports(folder: Path, record: RunRecord) -> None:
+def _written(experiment: Experiment, logs: Sequence[Log], folder: Path) -> list[str]:
+    """Write logs and their manifest; return the names of their files."""
+    if not logs:
+        return []
+    manifest = write_logs(experiment, logs, folder)
+    return [*(entry.file for entry in read_manifest(manifest).logs), manifest.name]
+
+
+def _reports(record: RunRecord) -> list[str]:
+    """Return the names of the reports of a run."""
     written = sum(bool(estimate.parameters) for estimate in record.estimates)
     names = list(islice(_report_names(), written))
-    for name in names if record.orbit is None else [*names, _ORBIT_REPORT]:
+    return names if record.orbit is None else [*names, _ORBIT_REPORT]
+
+
+def _show_reports(folder: Path, record: RunRecord) -> None:
+    for name in _reports(record):
         typer.echo(f"Report: {folder / name}")
 
 

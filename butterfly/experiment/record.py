@@ -9,7 +9,8 @@ RunRecord               what a run gave
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import hashlib
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -21,7 +22,7 @@ from butterfly.identify.judgement.verdict import Standing
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-SCHEMA = 2
+SCHEMA = 3
 """Of the records; one with another number counts as none."""
 
 OK, REFUSED, FAILED = "ok", "refused", "failed"
@@ -51,6 +52,10 @@ class RunRecord:
         Of what it was made with.
     seconds
         That it took, by part.
+    files
+        Digests of the contents of the files that lie beside it, by name (see `digest_of`).
+    digest
+        Of the rest of its file, which tells whether that is as it was written.
     """
 
     __pydantic_config__ = _CONFIG
@@ -67,6 +72,8 @@ class RunRecord:
     orbit: OrbitRecord | None = None
     versions: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
+    digest: str = ""
 
     @property
     def reason(self) -> str:
@@ -93,7 +100,7 @@ class RunRecord:
 
     @classmethod
     def from_json(cls, text: str) -> RunRecord | None:
-        """Read the content of a file; None if it is no record, or one of another schema."""
+        """Read the content of a file; None if it is no record, damaged, or of another schema."""
         return _from_json(_RUN, text)
 
 
@@ -140,8 +147,13 @@ class SweepRecord:
         Of what it was planned with.
     runs
         In order.
-    in_full
-        Whether the logs and reports of its one run lie beside it.
+    beside
+        Digests of the logs and reports of its one run that lie beside it, by name; None where it
+        was not done in full.
+    tables
+        Digests of the tables, by name.
+    digest
+        As a run's.
     """
 
     schema: int = SCHEMA
@@ -152,7 +164,9 @@ class SweepRecord:
     fields: tuple[str, ...]
     versions: dict[str, str]
     runs: tuple[PlannedRun, ...]
-    in_full: bool = False
+    beside: dict[str, str] | None = None
+    tables: dict[str, str] = field(default_factory=dict)
+    digest: str = ""
 
     def to_json(self) -> str:
         """Return the content of its file."""
@@ -160,15 +174,21 @@ class SweepRecord:
 
     @classmethod
     def from_json(cls, text: str) -> SweepRecord | None:
-        """Read the content of a file; None if it is no record, or one of another schema."""
+        """Read the content of a file; None if it is no record, damaged, or of another schema."""
         return _from_json(_SWEEP, text)
 
 
 _RUN, _SWEEP = TypeAdapter(RunRecord), TypeAdapter(SweepRecord)
 
 
+def digest_of(content: bytes) -> str:
+    """Return what tells a content from any other."""
+    return hashlib.sha256(content).hexdigest()
+
+
 def _to_json(adapter: TypeAdapter[_Record], record: _Record) -> str:
-    return adapter.dump_json(record, indent=1, by_alias=True).decode()
+    signed = replace(record, digest=_signature(adapter, record))
+    return adapter.dump_json(signed, indent=1, by_alias=True).decode()
 
 
 def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
@@ -176,4 +196,10 @@ def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
         record = adapter.validate_json(text)
     except ValidationError:
         return None
-    return record if record.schema == SCHEMA else None
+    if record.schema != SCHEMA or record.digest != _signature(adapter, record):
+        return None
+    return replace(record, digest="")
+
+
+def _signature(adapter: TypeAdapter[_Record], record: _Record) -> str:
+    return digest_of(adapter.dump_json(replace(record, digest=""), by_alias=True))

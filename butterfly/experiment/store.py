@@ -12,7 +12,9 @@ Times are in the records only, so that the tables are the same bit for bit howev
 from __future__ import annotations
 
 import shutil
-from contextlib import ExitStack
+import time
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
@@ -20,10 +22,11 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError
 from butterfly.experiment.columns import TABLES, Columns
-from butterfly.experiment.record import OK, RunRecord, SweepRecord
+from butterfly.experiment.record import OK, RunRecord, SweepRecord, digest_of
 from butterfly.files import DRAFT, replacing
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from butterfly.experiment.record import Outcome
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
 SWEEP = "sweep.json"
 
 _RUNS = 2_000  # whose rows are gathered before they are written
+_STALE = 600.0  # s after which nobody finishes a file any more
 
 
 class ResultStore:
@@ -63,13 +67,16 @@ class ResultStore:
         return record if record is not None and record.key == key else None
 
     def latest(self, key: str) -> RunRecord | None:
-        """Return a run's record if it was the last one done here, and in full."""
+        """Return a run's record if it was the last one done here, in full, and all is there."""
         try:
             sweep = self.sweep()
         except InputError:
             return None
-        is_last = sweep.in_full and [run.key for run in sweep.runs] == [key]
-        return self.read(key) if is_last else None
+        if sweep.beside is None or [run.key for run in sweep.runs] != [key]:
+            return None
+        record = self.read(key)
+        whole = record is not None and self.holds(record) and _hold(self.folder, sweep.beside)
+        return record if whole else None
 
     def begin(self) -> None:
         """Note that something else is done here from now on (see `latest`).
@@ -92,11 +99,27 @@ class ResultStore:
         for name, content in outcome.files.items():
             with replacing(self.files_path(key) / name) as draft:
                 draft.write_bytes(content)
+        files = {name: digest_of(content) for name, content in outcome.files.items()}
         with replacing(self.record_path(key)) as draft:
-            draft.write_text(outcome.record.to_json(), encoding="utf-8")
+            draft.write_text(replace(outcome.record, files=files).to_json(), encoding="utf-8")
 
-    def write_sweep(self, sweep: SweepRecord) -> None:
-        """Write what was asked."""
+    def holds(self, record: RunRecord) -> bool:
+        """Whether the files of a run lie beside its record, as they were written."""
+        return _hold(self.files_path(record.key), record.files)
+
+    def begin_sweep(self, sweep: SweepRecord) -> None:
+        """Write what is asked; tables of before are what they were."""
+        with suppress(InputError):
+            sweep = replace(sweep, tables=self.sweep().tables)
+        self._write_sweep(sweep)
+
+    def end_sweep(self, sweep: SweepRecord) -> None:
+        """Put the tables together from the records, in the sweep's order; write what was asked."""
+        self._write_tables(sweep)
+        files = digests(self.folder, (_file_of(name) for name in TABLES))
+        self._write_sweep(replace(sweep, tables=files))
+
+    def _write_sweep(self, sweep: SweepRecord) -> None:
         with replacing(self.folder / SWEEP) as draft:
             draft.write_text(sweep.to_json(), encoding="utf-8")
 
@@ -120,14 +143,12 @@ class ResultStore:
             raise InputError(path, "content", "something else", expected)
         return sweep
 
-    def write_tables(self) -> None:
-        """Put the tables together from the records, in the sweep's order."""
-        sweep = self.sweep()
+    def _write_tables(self, sweep: SweepRecord) -> None:
         columns = Columns(sweep.fields, sweep.runs)
         with ExitStack() as open_files:
             writers = {}
             for name in TABLES:
-                draft = open_files.enter_context(replacing(self.folder / f"{name}.parquet"))
+                draft = open_files.enter_context(replacing(self.folder / _file_of(name)))
                 writer = parquet.ParquetWriter(draft, columns.schema(name), compression="zstd")
                 writers[name] = open_files.enter_context(writer)
             for start in range(0, len(sweep.runs), _RUNS):
@@ -142,26 +163,30 @@ class ResultStore:
         Raises
         ------
         InputError
-            If there is no such table.
+            If there is no such table, or not as the sweep wrote it.
         """
-        path = self.folder / f"{name}.parquet"
+        path = self.folder / _file_of(name)
         try:
-            return parquet.read_table(path)
+            content = path.read_bytes()
         except FileNotFoundError:
             raise InputError(path, "path", "no such file", "a folder of results") from None
-        except (pa.ArrowException, OSError) as error:
-            first = str(error).splitlines()[0]
-            raise InputError(path, "content", first, "a whole Parquet file") from None
+        except OSError as error:
+            raise InputError(path, "path", error.strerror or error, "a readable file") from None
+        if digest_of(content) != self.sweep().tables.get(path.name):
+            expected = f"the table that belongs to {SWEEP} (butterfly run puts it together anew)"
+            raise InputError(path, "content", "something else", expected)
+        return parquet.read_table(pa.BufferReader(content))
 
-    def _holds(self, path: Path) -> bool:
+    def _is_inside(self, path: Path) -> bool:
         """Whether a path leads to its place through no link."""
         inside = path.relative_to(self.folder)
         return not any((self.folder / part).is_symlink() for part in (inside, *inside.parents[:-1]))
 
     def clean(self, *, failed: bool = False) -> list[Path]:
-        """Remove records that no run of the sweep has, and unfinished files.
+        """Remove what no run of the sweep has: records, logs without one, unfinished files.
 
-        Nothing is removed that a link leads to, here or elsewhere.
+        Nothing is removed that a link leads to, here or elsewhere, and no file that may be in
+        writing.
 
         Parameters
         ----------
@@ -173,13 +198,41 @@ class ResultStore:
         What was removed.
         """
         wanted = {run.key for run in self.sweep().runs}
-        removed = [path for path in self.folder.rglob(f"{DRAFT}*") if path.is_file()]
-        for path in sorted((self.folder / "runs").glob("*/*.json")):
+        removed = [path for path in self.folder.rglob(f"{DRAFT}*") if _is_stale(path)]
+        for path in sorted((self.folder / "runs").glob("*/[!.]*.json")):
             record = self.read(path.stem)
             unwanted = record is None or (failed and record.status != OK)
             if unwanted or path.stem not in wanted:
                 removed += [path, *([self.files_path(path.stem)])]
-        existing = [path for path in dict.fromkeys(removed) if path.exists() and self._holds(path)]
+        kept = (self.folder / "runs").glob("*/*")
+        removed += [path for path in kept if path.is_dir() and path.name not in wanted]
+        existing = [
+            path for path in dict.fromkeys(removed) if path.exists() and self._is_inside(path)
+        ]
         for path in existing:
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         return existing
+
+
+def _file_of(table: str) -> str:
+    return f"{table}.parquet"
+
+
+def digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Return the digests of files in a folder, by name."""
+    return {name: digest_of((folder / name).read_bytes()) for name in names}
+
+
+def _hold(folder: Path, files: Mapping[str, str]) -> bool:
+    try:
+        return digests(folder, files) == files
+    except (OSError, ValueError):
+        return False
+
+
+def _is_stale(path: Path) -> bool:
+    """Whether a file was begun so long ago that nobody is about to finish it."""
+    try:
+        return path.is_file() and time.time() - path.stat().st_mtime > _STALE
+    except OSError:  # finished meanwhile
+        return False

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError, StoppedError
-from butterfly.experiment.columns import RUNS
 from butterfly.experiment.perform import execute, versions
 from butterfly.experiment.record import FAILED, OK, SweepRecord
 from butterfly.experiment.store import ResultStore
@@ -71,7 +70,8 @@ def run_sweep(
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
     pending = [task for task in unique.values() if force or is_to_do(store, task)]
-    store.write_sweep(sweep_record(plan))
+    sweep = sweep_record(plan)
+    store.begin_sweep(sweep)
     left = len(pending)
     try:
         with closing(engine.run(execute, pending, plan.tables)) as outcomes:
@@ -83,13 +83,12 @@ def run_sweep(
             f"stopped: {len(unique) - left} of {len(unique)} runs are done; the same command goes "
             "on with the others"
         ) from None
-    store.write_tables()
-    status = store.table(RUNS)["status"].to_pylist()
+    store.end_sweep(sweep)
     return SweepSummary(
         runs=len(chosen),
         done=len(pending),
         reused=len(unique) - len(pending),
-        unsuccessful=sum(status[task.number] != OK for task in chosen),
+        unsuccessful=sum(not is_done(store, task) for task in chosen),
     )
 
 
@@ -107,9 +106,15 @@ def sweep_record(plan: SweepPlan) -> SweepRecord:
 
 
 def is_to_do(store: ResultStore, task: Task) -> bool:
-    """Whether a task has no result, or failed unexpectedly."""
+    """Whether a task has no result, failed unexpectedly, or lacks logs that were kept."""
     record = store.read(task.key)
-    return record is None or record.status == FAILED
+    return record is None or record.status == FAILED or not store.holds(record)
+
+
+def is_done(store: ResultStore, task: Task) -> bool:
+    """Whether a task has a result."""
+    record = store.read(task.key)
+    return record is not None and record.status == OK
 
 
 def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:

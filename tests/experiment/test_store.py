@@ -1,5 +1,11 @@
 """What is on disk is whole, found again, and the tables hold whatever a field may be set to."""
 
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
 import pyarrow as pa
 import pytest
 
@@ -22,10 +28,43 @@ def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted
     assert run_sweep(plan, store.folder, HereEngine()).done == 1
     stray = RunRecord(key="ff" * 12, status=FAILED, seed=0)
     store.write(Outcome(record=stray, files={"x": b"1"}))
-    (path.parent / ".draft-x.json.part.json").write_text("{")
+    begun = path.parent / ".draft-x.json.part.json"
+    begun.write_text("{")
+    left = store.files_path("ee" * 12)
+    left.mkdir(parents=True)
     removed = {each.name for each in store.clean()}
-    assert removed == {"ff" * 12, f"{'ff' * 12}.json", ".draft-x.json.part.json"}
+    assert removed == {"ff" * 12, f"{'ff' * 12}.json", "ee" * 12}
+    assert begun.exists()  # another process may be writing it
+    os.utime(begun, (0, 0))
+    assert store.clean() == [begun]
     assert store.clean() == []
+
+
+def test_logs_that_were_kept_are_done_again_if_they_are_not_as_they_were(folder):
+    plan = small_plan(folder, keep_signals=True)
+    store = ResultStore(folder / "kept-whole")
+    count = run_sweep(plan, store.folder, HereEngine()).runs
+    assert run_sweep(plan, store.folder, HereEngine()).done == 0
+    kept = [sorted(store.files_path(task.key).iterdir()) for task in plan.tasks]
+    kept[0][0].write_bytes(kept[0][0].read_bytes()[:-1])
+    kept[1][-1].unlink()
+    assert run_sweep(plan, store.folder, HereEngine()).done == min(2, count)
+    assert run_sweep(plan, store.folder, HereEngine()).done == 0
+
+
+def test_a_damaged_byte_of_a_table_is_noticed(folder):
+    plan = small_plan(folder, sweep={"repetitions": 2})
+    store = ResultStore(folder / "flipped")
+    run_sweep(plan, store.folder, HereEngine())
+    path = store.folder / "estimates.parquet"
+    content = bytearray(path.read_bytes())
+    sound = store.table(ESTIMATES)
+    for place in range(0, len(content), 97):
+        content[place] ^= 4
+        path.write_bytes(content)
+        with suppress(InputError):
+            assert store.table(ESTIMATES).equals(sound), place
+        content[place] ^= 4
 
 
 def test_cleaning_follows_no_link(folder):
@@ -104,3 +143,36 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
     assert {schema.field(name).type for name in plan.fields} == {pa.float64()}
     (first,) = columns.rows(RUNS, runs[0], None)
     assert (first["plant.encoder.noise"], first["duration"]) == (1e-4, 20.0)
+
+
+WRITES = 1_000
+
+
+def test_two_writers_lose_nothing(tmp_path):
+    """Every record of both is there and whole, of runs of their own and of runs they share."""
+    begin = (
+        "import sys; from tests.experiment.test_store import write_many; write_many(*sys.argv[1:])"
+    )
+    words = [sys.executable, "-c", begin, str(tmp_path)]
+    writers = [subprocess.Popen([*words, name]) for name in ("a", "b")]  # noqa: S603
+    assert [writer.wait(timeout=120) for writer in writers] == [0, 0]
+    store = ResultStore(tmp_path)
+    for number in range(WRITES):
+        for name in ("a", "b", "c"):
+            record = store.read(_key(name, number))
+            assert record is not None
+            assert store.holds(record)
+    assert not list(tmp_path.rglob(".draft-*"))
+
+
+def write_many(folder, name):
+    """Write records that are this writer's alone, and as many that the other writes too."""
+    store = ResultStore(Path(folder))
+    for number in range(WRITES):
+        for own in (name, "c"):
+            record = RunRecord(key=_key(own, number), status="ok", seed=number)
+            store.write(Outcome(record=record, files={"x": own.encode()}))
+
+
+def _key(name, number):
+    return f"{number:03d}{name}"[::-1]

@@ -117,8 +117,8 @@ def _sweep_page(folder):
         estimates = (estimate,) if status == "ok" else ()
         store.write(Outcome(record=RunRecord(**place, status=status, estimates=estimates)))
     about = {"name": "sixty", "description": "", "seed": 0, "versions": {}, "worst": 5}
-    store.write_sweep(SweepRecord(**about, fields=tuple(fields), runs=tuple(runs)))
-    store.write_tables()
+    sweep = SweepRecord(**about, fields=tuple(fields), runs=tuple(runs))
+    store.end_sweep(sweep)
     return sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
 
 
