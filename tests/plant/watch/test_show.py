@@ -1,10 +1,12 @@
 import gc
 import re
+import socket
 import subprocess
 import sys
 import time
-import urllib.error
-import urllib.request
+from contextlib import contextmanager
+from functools import partial
+from http.client import HTTPConnection
 from pathlib import Path
 
 import numpy as np
@@ -89,42 +91,80 @@ def test_without_a_display_the_viewer_says_what_else_there_is(monkeypatch):
         )
 
 
-def _status(url, patience=30.0):
-    """Status of a page whose server has been announced but may still be starting."""
+def _status(port, path, patience=30.0, **headers):
+    """Status and headers of a page whose server has been announced but may still be starting."""
     deadline = time.monotonic() + patience
     while True:
         try:
-            with urllib.request.urlopen(url, timeout=patience) as page:  # noqa: S310 - loopback
-                return page.status
-        except urllib.error.URLError:
+            link = HTTPConnection("127.0.0.1", port, timeout=patience)
+            link.request("GET", path, headers={k.replace("_", "-"): v for k, v in headers.items()})
+            answer = link.getresponse()
+            answer_headers = dict(answer.getheaders())
+            link.close()
+        except OSError:
             if time.monotonic() > deadline:
                 raise
             time.sleep(0.1)
+        else:
+            return answer.status, answer_headers
 
 
-@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="needs Linux's list of sockets")
-def test_the_browser_s_viewer_is_served_on_loopback_and_nowhere_else(tmp_path):
-    command = [
-        sys.executable,
-        "-c",
-        "from butterfly.cli import main; main()",
-        "view",
-        "quickstart",
-        "--web",
-    ]
-    with subprocess.Popen(  # noqa: S603 - our own command
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path
-    ) as viewer:
+@contextmanager
+def _viewer(folder, *options):
+    words = [sys.executable, "-m", "butterfly", "view", "quickstart", "--web", *options]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(words, **pipes, text=True, cwd=folder) as viewer:  # noqa: S603 - our own
         try:
-            line = viewer.stdout.readline()
-            port = int(re.search(r"http://127\.0\.0\.1:(\d+)/", line)[1])
-            assert _status(f"http://127.0.0.1:{port}/") == 200
-            listening = [
-                row.split()[1]
-                for table in ("tcp", "tcp6")
-                for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
-                if row.split()[3] == "0A" and row.split()[1].endswith(f":{port:04X}")
-            ]
-            assert listening == [f"0100007F:{port:04X}"]
+            yield viewer
         finally:
             viewer.terminate()
+
+
+HANDSHAKE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec_WebSocket_Version": "13",
+    "Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
+}
+
+
+def test_the_browser_s_viewer_asks_who_comes_and_is_served_on_loopback_alone(tmp_path):
+    with _viewer(tmp_path) as viewer:
+        line = viewer.stdout.readline()
+        port, token = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line).groups()
+        status, headers = _status(int(port), f"/?token={token}")
+        assert status == 200
+        cookie = headers["Set-Cookie"].partition(";")[0]
+        assert "HttpOnly; SameSite=Strict" in headers["Set-Cookie"]
+        ask = partial(_status, int(port), Cookie=cookie)
+        own = f"http://127.0.0.1:{port}"
+        assert ask("/model")[0] == 200
+        assert ask("/state?sid=1", Origin=own, **HANDSHAKE)[0] == 101
+        assert ask("/state?sid=1", Origin="http://evil.example", **HANDSHAKE)[0] == 403
+        assert ask("/ui?sid=1", Origin="null", **HANDSHAKE)[0] == 403
+        assert ask("/", Host=f"evil.example:{port}")[0] == 403
+        assert _status(int(port), "/")[0] == 403
+        assert _status(int(port), "/?token=guess")[0] == 403
+        assert _status(int(port), "/drop", Origin=own, **HANDSHAKE)[0] == 403
+        if Path("/proc/net/tcp").exists():
+            assert _listening(int(port)) == [f"0100007F:{int(port):04X}"]
+
+
+def _listening(port):
+    """Addresses at which a port is listened to, as Linux writes them."""
+    return [
+        row.split()[1]
+        for table in ("tcp", "tcp6")
+        for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+        if row.split()[3] == "0A" and row.split()[1].endswith(f":{port:04X}")
+    ]
+
+
+def test_a_port_that_is_taken_is_one_line(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with _viewer(tmp_path, "--port", str(port)) as viewer:
+            said, _ = viewer.communicate(timeout=60)
+    assert re.fullmatch(
+        rf"error: butterfly view: --port: got {port} \(.*\); .*a free one.*\n", said
+    )
