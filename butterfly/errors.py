@@ -37,7 +37,10 @@ class InputError(ButterflyError, ValueError):
         self.field = field
         self.value = value
         self.expected = expected
-        super().__init__(f"{source}: {field}: got {value}; expected {expected}")
+        got, wanted = shown(value, _LONGEST), shown(expected, 4 * _LONGEST)
+        super().__init__(
+            f"{shown(source, 4 * _LONGEST)}: {shown(field)}: got {got}; expected {wanted}"
+        )
 
 
 class IdentifiabilityError(ButterflyError):
@@ -50,6 +53,25 @@ class UnusableError(ButterflyError):
 
 class StoppedError(ButterflyError):
     """A sweep was interrupted; what is done is kept, and the same command goes on."""
+
+
+_LONGEST = 300  # characters of what a message repeats
+
+
+def shown(text: object, most: int = _LONGEST) -> str:
+    """Return a text as a message shows it: in one line, no longer than need be, and harmless.
+
+    Parameters
+    ----------
+    text
+        Whatever a file may hold, controls of terminals included.
+    most
+        Characters of it.
+    """
+    said = str(text)
+    if len(said) > most:
+        said = f"{said[:most]}... ({len(said)} characters)"
+    return "".join(each if each.isprintable() else repr(each)[1:-1] for each in said)
 
 
 def require_number(source: str, *, positive: bool = False, unit: str = "", **values: float) -> None:

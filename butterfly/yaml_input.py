@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
-from ruamel.yaml import YAML
-from ruamel.yaml.constructor import DuplicateKeyError, SafeConstructor
-from ruamel.yaml.error import YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 from butterfly.errors import InputError, nearest
+from butterfly.yaml_document import load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from butterfly.yaml_document import Document
+
 _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 
 _LONGEST = 120  # characters of a value that a message repeats
-_DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
 
 _NOWHERE = object()
 
@@ -31,71 +29,6 @@ class StrictModel(BaseModel):
     """Base of all YAML schemas: immutable, unknown keys refused, no infinities."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Document:
-    """A YAML file, parsed.
-
-    Parameters
-    ----------
-    path
-        The file.
-    content
-        Its mapping.
-    root
-        Its nodes, which know their lines.
-    """
-
-    path: Path
-    content: dict[str, Any]
-    root: Node
-
-    def line(self, location: Sequence[str]) -> int | None:
-        """Return the line, from 1 on, of a value by its keys and list indices; None if not here.
-
-        Parts that are no keys (the kinds of a union, say) are skipped.
-        """
-        node, found = self.root, None
-        for part in location:
-            key, child = _child(node, part)
-            if child is not None:
-                node, found = child, (key or child).start_mark.line + 1
-        return found
-
-
-def load_yaml(path: Path) -> Document:
-    """Parse a YAML file into plain values: no tag builds an object, and a date is a text.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is not YAML, is no mapping, or says a key twice.
-    """
-    try:
-        content, root = _parsed(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing YAML file") from None
-    except IsADirectoryError:
-        raise InputError(path, "path", "a folder", "a YAML file") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "content", "bytes that are not text", "YAML in UTF-8") from None
-    except OSError as error:
-        raise InputError(path, "path", error.strerror, "a readable YAML file") from None
-    except DuplicateKeyError as error:
-        where = f"{path}:{error.problem_mark.line + 1}"
-        key = error.problem.split('"')[1]
-        raise InputError(where, key, "the same key twice", "one value") from None
-    except YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"line {mark.line + 1}" if mark else "content"
-        problem = getattr(error, "problem", None) or "unreadable text"
-        raise InputError(path, where, problem, "valid YAML") from None
-    except (ValueError, LookupError):  # the parser meets `-_` or `!!bool 3` with what they lead to
-        raise InputError(path, "content", "a value unlike its tag", "valid YAML") from None
-    if not isinstance(content, dict):
-        raise InputError(path, "content", type(content).__name__, "a mapping of keys to values")
-    return Document(path=path, content=content, root=root)
 
 
 def read_yaml(path: Path, schema: type[_Model]) -> _Model:
@@ -205,17 +138,6 @@ def _source(documents: Sequence[Document], location: Sequence[str]) -> str:
     return str(documents[0].path)
 
 
-def _child(node: Node, part: str) -> tuple[Node | None, Node | None]:
-    """Return the key node, if there is one, and the value node of a part of a location."""
-    if isinstance(node, MappingNode):
-        for key, value in reversed(node.value):  # what is merged in stands before what replaces it
-            if key.value == part:
-                return key, value
-    if isinstance(node, SequenceNode) and part.isdigit() and int(part) < len(node.value):
-        return None, node.value[int(part)]
-    return None, None
-
-
 def _fields_at(schema: type[object], location: Sequence[str]) -> list[str]:
     """Names of the valid keys of the (nested) mapping at ``location``."""
     schemas = [schema]
@@ -249,28 +171,3 @@ def _nested_schemas(annotation: Any) -> list[type[object]]:  # noqa: ANN401 - an
     ):
         return [annotation]
     return [found for argument in get_args(annotation) for found in _nested_schemas(argument)]
-
-
-class _PlainValues(SafeConstructor):
-    """Builds mappings, lists, texts, numbers, truth values and null, as YAML 1.2's core schema."""
-
-
-_TAG = "tag:yaml.org,2002:"
-_PlainValues.yaml_constructors = {
-    **{
-        _TAG + name: SafeConstructor.yaml_constructors[_TAG + name]
-        for name in ("null", "bool", "int", "float", "str", "seq", "map")
-    },
-    **{_TAG + name: SafeConstructor.construct_yaml_str for name in ("timestamp", "merge", "value")},
-    None: SafeConstructor.construct_undefined,
-}
-
-
-def _parsed(text: str) -> tuple[Any, Node]:
-    """Return the values and the nodes of a text."""
-    yaml = YAML(typ="safe", pure=True)  # pure: the C parser knows YAML 1.1 only
-    yaml.Constructor = _PlainValues
-    yaml.max_depth = _DEEPEST
-    yaml.composer.warn_double_anchors = False  # an anchor may be set anew
-    root = yaml.compose(text)
-    return None if root is None else yaml.constructor.construct_document(root), root

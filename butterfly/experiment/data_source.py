@@ -18,7 +18,7 @@ from butterfly.logs.units import Units
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
-from butterfly.yaml_input import load_yaml
+from butterfly.yaml_document import load_yaml
 
 if TYPE_CHECKING:
     from butterfly.logs.column_map import ColumnMap

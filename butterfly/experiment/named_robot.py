@@ -9,7 +9,7 @@ from butterfly.experiment.data_source import RESULT
 from butterfly.files import replacing
 from butterfly.logs.formats import FORMATS
 from butterfly.plant.mjcf import mjcf
-from butterfly.yaml_input import load_yaml
+from butterfly.yaml_document import load_yaml
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,8 @@ from butterfly.experiment.schema import Experiment, TableFile
 from butterfly.experiment.signal_tables import filled, read_table
 from butterfly.files import require_path
 from butterfly.resources import locate, shipped
-from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
+from butterfly.yaml_document import Document, load_yaml
+from butterfly.yaml_input import StrictModel, validate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from butterfly.identify.judgement.findings import Finding
     from butterfly.model.parameters import LumpedParameters
 
+_UNWARNED = np.errstate(over="ignore", invalid="ignore", divide="ignore")
+"""What a trial of values leads to that no joint has: it is as bad as it is, and is told by that."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification:
@@ -141,6 +144,7 @@ def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
     return judge(data, estimator, found, predictor.fits(found))
 
 
+@_UNWARNED
 def judge(
     data: DataSet, estimator: Estimator, found: ParameterEstimate, fits: NDArray[np.float64]
 ) -> ParameterEstimate:
@@ -182,6 +186,7 @@ def _of_held_out(
     return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
 
 
+@_UNWARNED
 def estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
     """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
     clock = find_slips_of_clock(data, estimator)
@@ -189,14 +194,26 @@ def estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
         raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
     try:
-        return estimator(data)
+        found = estimator(data)
+        _refuse_not_finite(found)
     except ButterflyError as error:
         raise with_slips(error, find_slips_of_refused(data, estimator)) from None
     except np.linalg.LinAlgError as error:
         refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
         raise with_slips(refusal, find_slips_of_refused(data, estimator)) from None
+    return found
 
 
+def _refuse_not_finite(found: ParameterEstimate) -> None:
+    """Raise IdentifiabilityError for values that are none; a p4 is, where nothing drives."""
+    values = zip(found.names, found.values.tolist(), strict=True)
+    wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
+    if wrong:
+        listed = ", ".join(wrong)
+        raise IdentifiabilityError(f"the equations of these logs lead to no numbers for {listed}")
+
+
+@_UNWARNED
 def simulated(
     data: DataSet,
     estimate: ParameterEstimate,

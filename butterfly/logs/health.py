@@ -13,6 +13,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
 from butterfly.logs.log import Lead
+from butterfly.logs.plausible import refuse_implausible
 from butterfly.logs.remarks import Remark, remarks_on
 from butterfly.logs.stamps import increasing, repeated, restarts
 from butterfly.logs.turns import Wrapping, find_wrapping, unwrapped
@@ -144,6 +145,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
     clean = _with_sound_lead(_only(sound, kept))
     _refuse_constant(clean)
+    refuse_implausible(clean)
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
     is_gap = intervals > GAP_FACTOR * step

@@ -15,11 +15,19 @@ import warnings
 from collections import Counter
 from pathlib import Path
 
+try:
+    import resource
+except ImportError:  # Windows has none
+    resource = None  # type: ignore[assignment]
+
 from tests.fuzz.damage import damaged
-from tests.fuzz.kinds import KINDS
+from tests.fuzz.kinds import KINDS, sounds_of
 
 SLOW = 5.0
 """Seconds that a case may take."""
+
+ROOM = 1 << 30
+"""Bytes that a case may take."""
 
 
 def main() -> int:
@@ -40,7 +48,7 @@ def _options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=1000, help="of each kind")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kind", nargs="*", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--kind", nargs="*", choices=KINDS, default=KINDS)
     parser.add_argument("--child", choices=KINDS, help=argparse.SUPPRESS)
     parser.add_argument("--begin", type=int, default=0, help=argparse.SUPPRESS)
     return parser
@@ -64,15 +72,26 @@ def _counted(kind: str, cases: int, seed: int) -> Counter[str]:
     return escapes
 
 
+def _bound_memory() -> None:
+    """Let no case take more than `ROOM` beyond what is taken by now, where the system can."""
+    if resource is None or not Path("/proc/self/statm").exists():
+        return
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    taken = pages * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (taken + ROOM, resource.RLIM_INFINITY))
+
+
 def _child(kind: str, cases: int, seed: int, begin: int) -> None:
     """Print the number of each case before it, and what escaped after it."""
     warnings.simplefilter("error")
-    sound, escapes = KINDS[kind]
+    sounds = sounds_of(kind)
+    _bound_memory()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "damaged"
         for number in range(begin, cases):
             rng = random.Random(f"{kind} {seed} {number}")  # noqa: S311 - no secret
-            content = damaged(rng.choice(sound), rng)
+            sound, escapes = rng.choice(sounds)
+            content = damaged(sound, rng)
             print(number, flush=True)
             before = time.perf_counter()
             escape = escapes(content, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -11,9 +12,33 @@ _HEAD = 400
 _ABSURD = (0, 1, 5, 9, 14, 15, 255, 1 << 31, (1 << 31) - 1, (1 << 32) - 1)
 
 
+_WORD = re.compile(rb"[\w.+-]+")
+_WORDS = (
+    *(b"0 1 -1 1e999 -1e308 1e-320 .inf .nan nan 1e9 1e30 9" + b"9" * 40).split(),
+    *b"null true [] {} [1,2] {a:1} [[[[]]]] ~ .. . con aux.txt ../x /etc/hosts".split(),
+    *b"*a &a !!int !x".split(),
+    *(b"2001-99-99", b"0x1F", b"0o17", b"1_000", b"12:30:45", b"<<", b"=", b"'", b'"', b"|", b">"),
+    *(b"[bold]", b"[/]", b"$x$", b"=1+1", b"<b>", b"%", b"x" * 5000, b"\0", b"\xff", "é√".encode()),
+    b"[" * 2000,
+)
+
+
 def damaged(content: bytes, rng: random.Random) -> bytes:
     """Return a file's content after one misfortune."""
-    return rng.choice((_flipped, _overwritten, _cut, _stuffed, _absurd))(bytearray(content), rng)
+    ways = [_flipped, _overwritten, _cut, _stuffed, _absurd]
+    if b"\0" not in content:
+        ways += 3 * [_reworded]
+    return rng.choice(ways)(bytearray(content), rng)
+
+
+def _reworded(content: bytearray, rng: random.Random) -> bytes:
+    """Put something else in the place of a word or a number."""
+    for _ in range(rng.choice((1, 1, 2))):
+        found = list(_WORD.finditer(content))
+        if found:
+            word = rng.choice(found)
+            content[word.start() : word.end()] = rng.choice(_WORDS)
+    return bytes(content)
 
 
 def _flipped(content: bytearray, rng: random.Random) -> bytes:

@@ -1,4 +1,4 @@
-"""Damaged .mat files, as `read_mat` takes them."""
+"""Damaged .mat and Parquet files, as their readers take them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from butterfly.logs.log import InputKind
 from butterfly.logs.mat import read_mat
+from butterfly.logs.parquet import read_parquet
 from butterfly.model.parameters import AddedMass
 from tests.fuzz.escape import escape_of
 
@@ -15,12 +16,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _TIME = np.arange(40) * 0.01
-_MATRIX = np.column_stack([_TIME, np.sin(_TIME), np.cos(_TIME), np.sin(2 * _TIME)])
+MATRIX = np.column_stack([_TIME, np.sin(_TIME), np.cos(_TIME), np.sin(2 * _TIME)])
 CONTENTS: dict[str, dict[str, Any]] = {
-    "matrix": {"D": _MATRIX},
-    "single": {"D": _MATRIX.astype(np.float32)},
-    "integers": {"D": (1000 * _MATRIX).astype(np.int16)},
-    "complex": {"D": _MATRIX + 1j},
+    "matrix": {"D": MATRIX},
+    "single": {"D": MATRIX.astype(np.float32)},
+    "integers": {"D": (1000 * MATRIX).astype(np.int16)},
+    "complex": {"D": MATRIX + 1j},
     "three dimensions": {"D": np.zeros((2, 2, 2))},
     "vectors": {"t": _TIME, "u": np.sin(_TIME), "q": np.cos(_TIME), "c": np.array(["a"], "O")},
     "struct": {"data": {"t": _TIME, "u": np.sin(_TIME), "q": np.cos(_TIME), "x": {"y": "z"}}},
@@ -32,10 +33,19 @@ _COLUMNS = (
 )
 
 
+_KIND: dict[str, Any] = {"input_kind": InputKind.VOLTAGE, "added_mass": AddedMass()}
+
+
 def escapes(content: bytes, path: Path) -> str:
     """Read a file by every way, and tell what is neither a log nor a line; nothing if all are."""
     path = path.with_suffix(".mat")
     path.write_bytes(content)
-    kind = {"input_kind": InputKind.VOLTAGE, "added_mass": AddedMass()}
-    found = (escape_of(lambda c=columns: read_mat(path, c, **kind)) for columns in _COLUMNS)
+    found = (escape_of(lambda c=columns: read_mat(path, c, **_KIND)) for columns in _COLUMNS)
     return next(filter(None, found), "")
+
+
+def parquet_escapes(content: bytes, path: Path) -> str:
+    """Read a table, and tell what is neither a log nor a line."""
+    path = path.with_suffix(".parquet")
+    path.write_bytes(content)
+    return escape_of(lambda: read_parquet(path, **_KIND))

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source
+from butterfly.identify.data import read_data_set
 from butterfly.logs.csv import read_csv
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import read_manifest
@@ -24,8 +26,39 @@ CSV = [
     ("# a log\ntime;input;angle\n" + _ROWS.replace(",", ";").replace(".", ",")).encode("utf-16"),
     ("time [s]\tinput [V]\tangle [rad]\n" + _ROWS.replace(",", "\t")).encode("latin-1"),
 ]
-EXPERIMENTS = [shipped("experiments/quickstart.yaml").read_bytes()]
-MANIFESTS = [shipped("experiments/real-logs.yaml").read_bytes()]
+_SWEEP = b"""\
+extends: quickstart
+name: sweep
+keep_signals: true
+sweep:
+  grid: {duration: [20, 3e1], plant.hand.mass: [0.1, 0.12]}
+  list: [{method: linear}, {method: auto, terms: [coulomb]}]
+  random: {count: 2, fields: {plant.friction.coulomb: {log_uniform: [1e-5, 1e-3]}}}
+  latin_hypercube: {count: 2, fields: {seed: {choice: [1, 2]}}}
+  repetitions: 2
+"""
+EXPERIMENTS = [
+    _SWEEP,
+    *(
+        shipped(f"experiments/{name}.yaml").read_bytes()
+        for name in ("quickstart", "friction-zoo", "orbit-recalibration", "mjcf-vs-greybox")
+    ),
+]
+_MANIFEST = b"""\
+name: bench
+input: torque
+arm: 0.104
+known: {p4: 1, p3: {value: 0.3, uncertainty: 0.01}, resistance: 2.3}
+units: {time: ms, angle: counts/4096}
+columns: {time: t, input: u, angle: q}
+repair: [backward]
+zeros: [{added_mass: 0, zero: 0.1}]
+holdout: [b.csv]
+logs:
+  - {file: a.csv, added_mass: 0, omega: 4, amplitude: 0.1, from: 1.0, to: 20}
+  - {file: b.csv, added_mass: 0.05, split: restarts}
+"""
+MANIFESTS = [shipped("experiments/real-logs.yaml").read_bytes(), _MANIFEST]
 
 
 def csv_escapes(content: bytes, path: Path) -> str:
@@ -36,15 +69,20 @@ def csv_escapes(content: bytes, path: Path) -> str:
 
 
 def experiment_escapes(content: bytes, path: Path) -> str:
-    """Read an experiment and plan it, and tell what is neither done nor a line."""
+    """Read an experiment and plan its runs, and tell what is neither done nor a line."""
     path = _written(content, path.with_suffix(".yaml"))
-    return escape_of(lambda: read_experiment(path).runs())
+
+    def planned() -> object:
+        plan = plan_sweep(Source(path))
+        return plan.experiment.runs(), plan.tasks
+
+    return escape_of(planned)
 
 
 def manifest_escapes(content: bytes, path: Path) -> str:
-    """Read a manifest, and tell what is neither done nor a line."""
+    """Read a manifest and the logs it names, and tell what is neither done nor a line."""
     path = _written(content, path.with_suffix(".yaml"))
-    return escape_of(lambda: read_manifest(path))
+    return escape_of(lambda: read_data_set(read_manifest(path, path.parent)))
 
 
 def _written(content: bytes, path: Path) -> Path:

@@ -64,7 +64,7 @@ def slips_of_refused(logs: Sequence[Log]) -> list[Finding]:
 
 def slips_of_still(logs: Sequence[Log]) -> list[Finding]:
     """Tell why angles stand still: of joints that were let go, the inputs do, and come to rest."""
-    still = [log for log in logs if np.ptp(log.angle) == 0]
+    still = [log for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
     if still and all(_comes_to_rest(log.input) for log in still):
         return [_finding(Slip.SWAPPED, 1.0)]
     return []

@@ -1,0 +1,39 @@
+"""What a command makes of damaged files, from its words to its exit code."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import sys
+from unittest import mock
+
+from butterfly.cli.app import main
+from tests.fuzz.escape import LONGEST_LINE
+
+REFUSED = 2
+_PROGRESS = re.compile(r"^.* done, \d+ s\n", re.MULTILINE)
+
+
+def escape_of_command(*words: object) -> str:
+    """Run a command, and tell what is neither an answer nor one line on standard error."""
+    out, err = io.StringIO(), io.StringIO()
+    code = 0
+    argv = ["butterfly", *map(str, words)]
+    with (
+        mock.patch.object(sys, "argv", argv),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+        except Exception as escape:  # it is counted, not hidden
+            return f"{words[0]}: {type(escape).__name__}: {escape}"
+    said = _PROGRESS.sub("", err.getvalue())
+    if code == REFUSED and (said.count("\n") != 1 or not said.startswith("error: ")):
+        return f"{words[0]}: refused in {said.count(chr(10))} lines: {said[:200]}"
+    if len(said) > LONGEST_LINE or "Traceback" in said + out.getvalue():
+        return f"{words[0]}: {len(said)} characters on standard error: {said[:200]}"
+    return ""

@@ -1,0 +1,93 @@
+"""Damaged results of a sweep, as every command that looks at results takes them."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from butterfly.experiment.plan import plan_sweep
+from butterfly.experiment.reading import Source
+from butterfly.experiment.store import ResultStore
+from butterfly.experiment.sweep_runner import is_to_do, run_sweep
+from tests.fuzz.command import escape_of_command
+from tests.fuzz.escape import escape_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_EXPERIMENT = """
+extends: quickstart
+name: fuzzed
+added_masses: [{mass: 0.0, arm: 0.1}, {mass: 0.05, arm: 0.1}]
+excitations: [{amplitude: 0.05, omega: 6.0}]
+signals: []
+duration: 6
+method: linear
+keep_signals: true
+sweep: {grid: {plant.encoder.noise: [0.0, 1.0e-4]}}
+"""
+_COMMANDS: tuple[tuple[str, ...], ...] = (
+    ("list",),
+    ("show", "0"),
+    ("table",),
+    ("table", "--table", "estimates", "--filter", "parameter=p1"),
+    ("compare", "0", "1"),
+    ("export", "--out", "out.csv"),
+    ("clean", "--failed"),
+)
+
+
+@cache
+def _sound() -> dict[str, bytes]:
+    """Return the files of a folder of results, by their paths in it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fuzzed.yaml"
+        path.write_text(_EXPERIMENT, encoding="utf-8")
+        plan = plan_sweep(Source(path))
+        run_sweep(plan, Path(folder) / "out", _Here())
+        root = Path(folder) / "out"
+        files = (each for each in root.rglob("*") if each.is_file())
+        return {each.relative_to(root).as_posix(): each.read_bytes() for each in files}
+
+
+class _Here:
+    """Does tasks in this process."""
+
+    def run(self, work, tasks, tables):
+        return (work(task, tables) for task in tasks)
+
+
+def sounds() -> list[tuple[bytes, Callable[[bytes, Path], str]]]:
+    """Return each file of sound results, and what tells what escapes if it is damaged."""
+
+    def teller(name: str) -> Callable[[bytes, Path], str]:
+        return lambda content, path: _escapes(name, content, path)
+
+    return [(content, teller(name)) for name, content in _sound().items()]
+
+
+def _escapes(name: str, content: bytes, path: Path) -> str:
+    """Damage one file of sound results, look at them by every command, and resume."""
+    folder = path.with_suffix("")
+    for each, sound in _sound().items():
+        (folder / each).parent.mkdir(parents=True, exist_ok=True)
+        (folder / each).write_bytes(content if each == name else sound)
+    experiment = path.with_suffix(".yaml")
+    experiment.write_text(_EXPERIMENT, encoding="utf-8")
+    store = ResultStore(folder)
+    found = [_resumed(name, store, experiment)]
+    for command, *words in _COMMANDS:
+        told = [path.with_suffix(".csv") if word == "out.csv" else word for word in words]
+        found.append(escape_of_command("results", command, folder, *told))
+    return next(filter(None, found), "")
+
+
+def _resumed(name: str, store: ResultStore, experiment: Path) -> str:
+    """Tell whether a damaged record, or log that was kept, is not noticed on resuming."""
+    tasks = plan_sweep(Source(experiment)).tasks
+    to_do: list[bool] = []
+    escape = escape_of(lambda: to_do.extend(is_to_do(store, task) for task in tasks))
+    missed = name.startswith("runs/") and not any(to_do)
+    return escape or ("a damaged file that resuming takes for whole" if missed else "")
