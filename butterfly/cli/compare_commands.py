@@ -22,7 +22,7 @@ from butterfly.cli.options import (
     ReportOption,
     require_report,
 )
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.compare.leaderboard import leaderboard
 from butterfly.compare.three_way import compare_three
 from butterfly.errors import InputError, nearest

@@ -22,7 +22,7 @@ from butterfly.cli.options import (
     ZeroOption,
     parse_pairs,
 )
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.pieces import WHOLE, Cut

@@ -12,7 +12,7 @@ from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DataArgument
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import judged

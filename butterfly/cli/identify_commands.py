@@ -19,8 +19,8 @@ from butterfly.cli.options import (
     parse_pairs,
     require_report,
 )
-from butterfly.cli.progress import show_progress
 from butterfly.cli.show_identification import show_identification
+from butterfly.cli.show_progress import show_progress
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify
 from butterfly.identify.other_parameters import told_parameters

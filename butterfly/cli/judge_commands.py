@@ -20,7 +20,7 @@ from butterfly.cli.options import (
     parse_names,
     parse_terms,
 )
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import held_out_fits, judged

@@ -20,7 +20,7 @@ from butterfly.cli.options import (
     UnitsOption,
     parse_pairs,
 )
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
 from butterfly.logs.drafted import has_thesis_names, manifest_from_names, manifest_of_files
 from butterfly.logs.formats import FORMATS

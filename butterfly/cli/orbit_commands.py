@@ -10,7 +10,7 @@ import typer
 from butterfly.cli.console import show_page
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import FiguresOption, ResultsOption
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.reading import read_experiment
 from butterfly.report.orbit import orbit_page

@@ -13,7 +13,7 @@ from butterfly.cli.console import show_page
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DATA, FiguresOption, ReportOption, parse_pairs, require_report
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.reading import read_experiment

@@ -18,8 +18,8 @@ from butterfly.cli.options import (
     FiguresOption,
     ResultsOption,
 )
-from butterfly.cli.progress import show_progress
 from butterfly.cli.show_identification import show_estimates, show_identification, show_record
+from butterfly.cli.show_progress import show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import outcome_of, perform

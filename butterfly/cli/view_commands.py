@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from butterfly.cli.options import ExperimentArgument
-from butterfly.cli.progress import show_progress
+from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.reading import read_experiment
 from butterfly.plant.rollout import simulate_runs
