@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -103,7 +104,7 @@ def _band_figure(prediction: Prediction, *, measured: bool) -> Figure:
                 **shown,
             )
             figure.add_trace(drawn, row=row, col=1)
-    figure.update_yaxes(title=f"{prediction.run.log.label}<br>angle in {way}", row=1)
+    figure.update_yaxes(title=f"{escape(prediction.run.log.label)}<br>angle in {way}", row=1)
     figure.update_yaxes(title=f"less free run, {way}", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)

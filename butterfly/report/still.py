@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from html import unescape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -116,7 +117,7 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
         axes.fill(x, y, color=trace.fillcolor, alpha=trace.opacity, label=_label(trace), zorder=1)
         return
     if x.dtype.kind in "UO":
-        x = np.array([str(label).replace("<br>", "\n") for label in x])
+        x = np.array([_lines(label) for label in x])
         axes.tick_params(axis="x", labelsize="x-small")
     if trace.error_y.array is None:
         axes.plot(x, y, **style)
@@ -131,7 +132,9 @@ def _bar(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     place = np.arange(len(trace.x)) + _BAR * len(axes.containers)
     heights = np.asarray(trace.y, dtype=float)
     axes.bar(place, heights, width=_BAR, color=color, label=_label(trace))
-    axes.set_xticks(np.arange(len(trace.x)), [str(label) for label in trace.x], fontsize="x-small")
+    axes.set_xticks(
+        np.arange(len(trace.x)), [_lines(label) for label in trace.x], fontsize="x-small"
+    )
 
 
 def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
@@ -139,7 +142,7 @@ def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     shown = axes.imshow(values, origin="lower", aspect="auto", cmap="cividis")
     for position, labels in ((axes.set_xticks, trace.x), (axes.set_yticks, trace.y)):
         if labels is not None:
-            texts = [str(label).replace("<br>", "\n") for label in labels]
+            texts = [_lines(label) for label in labels]
             position(range(len(labels)), texts, fontsize="x-small")
     if trace.texttemplate:
         middle = (np.nanmin(values) + np.nanmax(values)) / 2
@@ -154,9 +157,13 @@ def _label(trace: Any) -> str | None:  # noqa: ANN401 - plotly's
     return None if trace.showlegend is False or not trace.name else _plain(trace.name)
 
 
+def _lines(label: object) -> str:
+    return _plain(str(label).replace("<br>", "\n"))
+
+
 def _plain(text: str) -> str:
-    """Leave out markup."""
-    return re.sub(r"<[^>]+>", " ", text)
+    """Leave out markup; what looked like some, but was none, is text, as is a dollar."""
+    return unescape(re.sub(r"<[^>]+>", " ", text)).replace("$", r"\$")
 
 
 _DRAWN = {"scatter": _scatter, "bar": _bar, "heatmap": _heatmap}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -122,7 +123,7 @@ def _binned(values: NDArray[Any]) -> tuple[list[Any], list[NDArray[np.bool_]]]:
 
 def _wrapped(text: str) -> str:
     """Break a list of settings into lines."""
-    return text.replace(", ", "<br>")
+    return escape(text).replace(", ", "<br>")
 
 
 def _spans_decades(values: NDArray[Any]) -> bool:

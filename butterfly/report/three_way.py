@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -176,7 +177,7 @@ def _time_figure(each: ThreeWay) -> Figure:
             y = (angle - each.log.angle)[rows].astype(np.float32)
             trace = Scatter(x=x, y=y, mode="lines", line=line, name=name, showlegend=False)
             figure.add_trace(trace, row=2, col=1)
-    figure.update_yaxes(title=f"angle in {way}<br>{each.log.label}", row=1)
+    figure.update_yaxes(title=f"angle in {way}<br>{escape(each.log.label)}", row=1)
     figure.update_yaxes(title=f"error in {way}", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)
@@ -198,7 +199,7 @@ def _phase_figure(each: ThreeWay) -> Figure:
         line = {"color": colour, "width": 1.2, "dash": dash}
         x, y = smooth.astype(np.float32), velocity.astype(np.float32)
         figure.add_trace(Scatter(x=x, y=y, mode="lines", line=line, name=name))
-    figure.update_xaxes(title=f"angle in {way}, {each.log.label}")
+    figure.update_xaxes(title=f"angle in {way}, {escape(each.log.label)}")
     figure.update_yaxes(title=f"velocity in {way}/s")
     figure.update_layout(height=420)
     return figure
@@ -215,7 +216,7 @@ def _residual_figure(each: ThreeWay) -> Figure:
         x, y = (part[::every].astype(np.float32) for part in (values, residual.torque))
         trace = Scatter(x=x, y=y, mode="markers", marker=marker, showlegend=False)
         figure.add_trace(trace, row=1, col=column)
-        figure.update_xaxes(title=f"{title}, {each.log.label}", row=1, col=column)
+        figure.update_xaxes(title=f"{title}, {escape(each.log.label)}", row=1, col=column)
     figure.update_yaxes(title="τ_ε in N m", row=1, col=1)
     figure.update_layout(height=360)
     return figure
@@ -224,7 +225,7 @@ def _residual_figure(each: ThreeWay) -> Figure:
 def _frequency_figure(sines: Sequence[ThreeWay]) -> Figure:
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
     omegas = [each.log.excitation.omega for each in sines if each.log.excitation]
-    texts = [each.log.label for each in sines]
+    texts = [escape(each.log.label) for each in sines]
     for name, (colour, symbol) in _SIMULATORS.items():
         gains = np.array([each.gains[name] for each in sines])
         marker = {"color": colour, "symbol": symbol, "size": 7}

@@ -1,0 +1,60 @@
+"""Names are texts in every figure and page: no markup, no formulas, no scripts."""
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
+
+from butterfly.report.page import Page, Section, Table, write_page
+from butterfly.report.still import draw, write_stills
+from butterfly.report.sweep_figures import Estimates, axis_figure
+
+ODD = ("a$b", r"$\frac{$ <b>bold</b>", "<script>alert(1)</script>")
+
+
+def _estimates(texts):
+    count = len(texts)
+    return Estimates(
+        {
+            "field": np.array(texts, dtype=object),
+            "estimator": np.array(["weak-form"] * count, dtype=object),
+            "parameter": np.array(["p1"] * count, dtype=object),
+            "value": np.ones(count),
+            "deviation": np.linspace(0, 0.1, count),
+        }
+    )
+
+
+def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):
+    figure = axis_figure(_estimates(ODD), "field")
+    assert not any("<" in text for text in figure.data[0].x)
+    still = draw(figure)
+    FigureCanvasAgg(still).draw()
+    shown = [label.get_text().replace(r"\$", "$") for label in still.axes[0].get_xticklabels()]
+    assert shown == list(ODD)
+    write_stills({"axis": figure}, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"axis.png", "axis.svg"}
+
+
+@pytest.mark.parametrize(
+    "trace",
+    [
+        Scatter(x=[1, 2], y=[1, 2], name=ODD[1]),
+        Bar(x=list(ODD), y=[1, 2, 3], name=ODD[0]),
+        Heatmap(x=list(ODD), y=["$", "$$"], z=np.ones((2, 3))),
+    ],
+)
+def test_a_dollar_is_no_formula_wherever_it_stands(trace, tmp_path):
+    figure = Figure([trace])
+    figure.update_layout(xaxis_title="$x", yaxis_title=ODD[1])
+    write_stills({"f": figure}, tmp_path)
+
+
+def test_a_page_runs_no_text(tmp_path):
+    script = ODD[-1]
+    figure = Figure([Scatter(x=[script], y=[1], name=script)])
+    parts = {"text": script, "tables": (Table(headers=(script,), rows=[(script,)]),)}
+    section = Section(title=script, figures={"f": figure}, **parts)
+    about = {"name": script, "description": script, "kind": "sweep", "numbers": {script: 1}}
+    write_page(Page(**about, summary=[script], sections=[section]), tmp_path / "page.html")
+    assert "<script>alert" not in (tmp_path / "page.html").read_text()
