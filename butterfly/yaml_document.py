@@ -6,7 +6,7 @@ No tag builds an object, a date is a text, and what a small file may unfold to i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import ComposerError
@@ -14,7 +14,7 @@ from ruamel.yaml.constructor import ConstructorError, DuplicateKeyError, SafeCon
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, shown
 from butterfly.sizes import said
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
 _MOST = 300_000  # values, what aliases stand for counted each time
+_SHOWN = 60  # characters of a value that a message repeats
 _LARGEST = 1_000_000  # bytes: more takes longer to read than anybody waits
 
 
@@ -65,19 +66,9 @@ def load_yaml(path: Path) -> Document:
     InputError
         If the file is missing, is not YAML, is no mapping, or says a key twice.
     """
+    text = _text(path)
     try:
-        size = path.stat().st_size
-        if size > _LARGEST:
-            raise InputError(path, "content", said(size), f"a YAML file of up to {said(_LARGEST)}")
-        content, root = _parsed(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(path, "path", "no such file", "an existing YAML file") from None
-    except IsADirectoryError:
-        raise InputError(path, "path", "a folder", "a YAML file") from None
-    except UnicodeDecodeError:
-        raise InputError(path, "content", "bytes that are not text", "YAML in UTF-8") from None
-    except OSError as error:
-        raise InputError(path, "path", error.strerror, "a readable YAML file") from None
+        content, root = _parsed(text)
     except DuplicateKeyError as error:
         where = f"{path}:{error.problem_mark.line + 1}"
         key = error.problem.split('"')[1]
@@ -86,12 +77,31 @@ def load_yaml(path: Path) -> Document:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}" if mark else "content"
         problem = getattr(error, "problem", None) or "unreadable text"
+        if problem.startswith("maximum depth"):
+            problem = f"mappings and lists more than {_DEEPEST} deep"
         raise InputError(path, where, problem, "valid YAML") from None
-    except (ValueError, LookupError):  # the parser meets `-_` or `!!bool 3` with what they lead to
-        raise InputError(path, "content", "a value unlike its tag", "valid YAML") from None
+    except (ValueError, LookupError):  # what the parser meets damaged bytes with
+        raise InputError(path, "content", "unreadable text", "valid YAML") from None
     if not isinstance(content, dict):
         raise InputError(path, "content", type(content).__name__, "a mapping of keys to values")
     return Document(path=path, content=content, root=root)
+
+
+def _text(path: Path) -> str:
+    """Return what a file says, if it is one that anybody would wait for."""
+    try:
+        size = path.stat().st_size
+        if size > _LARGEST:
+            raise InputError(path, "content", said(size), f"a YAML file of up to {said(_LARGEST)}")
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(path, "path", "no such file", "an existing YAML file") from None
+    except IsADirectoryError:
+        raise InputError(path, "path", "a folder", "a YAML file") from None
+    except UnicodeDecodeError:
+        raise InputError(path, "content", "bytes that are not text", "YAML in UTF-8") from None
+    except OSError as error:
+        raise InputError(path, "path", error.strerror, "a readable YAML file") from None
 
 
 def _child(node: Node, part: str) -> tuple[Node | None, Node | None]:
@@ -107,6 +117,15 @@ def _child(node: Node, part: str) -> tuple[Node | None, Node | None]:
 
 class _PlainValues(SafeConstructor):
     """Builds mappings, lists, texts, numbers, truth values and null, as YAML 1.2's core schema."""
+
+    def construct_object(self, node: Node, deep: bool = False) -> Any:  # noqa: ANN401 - ruamel's
+        """Tell where a value stands that is unlike its tag, such as `-_` or `!!bool 3`."""
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, LookupError, TypeError, ArithmeticError):
+            kind = str(node.tag).rpartition(":")[2]
+            problem = f"{shown(node.value, _SHOWN)}, which is no {kind}"
+            raise ConstructorError(problem=problem, problem_mark=node.start_mark) from None
 
     def check_mapping_key(
         self, node: Node, key_node: Node, mapping: dict[str, Any], key: object, value: object
@@ -130,37 +149,46 @@ _PlainValues.yaml_constructors = {
 }
 
 
-def _unfolded(node: Node, sizes: dict[int, int], depth: int = 0) -> int:
-    """Return how many values a node holds, what aliases stand for counted each time.
+class _Extent(NamedTuple):
+    """How many values a node holds, and how deep, what aliases stand for counted each time."""
+
+    size: int
+    depth: int
+
+
+def _extent(node: Node, known: dict[int, _Extent | None]) -> _Extent:
+    """Return the extent of a node.
 
     Parameters
     ----------
     node
-        To be counted.
-    sizes
-        Of nodes that were, by their identity; 0 of those that hold the node.
-    depth
-        How many do.
+        To be looked at.
+    known
+        What was found, by the identity of nodes; None of those that hold this one.
 
     Raises
     ------
     YAMLError
-        If it holds itself, or too many values.
+        If it holds itself, or too much.
     """
-    if id(node) in sizes and sizes[id(node)]:
-        return sizes[id(node)]
-    if id(node) in sizes or depth > _DEEPEST:
-        problem = "an alias within what it stands for" if id(node) in sizes else "too deep aliases"
-        raise ComposerError(problem=problem, problem_mark=node.start_mark)
-    sizes[id(node)] = 0
+    if id(node) in known:
+        return known[id(node)] or _refuse(node, "an alias within what it stands for")
+    known[id(node)] = None
     below = node.value if isinstance(node, MappingNode | SequenceNode) else []
-    parts = (part for each in below for part in (each if isinstance(each, tuple) else (each,)))
-    size = 1 + sum(_unfolded(part, sizes, depth + 1) for part in parts)
+    parts = [part for each in below for part in (each if isinstance(each, tuple) else (each,))]
+    extents = [_extent(part, known) for part in parts]
+    size = 1 + sum(each.size for each in extents)
+    depth = 1 + max((each.depth for each in extents), default=0)
     if size > _MOST:
-        problem = f"more than {_MOST:,} values, what aliases stand for counted each time"
-        raise ComposerError(problem=problem, problem_mark=node.start_mark)
-    sizes[id(node)] = size
-    return size
+        _refuse(node, f"more than {_MOST:,} values, what aliases stand for counted each time")
+    if depth > _DEEPEST + 1:
+        _refuse(node, f"aliases more than {_DEEPEST} deep")
+    found = known[id(node)] = _Extent(size, depth)
+    return found
+
+
+def _refuse(node: Node, problem: str) -> NoReturn:
+    raise ComposerError(problem=problem, problem_mark=node.start_mark)
 
 
 def _parsed(text: str) -> tuple[Any, Node]:
@@ -171,5 +199,5 @@ def _parsed(text: str) -> tuple[Any, Node]:
     yaml.composer.warn_double_anchors = False  # an anchor may be set anew
     root = yaml.compose(text)
     if root is not None:
-        _unfolded(root, {})
+        _extent(root, {})
     return None if root is None else yaml.constructor.construct_document(root), root

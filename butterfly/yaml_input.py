@@ -87,12 +87,18 @@ def _translate(
         return InputError(source, field, "nothing", "a value (this key is required)")
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
+        if not location:  # of the whole file, by a rule that names the field
+            return InputError(_source(documents, [cause.field]), *_told(cause))
         return InputError(source, f"{field}.{cause.field}", cause.value, cause.expected)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     shown = repr(first["input"])
     if len(shown) > _LONGEST:
         shown = shown[:_LONGEST] + " ..."
     return InputError(source, field, shown, message)
+
+
+def _told(error: InputError) -> tuple[str, object, str]:
+    return error.field, error.value, error.expected
 
 
 def _field(content: Any, location: Sequence[str], *, lacking: bool) -> str:  # noqa: ANN401 - whatever a file may say

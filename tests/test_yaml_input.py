@@ -79,6 +79,12 @@ def test_a_shipped_file_holds_plain_values_the_same_as_for_another_reader(name):
     assert json.loads(json.dumps(content)) == pickle.loads(pickle.dumps(content)) == content  # noqa: S301 - our own
 
 
+LAUGHS = "a0: &a0 [1]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 20)}]\n" for k in range(1, 30)
+)
+DEEP = "a0: &a0 [1]\n" + "".join(f"a{k}: &a{k} [*a{k - 1}]\n" for k in range(1, 90))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -92,11 +98,17 @@ def test_a_shipped_file_holds_plain_values_the_same_as_for_another_reader(name):
         ("a: !!python/name:os.system", "a.yaml: line 1: got could not determine"),
         ("a: !!set {b}", "a.yaml: line 1: got could not determine"),
         ("a: !!binary eA==", "a.yaml: line 1: got could not determine"),
-        ("a: !!bool 3", "a.yaml: content: got a value unlike its tag"),
-        ("a: !!int ''", "a.yaml: content: got a value unlike its tag"),
-        ("a: -_", "a.yaml: content: got a value unlike its tag"),
+        ("a: !!bool 3", "a.yaml: line 1: got 3, which is no bool"),
+        ("b: 1\na: !!int ''", "a.yaml: line 2: got , which is no int"),
+        ("b: 1\n\na: -_", "a.yaml: line 3: got -_, which is no int"),
+        ("b: 1\n3: 1", "a.yaml: line 2: got a key that is no text"),
+        ("b: 1\na: {null: 1}", "a.yaml: line 2: got a key that is no text"),
+        ("b: 1\na: &a {b: *a}", "a.yaml: line 2: got an alias within what it stands for"),
+        (LAUGHS, "a.yaml: line 5: got more than 300,000 values, what aliases stand for"),
+        (DEEP, "a.yaml: line 51: got aliases more than 50 deep"),
+        ("# " + "x" * 10**6, "a.yaml: content: got 1.0 MB; expected a YAML file of up to 1.0 MB"),
         ("a: \x01", "a.yaml: content: got unreadable text"),
-        ("a: " + 400 * "[" + 400 * "]", "a.yaml: line 1: got maximum depth"),
+        ("a: " + 400 * "[" + 400 * "]", "a.yaml: line 1: got mappings and lists more than 50 deep"),
         ("? {b: 1}\n: 1", "a.yaml: line 1: got found unhashable key"),
         ("", "a.yaml: content: got NoneType; expected a mapping"),
         ("- 1", "a.yaml: content: got list; expected a mapping"),

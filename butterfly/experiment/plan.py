@@ -124,7 +124,7 @@ def _tasks(source: Source, experiment: Experiment) -> Iterator[Task]:
     points = (
         [({}, 0, experiment.seed)]
         if experiment.sweep is None
-        else (experiment.sweep.points(experiment.seed))
+        else experiment.sweep.points(experiment.seed, source.path)
     )
     for number, (overrides, repetition, seed) in enumerate(points):
         content = source.with_digests(apply(base, {"seed": seed} | overrides, source.path))

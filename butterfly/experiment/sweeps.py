@@ -109,18 +109,26 @@ class SweepSpec(StrictModel):
         values = (len(each) for each in self.grid.values())
         return math.prod((*values, *drawn, len(self.rows) or 1, self.repetitions))
 
-    def points(self, seed: int) -> Iterator[tuple[Overrides, int, int]]:
+    def points(self, seed: int, source: object = "sweep") -> Iterator[tuple[Overrides, int, int]]:
         """Yield the overrides, the repetition and the seed of each run, in order.
 
         A run's seed depends on the experiment's seed, the repetition and the values set alone, so
         a sweep that grows keeps the runs that it had.
+
+        Parameters
+        ----------
+        seed
+            Of the experiment.
+        source
+            Its file, for messages.
 
         Raises
         ------
         InputError
             If there are more than memory holds the plan of.
         """
-        require_room("sweep", "runs", f"{self._count:,}", _BYTES_PER_RUN * self._count)
+        runs = f"{self._count:,} runs"
+        require_room(source, "sweep", runs, _BYTES_PER_RUN * self._count)
         axes: list[list[Overrides]] = [
             [dict(zip(self.grid, values, strict=True)) for values in product(*self.grid.values())],
             self.rows or [{}],
