@@ -96,12 +96,18 @@ _MISFORTUNES: tuple[Callable[[Table, np.random.Generator], Table], ...] = (
 )
 
 
-def escapes(content: bytes, path: Path) -> str:
-    """Write a log of numbers that the content decides on, and look at it as a user would."""
-    rng = np.random.default_rng(list(content))
+@np.errstate(over="ignore", invalid="ignore")
+def _senseless(rng: np.random.Generator) -> Table:
     table = _sound(rng)
     for _ in range(rng.integers(1, 3)):
         table = _MISFORTUNES[rng.integers(len(_MISFORTUNES))](table, rng)
+    return table
+
+
+def escapes(content: bytes, path: Path) -> str:
+    """Write a log of numbers that the content decides on, and look at it as a user would."""
+    rng = np.random.default_rng(list(content))
+    table = _senseless(rng)
     path = path.with_suffix(".csv")
     rows = "\n".join(",".join(map(repr, row)) for row in table.tolist())
     path.write_text(f"time,input,angle\n{rows}\n", encoding="utf-8")

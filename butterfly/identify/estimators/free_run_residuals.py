@@ -229,6 +229,7 @@ class FreeRunResiduals:
             prior=None if self.prior is None else self.prior.take(kept),
         )
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
     def _of_log(self, index: int, values: Samples) -> LogEquations:
         trajectory = self.trajectories[index]
         columns = columns_of(self.keys, trajectory.log)
