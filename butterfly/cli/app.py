@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import os
 import signal
 import sys
 import threading
-from typing import Annotated
+from contextlib import suppress
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -13,6 +16,7 @@ from butterfly import __version__
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.lazy import MARKUP, Command, LazyGroup
 from butterfly.errors import ButterflyError, StoppedError, UnusableError
+from butterfly.sizes import memory, said
 
 COMMANDS = {
     "run": Command(
@@ -192,12 +196,31 @@ def main() -> None:
     """Run the command line; bad input ends in one line on stderr (see `ExitCode`)."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # asked to end, as by Ctrl-C
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # what a terminal cannot show is no reason to end
     try:
         app()
+        sys.stdout.flush()
     except (StoppedError, KeyboardInterrupt) as stopped:
         typer.echo(str(stopped) or "stopped", err=True)
         sys.exit(ExitCode.STOPPED)
     except ButterflyError as error:
-        typer.secho(f"error: {' '.join(str(error).split())}", fg="red", err=True)
         unusable = isinstance(error, UnusableError)
-        sys.exit(ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)
+        _end(str(error), ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)
+    except MemoryError:
+        _end(f"more memory is needed than there is ({said(memory())})", ExitCode.BAD_INPUT)
+    except OSError as error:
+        _leave_stdout()
+        _end(str(error), ExitCode.BAD_INPUT)
+
+
+def _end(why: str, code: ExitCode) -> NoReturn:
+    typer.secho(f"error: {' '.join(why.split())}", fg="red", err=True)
+    sys.exit(code)
+
+
+def _leave_stdout() -> None:
+    """Write no more where nothing can be written, as to a full disk: the end would try again."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -105,7 +105,8 @@ def write_csv(log: Log, path: Path) -> None:
     texts = (map(repr, column.astype(np.float64).tolist()) for column in columns.values())
     rows = zip(*texts, strict=True)
     with replacing(path) as draft:
-        draft.write_text("\n".join([delimiter.join(columns), *map(delimiter.join, rows), ""]))
+        lines = [delimiter.join(columns), *map(delimiter.join, rows), ""]
+        draft.write_text("\n".join(lines), encoding="ascii")
 
 
 def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:

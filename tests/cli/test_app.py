@@ -1,9 +1,11 @@
 """The program: its table of commands, its start, its end."""
 
 import inspect
+import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -110,3 +112,24 @@ def test_every_command_that_takes_data_may_be_told_the_same_of_it(call):
 )
 def test_a_missing_file_is_one_line_and_exit_code_2(butterfly, arguments):
     assert_one_line_error(butterfly(*arguments), arguments[1])
+
+
+def _run(*call, stdout=subprocess.PIPE, **how):
+    words = [sys.executable, "-m", "butterfly", *map(str, call)]
+    pipes = {"stdout": stdout, "stderr": subprocess.PIPE}
+    return subprocess.run(words, **pipes, text=True, check=False, **how)  # noqa: S603 - our own
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full to write to")
+def test_a_full_disk_is_one_line(quick_data):
+    with Path("/dev/full").open("w") as full:
+        done = _run("inspect", quick_data, stdout=full)
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert re.fullmatch(r"error: .*No space left on device\n", done.stderr)
+
+
+def test_a_terminal_that_lacks_a_letter_shows_the_others(quick_data):
+    encoding = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = _run("identify", quick_data, env=encoding)
+    assert (done.returncode, done.stderr) == (ExitCode.DONE, "")
+    assert "kg m?" in done.stdout
