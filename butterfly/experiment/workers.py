@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they take
 _ANSWER = "20s"  # in which a scheduler has to answer
 _ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
-_NEEDED = ["butterfly.experiment.perform"]  # modules that workers need, read once for all of them
+_NEEDED = ["butterfly.experiment.worker_start", "butterfly.experiment.perform"]
+"""Modules that workers need, read once for all of them."""
+
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _NO_TABLES: Tables = MappingProxyType({})
 
