@@ -43,8 +43,8 @@ def names73(path: Path) -> list[str]:
     """
     with _opened(path) as file:
         try:
-            return [name for name in file if not name.startswith(_OWN)]
-        except (OSError, RuntimeError, ValueError) as error:
+            return [str(name) for name in file if not name.startswith(_OWN)]
+        except Exception as error:  # as in `load73`
             raise _damaged(path, error) from None
 
 
@@ -60,7 +60,7 @@ def load73(path: Path, names: Collection[str]) -> dict[str, Any]:
     with _opened(path) as file:
         try:
             return {name: _value(file[name], room) for name in names if name in file}
-        except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
+        except Exception as error:  # HDF5's reader meets corrupt bytes with whatever they lead to
             raise _damaged(path, error) from None
 
 

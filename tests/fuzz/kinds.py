@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 from pyarrow import parquet
@@ -39,12 +39,14 @@ def sounds_of(kind: str) -> list[Sound]:
 
 
 def _mats() -> list[bytes]:
-    return [_mat(each, packed=packed) for each in mat.CONTENTS.values() for packed in (False, True)]
+    contents = mat.CONTENTS.values()
+    level5 = [_mat(each, do_compression=packed) for each in contents for packed in (False, True)]
+    return [*level5, _mat(mat.CONTENTS["matrix"], format="4"), mat.level73()]
 
 
-def _mat(content: dict[str, object], *, packed: bool) -> bytes:
+def _mat(content: dict[str, object], **how: Any) -> bytes:
     file = io.BytesIO()
-    savemat(file, content, do_compression=packed)
+    savemat(file, content, **how)
     return file.getvalue()
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 
 from butterfly.logs.log import InputKind
@@ -34,6 +36,21 @@ _COLUMNS = (
 
 
 _KIND: dict[str, Any] = {"input_kind": InputKind.VOLTAGE, "added_mass": AddedMass()}
+
+
+def level73() -> bytes:
+    """Return a file of v7.3, which is HDF5, with a block of MATLAB's before it."""
+    file = io.BytesIO()
+    with h5py.File(file, "w", userblock_size=512) as root:
+        root.create_dataset("D", data=MATRIX.T, compression="gzip")
+        for name, column in zip("tuq", MATRIX.T, strict=False):
+            root.create_dataset(name, data=column[None])
+        data = root.create_group("data")
+        data.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, column in zip("tuq", MATRIX.T, strict=False):
+            data.create_dataset(name, data=column[None])
+    head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM"
+    return head + file.getvalue()[len(head) :]
 
 
 def escapes(content: bytes, path: Path) -> str:
