@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_LARGEST = 1e60  # of any number: squares of such are numbers too
+
 
 def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
     """Return all that `estimate_of` needs, as JSON can hold it once NaN is null."""
@@ -67,8 +69,10 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
     held = {str(name): float(value) for name, value in content["held"].items()}
     if not {*names, *on_bound, *held} <= TERMS.keys() or len({*names}) < len(names):
         raise ValueError("names that are no parameters, or twice the same")
-    if not np.isfinite(columns["values"]).all():
+    if not np.isfinite([columns["values"], *left_out.values(), *rivals]).all():
         raise ValueError("values that are no numbers")
+    if (np.diag(covariance) < 0).any():
+        raise ValueError("variances below 0")
     return ParameterEstimate(
         method=str(content["method"]),
         names=names,
@@ -114,8 +118,17 @@ def _finding(
 
 
 def _array(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - whatever stands in the file
-    """Return numbers as an array; null is NaN."""
-    return np.array(values, dtype=np.float64)
+    """Return numbers as an array; null is NaN.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are none, or so large that nothing can be made of them.
+    """
+    found = np.array(values, dtype=np.float64)
+    if (np.abs(found) > _LARGEST).any():
+        raise ValueError(f"numbers above {_LARGEST:g}")
+    return found
 
 
 def _key(key: object) -> object:

@@ -10,7 +10,7 @@ import pyarrow as pa
 from pyarrow import parquet
 from scipy.io import savemat
 
-from tests.fuzz import mat, results, text, values
+from tests.fuzz import mat, results, saved, text, values
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Sound = tuple[bytes, Callable[[bytes, Path], str]]
 
-KINDS = ("mat", "csv", "parquet", "experiment", "manifest", "results", "values")
+KINDS = ("mat", "csv", "parquet", "experiment", "manifest", "results", "saved", "values")
 """Their names."""
 
 
@@ -33,6 +33,7 @@ def sounds_of(kind: str) -> list[Sound]:
         "parquet": lambda: (_parquets(), mat.parquet_escapes),
         "experiment": lambda: (text.EXPERIMENTS, text.experiment_escapes),
         "manifest": lambda: (text.MANIFESTS, text.manifest_escapes),
+        "saved": lambda: ([saved.sound()], saved.escapes),
         "values": lambda: ([bytes(range(32))], values.escapes),
     }[kind]()
     return [(content, escapes) for content in contents]

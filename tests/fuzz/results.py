@@ -53,6 +53,13 @@ def _sound() -> dict[str, bytes]:
         return {each.relative_to(root).as_posix(): each.read_bytes() for each in files}
 
 
+def kept_logs() -> dict[str, bytes]:
+    """Return the files of the logs that one of the runs kept, by their names."""
+    paths = [Path(each) for each in _sound() if each.endswith("manifest.yaml")]
+    inside = (each for each in _sound() if Path(each).parent == paths[0].parent)
+    return {Path(each).name: _sound()[each] for each in inside}
+
+
 class _Here:
     """Does tasks in this process."""
 
