@@ -57,3 +57,14 @@ def test_what_is_no_parquet_is_one_typed_error(tmp_path, content):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"nowhere\.parquet: path: got no such file"):
         read_parquet(tmp_path / "nowhere.parquet", **KIND)
+
+
+def test_a_file_that_tells_of_more_rows_than_it_can_hold_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "constant.parquet"
+    columns = {name: np.zeros(5000) for name in ("time", "input", "angle")}
+    parquet.write_table(pa.table(columns), path)
+    assert read_parquet(path).time.size == 5000
+    monkeypatch.setattr("butterfly.sizes._FREE", 0)
+    monkeypatch.setattr("butterfly.sizes._PACKED", 1)
+    with pytest.raises(InputError, match="5000 rows in .* kB; expected a whole Parquet file"):
+        read_parquet(path)

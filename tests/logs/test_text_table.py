@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from butterfly.errors import InputError
 from butterfly.logs.csv import read_csv
 from butterfly.logs.log import InputKind
+from butterfly.logs.text_table import holds_table, read_text_table
 
 KIND = {"input_kind": InputKind.VOLTAGE}
 NAMES = ("time", "input", "angle")
@@ -130,3 +131,22 @@ def test_the_units_that_a_file_gives_are_used_and_told(tmp_path, head):
 def test_other_columns_may_hold_texts(tmp_path):
     lines = [f"2024-01-05 10:00;{line};OK" for line in _lines(";", ",")]
     _same(_read(tmp_path, ["date;time;input;angle;state", *lines]))
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "holds"), [(16, 3, True), (15, 3, False), (16, 2, False), (0, 3, False)]
+)
+def test_a_table_that_may_be_a_log_has_samples_of_three_columns(tmp_path, rows, columns, holds):
+    path = tmp_path / "table.txt"
+    path.write_text("\n".join(" ".join([f"{k}.5"] * columns) for k in range(rows)))
+    assert holds_table(path) is holds
+
+
+def test_a_text_that_no_memory_holds_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    path = tmp_path / "table.txt"
+    path.write_text("1 2 3\n" * 1000)
+    monkeypatch.setattr("butterfly.sizes.memory", lambda: 16 * 6000 - 1)
+    with pytest.raises(InputError, match=r"6\.0 kB of an unusual form; .* it takes 96\.0 kB"):
+        read_text_table(path)
+    monkeypatch.setattr("butterfly.sizes.memory", lambda: 16 * 6000)
+    assert len(read_text_table(path).columns) == 3
