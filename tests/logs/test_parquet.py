@@ -66,5 +66,5 @@ def test_a_file_that_tells_of_more_rows_than_it_can_hold_is_refused(tmp_path, mo
     assert read_parquet(path).time.size == 5000
     monkeypatch.setattr("butterfly.sizes._FREE", 0)
     monkeypatch.setattr("butterfly.sizes._PACKED", 1)
-    with pytest.raises(InputError, match="5000 rows in .* kB; expected a whole Parquet file"):
+    with pytest.raises(InputError, match=r"5000 rows in .* kB; expected a whole"):
         read_parquet(path)
