@@ -11,6 +11,7 @@ Times are in the records only, so that the tables are the same bit for bit howev
 
 from __future__ import annotations
 
+import io
 import shutil
 import time
 from contextlib import ExitStack, suppress
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 SWEEP = "sweep.json"
 
 _RUNS = 2_000  # whose rows are gathered before they are written
+_ENDS = 20  # times that a sweep is ended, while others end theirs in the same folder
+_LOOKS, _MOMENT = 4, 0.05  # at a table, and s between them
 _STALE = 600.0  # s after which nobody finishes a file any more
 
 
@@ -114,10 +117,20 @@ class ResultStore:
         self._write_sweep(sweep)
 
     def end_sweep(self, sweep: SweepRecord) -> None:
-        """Put the tables together from the records, in the sweep's order; write what was asked."""
-        self._write_tables(sweep)
-        files = digests(self.folder, (_file_of(name) for name in TABLES))
-        self._write_sweep(replace(sweep, tables=files))
+        """Put the tables together from the records, in the sweep's order; write what was asked.
+
+        Where another process does so too, the tables are in the end those of the sweep that is
+        told: whoever wrote last looks once more.
+        """
+        for _ in range(_ENDS):
+            tables = self._tables(sweep)
+            for name, content in tables.items():
+                with replacing(self.folder / name) as draft:
+                    draft.write_bytes(content)
+            files = {name: digest_of(content) for name, content in tables.items()}
+            self._write_sweep(replace(sweep, tables=files))
+            if _hold(self.folder, files):
+                return
 
     def _write_sweep(self, sweep: SweepRecord) -> None:
         with replacing(self.folder / SWEEP) as draft:
@@ -143,19 +156,23 @@ class ResultStore:
             raise InputError(path, "content", "something else", expected)
         return sweep
 
-    def _write_tables(self, sweep: SweepRecord) -> None:
+    def _tables(self, sweep: SweepRecord) -> dict[str, bytes]:
+        """Return the contents of the files of the tables, by name."""
         columns = Columns(sweep.fields, sweep.runs)
+        files = {name: io.BytesIO() for name in TABLES}
         with ExitStack() as open_files:
-            writers = {}
-            for name in TABLES:
-                draft = open_files.enter_context(replacing(self.folder / _file_of(name)))
-                writer = parquet.ParquetWriter(draft, columns.schema(name), compression="zstd")
-                writers[name] = open_files.enter_context(writer)
+            writers = {
+                name: open_files.enter_context(
+                    parquet.ParquetWriter(file, columns.schema(name), compression="zstd")
+                )
+                for name, file in files.items()
+            }
             for start in range(0, len(sweep.runs), _RUNS):
                 part = [(run, self.read(run.key)) for run in sweep.runs[start : start + _RUNS]]
                 for name, writer in writers.items():
                     rows = [row for run, record in part for row in columns.rows(name, run, record)]
                     writer.write_table(pa.Table.from_pylist(rows, schema=columns.schema(name)))
+        return {_file_of(name): file.getvalue() for name, file in files.items()}
 
     def table(self, name: str) -> pa.Table:
         """Read a table.
@@ -166,16 +183,18 @@ class ResultStore:
             If there is no such table, or not as the sweep wrote it.
         """
         path = self.folder / _file_of(name)
-        try:
-            content = path.read_bytes()
-        except FileNotFoundError:
-            raise InputError(path, "path", "no such file", "a folder of results") from None
-        except OSError as error:
-            raise InputError(path, "path", error.strerror or error, "a readable file") from None
-        if digest_of(content) != self.sweep().tables.get(path.name):
-            expected = f"the table that belongs to {SWEEP} (butterfly run puts it together anew)"
-            raise InputError(path, "content", "something else", expected)
-        return parquet.read_table(pa.BufferReader(content))
+        for _ in range(_LOOKS):
+            try:
+                content = path.read_bytes()
+            except FileNotFoundError:
+                raise InputError(path, "path", "no such file", "a folder of results") from None
+            except OSError as error:
+                raise InputError(path, "path", error.strerror or error, "a readable file") from None
+            if digest_of(content) == self.sweep().tables.get(path.name):
+                return parquet.read_table(pa.BufferReader(content))
+            time.sleep(_MOMENT)  # another process may be about to write the other of the two
+        expected = f"the table that belongs to {SWEEP} (butterfly run puts it together anew)"
+        raise InputError(path, "content", "something else", expected)
 
     def _is_inside(self, path: Path) -> bool:
         """Whether a path leads to its place through no link."""

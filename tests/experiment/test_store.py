@@ -13,7 +13,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS, Columns
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
-from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord
+from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
 from tests.experiment.setting import HereEngine, small_plan
@@ -59,7 +59,7 @@ def test_a_damaged_byte_of_a_table_is_noticed(folder):
     path = store.folder / "estimates.parquet"
     content = bytearray(path.read_bytes())
     sound = store.table(ESTIMATES)
-    for place in range(0, len(content), 97):
+    for place in range(0, len(content), len(content) // 9):
         content[place] ^= 4
         path.write_bytes(content)
         with suppress(InputError):
@@ -163,6 +163,28 @@ def test_two_writers_lose_nothing(tmp_path):
             assert record is not None
             assert store.holds(record)
     assert not list(tmp_path.rglob(".draft-*"))
+
+
+def test_tables_that_two_write_belong_to_the_sweep(tmp_path):
+    begin = "import sys; from tests.experiment import test_store as t; t.end_often(*sys.argv[1:])"
+    words = [sys.executable, "-c", begin, str(tmp_path)]
+    writers = [subprocess.Popen([*words, name]) for name in ("a", "b")]  # noqa: S603
+    assert [writer.wait(timeout=120) for writer in writers] == [0, 0]
+    store = ResultStore(tmp_path)
+    (run,) = store.sweep().runs
+    assert store.table(RUNS)["key"].to_pylist() == [run.key]
+
+
+def end_often(folder, name):
+    """End a sweep of one's own in a folder, again and again."""
+    store = ResultStore(Path(folder))
+    key = name * 24
+    run = PlannedRun(number=0, key=key, repetition=0, seed=0, overrides={})
+    about = {"name": name, "description": "", "seed": 0, "worst": 1, "versions": {}}
+    sweep = SweepRecord(**about, fields=(), runs=(run,))
+    store.write(Outcome(record=RunRecord(key=key, status="ok", seed=0)))
+    for _ in range(60):
+        store.end_sweep(sweep)
 
 
 def write_many(folder, name):
