@@ -1,4 +1,4 @@
-"""The table of all commands, and the program that runs them."""
+"""The program: its commands, its start, and how it ends."""
 
 from __future__ import annotations
 
@@ -13,141 +13,13 @@ from typing import Annotated, NoReturn
 import typer
 
 from butterfly import __version__
+from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.cli.exit_codes import ExitCode
-from butterfly.cli.lazy import MARKUP, Command, LazyGroup
+from butterfly.cli.lazy import MARKUP, LazyGroup
 from butterfly.errors import ButterflyError, StoppedError, UnusableError
 from butterfly.sizes import memory, said
 
-COMMANDS = {
-    "run": Command(
-        "run_commands",
-        "run_command",
-        "Simulate an experiment, identify the robot from its logs, and write a report.",
-    ),
-    "simulate": Command(
-        "run_commands",
-        "simulate_command",
-        "Simulate an experiment in MuJoCo and write its logs.",
-    ),
-    "schema": Command(
-        "run_commands",
-        "schema_command",
-        "Print the JSON Schema of experiment or manifest files, for editors.",
-    ),
-    "inspect": Command(
-        "log_commands",
-        "inspect_command",
-        "Check logs: clock, gaps, saturation, clipping, turns, and the dominant frequency.",
-    ),
-    "manifest": Command(
-        "log_commands",
-        "manifest_command",
-        "Draft a data-set manifest of the logs in a folder, to edit and keep.",
-    ),
-    "identify": Command(
-        "identify_commands",
-        "identify_command",
-        "Identify the robot from a data set.",
-    ),
-    "validate": Command(
-        "judge_commands",
-        "validate_command",
-        "Predict logs that the estimator has not seen, and compare with those it has.",
-    ),
-    "predict": Command(
-        "predict_commands",
-        "predict_command",
-        "Predict logs, or an experiment that nobody has done, with given parameters.",
-    ),
-    "select": Command(
-        "judge_commands",
-        "select_command",
-        "Choose friction terms by how well they predict what was left out: added masses, or logs.",
-    ),
-    "residual": Command(
-        "judge_commands",
-        "residual_command",
-        "Show what the identified model, all its terms, leaves over of the logs.",
-    ),
-    "design": Command(
-        "design_commands",
-        "design_command",
-        "Rank candidate next experiments by how much they would tell.",
-    ),
-    "compare": Command(
-        "compare_commands",
-        "compare_command",
-        "Compare MuJoCo, grey-box model and logs for the same input.",
-    ),
-    "leaderboard": Command(
-        "compare_commands",
-        "leaderboard_command",
-        "Rank estimators by how well they predict what they have not seen.",
-    ),
-    "calibrate-orbit": Command(
-        "orbit_commands",
-        "calibrate_orbit_command",
-        "Hold a large orbit, re-calibrate the model next to it, and hold it better.",
-    ),
-    "reproduce": Command(
-        "thesis_commands",
-        "reproduce_command",
-        "Print the thesis's figures beside those obtained the same way, and the right ones.",
-    ),
-    "view": Command(
-        "view_commands",
-        "view_command",
-        "Watch a run in MuJoCo's viewer, in real time; `--web` needs no display.",
-    ),
-    "video": Command(
-        "view_commands",
-        "video_command",
-        "Draw a run as a film; needs no display where EGL is installed.",
-    ),
-}
-
-MODEL_COMMANDS = {
-    "show": Command(
-        "model_commands", "show_command", "Print the robot's physical and lumped parameters."
-    ),
-    "render": Command(
-        "model_commands",
-        "render_command",
-        "Draw the robot; needs no display where EGL is installed.",
-    ),
-    "export": Command(
-        "model_commands",
-        "export_command",
-        "Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.",
-    ),
-}
-
-RESULTS_COMMANDS = {
-    "list": Command(
-        "results_commands",
-        "list_command",
-        "List the sweeps whose results lie in a folder, and how many of their runs are done.",
-    ),
-    "show": Command(
-        "results_commands",
-        "show_command",
-        "Show one run: what it set, what it found, how long it took, and with which versions.",
-    ),
-    "table": Command("results_commands", "table_command", "Print rows of a table."),
-    "export": Command(
-        "results_commands", "export_command", "Write rows of a table to a CSV or Parquet file."
-    ),
-    "compare": Command(
-        "results_commands",
-        "compare_command",
-        "Tell whether a robot has changed between two identifications, or compare two runs.",
-    ),
-    "clean": Command(
-        "results_commands",
-        "clean_command",
-        "Remove records that the sweep no longer has, and files that were never finished.",
-    ),
-}
+_PANEL_OF_MODELS, _PANEL_OF_RESULTS = "Simulate", "Results"
 
 
 class _Commands(LazyGroup):
@@ -165,7 +37,6 @@ class _ResultsCommands(LazyGroup):
 app = typer.Typer(
     cls=_Commands,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=MARKUP,
     help="Simulate and identify the Butterfly robot's hand: MuJoCo, grey-box model, real logs.",
@@ -174,11 +45,13 @@ app = typer.Typer(
 app.add_typer(
     typer.Typer(cls=_ModelCommands, no_args_is_help=True, rich_markup_mode=MARKUP),
     name="model",
+    rich_help_panel=_PANEL_OF_MODELS,
     help="Show, draw or export the robot of an experiment, or the identified twin of a data set.",
 )
 app.add_typer(
     typer.Typer(cls=_ResultsCommands, no_args_is_help=True, rich_markup_mode=MARKUP),
     name="results",
+    rich_help_panel=_PANEL_OF_RESULTS,
     help="List, filter, tabulate, export, compare and clean the results of sweeps.",
 )
 

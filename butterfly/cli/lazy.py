@@ -32,11 +32,14 @@ class Command(NamedTuple):
         Of the module.
     summary
         First line of the function's docstring.
+    panel
+        Heading under which help lists it; that of all commands if empty.
     """
 
     module: str
     function: str
     summary: str
+    panel: str = ""
 
     def load(self) -> Callable[..., Any]:
         """Import the function."""
@@ -69,7 +72,12 @@ class LazyGroup(TyperGroup):
     def __init__(self, **settings: Any) -> None:  # noqa: ANN401 - typer's
         super().__init__(**settings)
         listed = {
-            name: TyperCommand(name, help=command.summary, rich_markup_mode=MARKUP)
+            name: TyperCommand(
+                name,
+                help=command.summary,
+                rich_markup_mode=MARKUP,
+                rich_help_panel=command.panel or None,
+            )
             for name, command in self.table.items()
         }
         self.commands = {**listed, **self.commands}

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from butterfly import __version__
-from butterfly.cli.app import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
+from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, PANELS, RESULTS_COMMANDS
 from butterfly.cli.exit_codes import ExitCode
 from tests.cli.one_line import assert_one_line_error
 
@@ -43,6 +43,29 @@ def test_help_lists_every_command_with_its_summary(butterfly, group, monkeypatch
     _, out, _ = butterfly(*group.split(), "--help")
     for name, command in TABLES[group].items():
         assert re.search(rf"{name} +{re.escape(command.summary.replace('`', ''))}", out)
+
+
+def test_help_lists_commands_by_the_way_of_work(butterfly):
+    _, out, _ = butterfly("--help")
+    places = [out.index(f"─ {panel} ─") for panel in PANELS]
+    assert places == sorted(places)
+    assert out.index("─ Identify ─") < out.index("│ identify ") < out.index("─ Judge ─")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("butterfly ide", {"identify"}),
+        ("butterfly identify --met", {"--method"}),
+        ("butterfly results sh", {"show"}),
+        ("butterfly results table --li", {"--limit"}),
+    ],
+)
+def test_shells_complete_commands_and_options(words, expected):
+    asked = {"_BUTTERFLY_COMPLETE": "complete_bash", "COMP_WORDS": words}
+    count = str(len(words.split()) - 1)
+    done = _run(env=os.environ | asked | {"COMP_CWORD": count}, command="butterfly")
+    assert set(done.stdout.split()) == expected
 
 
 @pytest.mark.parametrize(
@@ -114,8 +137,14 @@ def test_a_missing_file_is_one_line_and_exit_code_2(butterfly, arguments):
     assert_one_line_error(butterfly(*arguments), arguments[1])
 
 
-def _run(*call, stdout=subprocess.PIPE, **how):
-    words = [sys.executable, "-m", "butterfly", *map(str, call)]
+def _installed(command):
+    """Path of a command of the environment that the tests run in."""
+    return Path(sys.executable).with_name(command)
+
+
+def _run(*call, stdout=subprocess.PIPE, command=None, **how):
+    words = [sys.executable, "-m", "butterfly"] if command is None else [_installed(command)]
+    words += map(str, call)
     pipes = {"stdout": stdout, "stderr": subprocess.PIPE}
     return subprocess.run(words, **pipes, text=True, check=False, **how)  # noqa: S603 - our own
 
