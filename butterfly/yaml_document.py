@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
 _MOST = 300_000  # values, what aliases stand for counted each time
 _SHOWN = 60  # characters of a value that a message repeats
-_LARGEST = 1_000_000  # bytes: more takes longer to read than anybody waits
+_LARGEST = 2_000_000  # bytes: more takes longer to read than anybody waits
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,12 +27,12 @@ from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.simulation import file_of, simulate, write_logs
 from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
 from butterfly.experiment.workers import DaskEngine, LocalEngine
 from butterfly.files import replacing
-from butterfly.logs.manifest import Manifest, read_manifest
+from butterfly.logs.manifest import Manifest
 from butterfly.report.identification import write_report
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
@@ -194,7 +194,7 @@ def _written(experiment: Experiment, logs: Sequence[Log], folder: Path) -> list[
     if not logs:
         return []
     manifest = write_logs(experiment, logs, folder)
-    return [*(entry.file for entry in read_manifest(manifest).logs), manifest.name]
+    return [*map(file_of, logs), manifest.name]
 
 
 def _reports(record: RunRecord) -> list[str]:

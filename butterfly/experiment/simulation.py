@@ -71,7 +71,7 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
     """
     entries = []
     for log in logs:
-        entries.append(_entry(log, "mat"))
+        entries.append(_entry(log, file_of(log)))
         write_mat(log, folder / entries[-1].file)
     path = folder / MANIFEST_NAME
     write_manifest(_manifest(experiment, entries), path)
@@ -80,15 +80,20 @@ def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Pat
 
 def packed(experiment: Experiment, logs: Sequence[Log]) -> dict[str, bytes]:
     """Return the contents of the files of a data set, by name: logs as Parquet, and a manifest."""
-    entries = [_entry(log, "parquet") for log in logs]
+    entries = [_entry(log, f"{log.name}.parquet") for log in logs]
     files = {entry.file: parquet_bytes(log) for entry, log in zip(entries, logs, strict=True)}
     return files | {MANIFEST_NAME: manifest_text(_manifest(experiment, entries)).encode()}
 
 
-def _entry(log: Log, suffix: str) -> LogEntry:
+def file_of(log: Log) -> str:
+    """Return the name of the file that `write_logs` writes a log to."""
+    return f"{log.name}.mat"
+
+
+def _entry(log: Log, file: str) -> LogEntry:
     sine, added = log.excitation, log.added_mass
     return LogEntry(
-        file=f"{log.name}.{suffix}",
+        file=file,
         added_mass=added.mass,
         arm=added.arm or None,
         omega=sine.omega if sine else None,

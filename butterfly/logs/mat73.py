@@ -20,7 +20,7 @@ _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
-_OF_NODE = 1 << 20  # bytes that count for a node besides its own: of nodes in a ring is no end
+_OF_NODE = 1 << 14  # bytes that count for a node besides its own: of nodes in a ring is no end
 
 
 class MatlabObject:

@@ -55,7 +55,7 @@ def read_parquet(
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
     try:
         with parquet.ParquetFile(path) as file:
-            arrays = _columns(path, file, mapping, "" if columns else "velocity")
+            arrays = _columns(path, file, mapping, None if columns else "velocity")
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", "an existing Parquet file") from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -67,12 +67,12 @@ def read_parquet(
 
 
 def _columns(
-    path: Path, file: parquet.ParquetFile, mapping: dict[str, str | int], welcome: str
+    path: Path, file: parquet.ParquetFile, mapping: dict[str, str | int], welcome: str | None
 ) -> dict[str, NDArray[np.float64]]:
     """Read columns one after the other, by the log's field; and one that is welcome, if there."""
     names = file.schema_arrow.names
     wanted = {field: place(path, names, name) for field, name in mapping.items()}
-    if welcome in names:
+    if welcome is not None and welcome in names:
         wanted[welcome] = names.index(welcome)
     most = most_in(path.stat().st_size)
     if not 0 <= file.metadata.num_rows * len(wanted) * _BYTES <= most:
@@ -84,7 +84,8 @@ def _columns(
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise InputError(path, names[number], f"a column of {kind}", "numbers")
         batches = file.iter_batches(_AT_A_TIME, columns=[names[number]])
-        parts = [each.column(0).to_numpy(zero_copy_only=False) for each in batches]
+        which = names[:number].count(names[number])  # of the columns of this name
+        parts = [each.column(which).to_numpy(zero_copy_only=False) for each in batches]
         arrays[field] = np.concatenate([np.empty(0), *parts])
     return arrays
 

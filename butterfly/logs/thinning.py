@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from butterfly.logs.health import GAP_FACTOR
 from butterfly.logs.log import Intersample
 
 if TYPE_CHECKING:
@@ -25,15 +26,12 @@ ENOUGH = 4_000_000
 
 _SLOW = 0.1  # rad of its own phase that a motion may go on from one mean to the next
 _ROWS = 100_000  # samples that tell how fast it is
-_LONG = 2.0  # median lengths of a stretch, from which on there is a gap in it
 
 
 def thinned(log: Log, enough: int = ENOUGH) -> Log:
     """Return a log of means; itself if it has few samples, or its motion is fast.
 
-    The input is that of its means with straight lines between: a held input is half a sampling
-    period later than its stamps, which is heeded. Stretches with a gap, and what is left over at
-    the end, are left out.
+    Stretches with a gap, and what is left over at the end, are left out.
 
     Parameters
     ----------
@@ -45,21 +43,52 @@ def thinned(log: Log, enough: int = ENOUGH) -> Log:
     block = _block(log.angle, -(-log.time.size // enough))
     if block == 1:
         return log
-    count = log.time.size // block
-    length = log.time[block - 1 :: block][:count] - log.time[::block][:count]
-    kept = length < _LONG * np.median(length)
-    columns = {name: _means(values, block)[kept] for name, values in log.columns().items()}
+    columns = {name: _means(values, block) for name, values in log.columns().items()}
     if log.intersample is Intersample.ZERO_ORDER_HOLD:
-        ends = log.input[block - 1 :: block][:count]
-        before = np.concatenate([log.input[:1], ends[:-1]])
-        columns["input"] += ((before - ends) / (2 * block))[kept]
-    means: dict[str, Any] = columns
-    return replace(log, **means, intersample=Intersample.FIRST_ORDER_HOLD)
+        columns["input"] = _held(log, block)
+    kept = _without_gap(log.time, block)
+    means: dict[str, Any] = {name: values[kept] for name, values in columns.items()}
+    return replace(log, **means)
 
 
 def _means(values: Samples, block: int) -> Samples:
+    return np.asarray(_blocks(values, block).mean(axis=1))
+
+
+def _blocks(values: Samples, block: int) -> Samples:
     count = values.size // block
-    return np.asarray(values[: count * block].reshape(count, block).mean(axis=1))
+    return values[: count * block].reshape(count, block)
+
+
+def _held(log: Log, block: int) -> Samples:
+    """Return what a held input must be from one mean to the next, to do what it does.
+
+    It is averaged as the angle is, and then from mean to mean: its weights rise over the one
+    stretch and fall over the next. What acts before the first mean acts after it. A sample holds
+    from its stamp on: about the stamp it is the mean of itself and the one before, 0 where there
+    is none.
+    """
+    first = 0.0 if log.lead is None or not log.lead.input.size else log.lead.input[-1]
+    about = log.input.copy()
+    about[1:] += log.input[:-1]
+    about[0] += first
+    about *= 0.5
+    rise = (np.arange(block) + 0.5) / block**2
+    stretches = _blocks(about, block)
+    rising, falling = stretches @ rise, stretches @ rise[::-1]
+    if log.lead is None:
+        rising[0] += falling[0]
+    return np.asarray(rising + np.append(falling[1:], falling[-1]))
+
+
+def _without_gap(time: Samples, block: int) -> NDArray[np.bool_]:
+    """(n,) whether no gap is within each stretch (see `butterfly.logs.health`)."""
+    intervals = np.diff(time)
+    gaps = np.flatnonzero(intervals > GAP_FACTOR * np.median(intervals))
+    within = gaps[(gaps + 1) % block > 0] // block
+    kept = np.ones(time.size // block, dtype=np.bool_)
+    kept[within[within < kept.size]] = False
+    return kept
 
 
 def _block(angle: Samples, wanted: int) -> int:

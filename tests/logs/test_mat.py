@@ -186,3 +186,14 @@ def test_the_columns_of_a_matrix_have_units(tmp_path):
     log = read_mat(tmp_path / "a.mat", units=Units.told({"time": "ms", "angle": "-deg"}), **KIND)
     np.testing.assert_allclose(log.time, MATRIX[:, 0] / 1000)
     np.testing.assert_allclose(log.angle, -np.radians(MATRIX[:, 2]))
+
+
+def test_a_struct_of_many_signals_is_read_whatever_the_version(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "many.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        _write73(file, {"data": {f"s{k}": RAMP + k for k in range(400)}})
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    names = {"time": "data.s0", "input": "data.s1", "angle": "data.s399"}
+    assert read_mat(path, names).angle[0] == RAMP[0] + 399

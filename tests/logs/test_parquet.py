@@ -68,3 +68,16 @@ def test_a_file_that_tells_of_more_rows_than_it_can_hold_is_refused(tmp_path, mo
     monkeypatch.setattr("butterfly.sizes._PACKED", 1)
     with pytest.raises(InputError, match=r"5000 rows in .* kB; expected a whole"):
         read_parquet(path)
+
+
+def test_columns_of_one_name_are_told_apart_by_number(tmp_path):
+    path = tmp_path / "twice.parquet"
+    arrays = [pa.array(RAMP + k) for k in range(4)]
+    parquet.write_table(pa.Table.from_arrays(arrays, names=["t", "u", "x", "x"]), path)
+    log = read_parquet(path, {"time": "t", "input": "u", "angle": 3})
+    assert log.angle[0] == 3.0
+
+
+def test_a_column_without_a_name_is_passed_over(tmp_path):
+    path = _write(tmp_path / "x.parquet", **{"t": RAMP, "u": RAMP, "q": RAMP, "": RAMP})
+    assert read_parquet(path, {"time": "t", "input": "u", "angle": "q"}).velocity is None

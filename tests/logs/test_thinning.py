@@ -5,6 +5,7 @@ import pytest
 
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators.output_error import OutputError
+from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.known import Knowledge
@@ -13,13 +14,14 @@ P1, P2, P3, P4, DELAY = 0.011, 0.012, 0.3, 0.4, 0.004
 STEP = 1e-4
 
 
-def _log(hold, seconds=20.0, noise=0.0):
+def _log(hold, phase=0.0, seconds=20.0):
     """A swing by Heun's method, which shares no code with ours, under an input held or straight."""
     count = round(seconds / STEP)
     time = STEP * np.arange(count)
-    inputs = 0.12 * np.sin(3.0 * time) + 0.1 * np.sin(7.3 * time)
+    inputs = 0.12 * np.sin(3.0 * time) + 0.1 * np.sin(7.3 * time + phase)
     late = round(DELAY / STEP)
-    torque = P4 * np.concatenate([np.zeros(late), inputs])
+    before = inputs[0] * (hold == "first_order_hold")
+    torque = P4 * np.concatenate([np.full(late, before), inputs])
     angle, speed, angles = 0.0, 0.0, np.empty(count)
     for k in range(count):
         angles[k] = angle
@@ -29,14 +31,14 @@ def _log(hold, seconds=20.0, noise=0.0):
         far, fast = angle + STEP * speed, speed + STEP * rate
         then = (last - P2 * fast - P3 * np.sin(far)) / P1
         angle, speed = angle + STEP * (speed + fast) / 2, speed + STEP * (rate + then) / 2
-    random = np.random.default_rng(3)
-    measured = np.round((angles + noise * random.normal(size=count)) / 1e-3) * 1e-3
+    measured = np.round(angles / 1e-3) * 1e-3
     return Log(time, inputs, measured, input_kind=InputKind.TORQUE, intersample=hold, name="swing")
 
 
+@pytest.mark.parametrize("phase", [0.0, 1.0])
 @pytest.mark.parametrize("hold", list(Intersample))
-def test_a_fit_to_means_finds_what_a_fit_to_all_samples_does(hold):
-    log = _log(hold)
+def test_a_fit_to_means_finds_what_a_fit_to_all_samples_does(hold, phase):
+    log = _log(hold, phase)
     few = thinned(log, log.time.size // 8)
     assert few.time.size == log.time.size // 8
     known = Knowledge.told({"p4": P4}, "test")
@@ -70,11 +72,27 @@ def test_no_mean_is_taken_across_a_gap_and_none_is_moved():
     log = Log(time, 2.0 * time, 3.0 * time, intersample=Intersample.FIRST_ORDER_HOLD)
     few = thinned(log, 10_000)
     assert few.time.size == 10_000 - 1
-    assert np.allclose(few.input, 2.0 * few.time, rtol=1e-12)
+    assert np.allclose(few.input, 2.0 * few.time, rtol=1e-12)  # straight lines stay so
     assert np.allclose(few.angle, 3.0 * few.time, rtol=1e-12)
 
 
-def test_a_held_input_acts_half_a_period_after_its_stamps():
+def test_a_held_input_acts_as_much_and_as_late_as_before():
     time = np.arange(100_000) * 1e-3
     few = thinned(Log(time, 2.0 * time, 3.0 * time), 10_000)
-    assert np.allclose(few.input[1:], 2.0 * (few.time[1:] - 0.5e-3), rtol=1e-9)
+    middles = few.time + 0.5 * (few.time[1] - few.time[0])
+    assert np.allclose(few.input[1:-1], 2.0 * (middles[1:-1] - 0.5e-3), rtol=1e-9)
+    step = Log(time, np.where(time < 50.0037, 0.0, 1.0), 3.0 * time)
+    some = thinned(step, 10_000)
+    assert 10 * some.input[:-1].sum() == pytest.approx(step.input[:-5].sum(), abs=1.0)
+
+
+def test_a_slower_part_of_a_log_stays():
+    steps = np.repeat([1e-3, 2.5e-3], 50_000)
+    time = np.cumsum(steps)
+    few = thinned(Log(time, np.sin(time), np.sin(time)), 10_000)
+    assert few.time.size == 10_000
+    jittered = np.cumsum(np.random.default_rng(1).gamma(3.0, 1e-3 / 3, 100_000))
+    log = Log(jittered, np.sin(jittered), np.sin(jittered))
+    share = thinned(log, 50_000).time.size / 50_000
+    _, health = examine(log)
+    assert 1 - share <= health.gaps / 50_000

@@ -11,7 +11,7 @@ import secrets
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from typing import TYPE_CHECKING
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,7 +47,12 @@ class Guard:
     @property
     def cookie(self) -> str:
         """What a browser that was given the address sends from then on."""
-        return f"{_COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+        return f"{self._name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+
+    @property
+    def _name(self) -> str:
+        """Of the cookie: browsers keep one of a name for all ports."""
+        return f"{_COOKIE}-{self.port}"
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
         """Return why a request is not answered; None if it is.
@@ -62,8 +67,9 @@ class Guard:
         own = {f"{name}:{self.port}" for name in _NAMES}
         if headers.get("Host") not in own:
             return "asked for under another name than this machine's own"
-        origin = headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc not in own:
+        if headers.get("Origin", f"http://{LOOPBACK}:{self.port}") not in {
+            f"http://{name}" for name in own
+        }:
             return "asked for by another page"
         if not self.knows(path) and not self._is_own(headers.get("Cookie", "")):
             return "the address that the program printed has a token, which is missing here"
@@ -71,12 +77,12 @@ class Guard:
 
     def knows(self, path: str) -> bool:
         """Whether an address has the token."""
-        told = parse_qs(urlsplit(path).query).get(_TOKEN, [""])[0]
+        told = parse_qs(path.partition("?")[2]).get(_TOKEN, [""])[0]
         return secrets.compare_digest(told.encode(), self.token.encode())
 
     def _is_own(self, cookies: str) -> bool:
         try:
-            sent = SimpleCookie(cookies).get(_COOKIE)
+            sent = SimpleCookie(cookies).get(self._name)
         except CookieError:
             return False
         told = "" if sent is None else sent.value
