@@ -16,6 +16,7 @@ from butterfly import __version__
 from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.lazy import MARKUP, LazyGroup
+from butterfly.cli.show_progress import tell_no_more
 from butterfly.errors import ButterflyError, StoppedError, UnusableError
 from butterfly.sizes import memory, said
 
@@ -86,9 +87,12 @@ def main() -> None:
     except OSError as error:
         _leave_stdout()
         _end(str(error), ExitCode.BAD_INPUT)
+    finally:
+        tell_no_more()
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:
+    tell_no_more()
     typer.secho(f"error: {' '.join(why.split())}", fg="red", err=True)
     sys.exit(code)
 

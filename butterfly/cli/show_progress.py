@@ -9,9 +9,6 @@ from collections.abc import Sized
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
-from rich.console import Console
-from rich.progress import track
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
@@ -20,14 +17,18 @@ _T = TypeVar("_T")
 EVERY = 10.0
 """Seconds between the lines that tell of work where there is no terminal."""
 
-_ERRORS = Console(stderr=True, markup=False, emoji=False)
+_telling: set[threading.Event] = set()  # by which lines that are told end
 
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
     """Show a bar on terminals, and elsewhere a plain line every `EVERY` seconds."""
-    if _ERRORS.is_terminal:
-        return track(items, description, console=_ERRORS, transient=True)
-    return _told(items, description)
+    if not sys.stderr.isatty():
+        return _told(items, description)
+    from rich.console import Console  # noqa: PLC0415 - slow to import
+    from rich.progress import track  # noqa: PLC0415
+
+    console = Console(stderr=True, markup=False, emoji=False)
+    return track(items, description, console=console, transient=True)
 
 
 def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
@@ -43,6 +44,7 @@ def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
 def _from_time_to_time(line: Callable[[], str]) -> Iterator[None]:
     """Print a line every `EVERY` seconds while a block runs."""
     begin, over = time.monotonic(), threading.Event()
+    _telling.add(over)
 
     def tell() -> None:
         while not over.wait(EVERY):
@@ -54,4 +56,10 @@ def _from_time_to_time(line: Callable[[], str]) -> Iterator[None]:
         yield
     finally:
         over.set()
-        teller.join()
+        _telling.discard(over)
+
+
+def tell_no_more() -> None:
+    """End all lines: what was under way may have been left by an error."""
+    while _telling:
+        _telling.pop().set()

@@ -4,7 +4,7 @@ import pytest
 
 from butterfly.plant.watch.guard import Guard
 
-GUARD = Guard(8001)
+GUARD = Guard(8001, "known-to-one")
 HOST = {"Host": "127.0.0.1:8001"}
 COOKIE = {"Cookie": GUARD.cookie.partition(";")[0]}
 
