@@ -148,6 +148,7 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
 WRITES = 1_000
 
 
+@pytest.mark.slow
 def test_two_writers_lose_nothing(tmp_path):
     """Every record of both is there and whole, of runs of their own and of runs they share."""
     begin = (
@@ -165,6 +166,7 @@ def test_two_writers_lose_nothing(tmp_path):
     assert not list(tmp_path.rglob(".draft-*"))
 
 
+@pytest.mark.slow
 def test_tables_that_two_write_belong_to_the_sweep(tmp_path):
     begin = "import sys; from tests.experiment import test_store as t; t.end_often(*sys.argv[1:])"
     words = [sys.executable, "-c", begin, str(tmp_path)]

@@ -7,7 +7,7 @@ import pytest
 from tests.fuzz.damage import damaged
 from tests.fuzz.kinds import KINDS, sounds_of
 
-CASES = dict.fromkeys(KINDS, 180) | {"results": 45, "saved": 30, "values": 25}
+CASES = dict.fromkeys(KINDS, 188) | {"results": 25, "saved": 25, "values": 10}
 """A thousand in all."""
 
 

@@ -53,7 +53,7 @@ MANIFESTS = st.builds(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(manifest=MANIFESTS)
 def test_any_manifest_is_read_back_as_it_was(tmp_path_factory, manifest):
     path = tmp_path_factory.getbasetemp() / "manifest.yaml"
