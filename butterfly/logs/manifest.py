@@ -324,6 +324,7 @@ def read_manifest(path: Path, root: Path | None = None) -> Manifest:
 def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as YAML, one line per log."""
     told = manifest.model_dump(mode="json", exclude_none=True)
+    told["repair"].sort()  # a set has no order, a file should have one
     head = {
         name: value
         for name, value in told.items()
