@@ -81,6 +81,7 @@ def test_texts_are_no_markup(butterfly, quick_data, tmp_path):
         assert name in out or command == "inspect"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", ["p1=1e-9,p3=1e9,p4=1", "p1=1e300,p3=1,p4=1"])
 def test_absurd_parameters_are_compared_without_filling_the_memory(butterfly, quick_data, told):
     code, out, err = butterfly("identify", quick_data, "--against", told)

@@ -196,6 +196,7 @@ def test_the_schema_is_written_for_editors(butterfly, tmp_path):
     assert "logs" in json.loads((tmp_path / "m.json").read_text())["properties"]
 
 
+@pytest.mark.slow
 def test_an_orbit_can_be_swept(folder):
     control = {
         "target": {"amplitude": 0.9},

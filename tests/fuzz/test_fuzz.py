@@ -7,11 +7,16 @@ import pytest
 from tests.fuzz.damage import damaged
 from tests.fuzz.kinds import KINDS, sounds_of
 
+WORKED = {"results", "saved", "values"}
+"""Kinds that commands work with, and do not only read."""
+
 CASES = dict.fromkeys(KINDS, 188) | {"results": 25, "saved": 25, "values": 10}
 """A thousand in all."""
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.slow] * (kind in WORKED)) for kind in KINDS]
+)
 def test_damaged_files_end_in_an_answer_or_in_a_line(kind, tmp_path):
     rng = random.Random(15)  # noqa: S311 - no secret
     for number in range(CASES[kind]):

@@ -65,6 +65,7 @@ def test_packed_data_are_not_unpacked_without_end(tmp_path, monkeypatch):
         whole(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packed", [False, True])
 def test_no_bit_of_a_small_file_ends_in_anything_but_a_log_or_a_line(packed, tmp_path):
     """Every bit, in this process: a crash would end all tests."""

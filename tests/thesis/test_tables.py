@@ -16,6 +16,7 @@ from butterfly.thesis.tables import (
 )
 
 
+@pytest.mark.slow
 def test_every_published_digit_is_obtained_but_table_5_s(logs_folder):
     rows = {row.what.split(":")[0]: row for row in reproduce(thesis_robot(), logs_folder)}
     table_5 = rows.pop("Table 5, p1 p2 p3")
