@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +24,7 @@ PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F
 """Okabe and Ito's colours, told apart by colour-blind readers."""
 
 _SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star", "pentagon")
+_SEEN = 20_000  # quanta of the largest number: a pixel is ten or more
 _DISPLAY_STEP = 0.02  # s between the points of a drawn time series
 
 
@@ -136,7 +136,7 @@ def time_figures(runs: Sequence[FreeRun]) -> dict[str, Any]:
     common = time_figure(runs[0]).to_dict()
     traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
     layout = {key: value for key, value in common["layout"].items() if key != "template"}
-    curves = [[single_precision(curve) for curve in _curves(run)] for run in runs]
+    curves = [[packable(curve) for curve in _curves(run)] for run in runs]
     return {"data": traces, "layout": layout, "curves": curves}
 
 
@@ -151,9 +151,20 @@ def _curves(run: FreeRun) -> tuple[NDArray[np.float32], ...]:
     return time, angle, simulated, angle - simulated
 
 
-def single_precision(values: NDArray[np.floating[Any]]) -> dict[str, str]:
-    """Return the form in which plotly.js takes an array of single precision from JSON."""
-    return {"dtype": "f4", "bdata": b64encode(values.astype("<f4").tobytes()).decode("ascii")}
+def packable(values: NDArray[np.floating[Any]]) -> dict[str, Any]:
+    """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
+
+    Returns
+    -------
+    ``quantum``, to whole multiples of which they are rounded: less than a screen shows; and
+    ``steps``, in quanta, the first from 0, None for what is no number.
+    """
+    there = np.isfinite(values)
+    finite = np.asarray(values[there], dtype=np.float64)
+    quantum = float(f"{np.max(np.abs(finite), initial=0.0) / _SEEN:.3g}") or 1.0
+    steps = np.full(values.size, None, dtype=object)
+    steps[there] = np.diff(np.rint(finite / quantum), prepend=0.0).astype(np.int64)
+    return {"quantum": quantum, "steps": steps.tolist()}
 
 
 def log_figure(

@@ -9,7 +9,7 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.identify.judgement.whiteness import LEVELS
-from butterfly.report.figures import PALETTE, single_precision
+from butterfly.report.figures import PALETTE, packable
 from butterfly.report.page import Table
 from butterfly.report.words import said_of
 
@@ -128,7 +128,7 @@ def correlation_figures(misfit: Misfit) -> dict[str, Any]:
     traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
     layout = {key: value for key, value in common["layout"].items() if key != "template"}
     curves = [
-        [[single_precision(line) for line in _lines(curve)] for curve in _curves(log)]
+        [[packable(line) for line in _lines(curve)] for curve in _curves(log)]
         for log in misfit.logs
     ]
     return {"data": traces, "layout": layout, "curves": curves}

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
+from base64 import b64encode
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-from plotly.offline import get_plotlyjs
 
 from butterfly import __version__
 from butterfly.files import replacing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from plotly.graph_objects import Figure
 
     from butterfly.report.verdict import SaidVerdict
+
+_PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
 
 
 class Link(NamedTuple):
@@ -89,8 +92,19 @@ def render(template: str, **content: Any) -> str:  # noqa: ANN401 - whatever the
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["packed"] = _packed
     page = environment.get_template(template)
-    return page.render(version=__version__, plotly=get_plotlyjs(), **content)
+    return page.render(version=__version__, plotly=_plotly(), **content)
+
+
+def _plotly() -> str:
+    """Return the JavaScript that draws figures."""
+    return gzip.decompress(_PLOTLY.read_bytes()).decode()
+
+
+def _packed(program: str) -> str:
+    """Return a program as a page holds it: packed, and the same bytes at any time."""
+    return b64encode(gzip.compress(program.encode(), 6, mtime=0)).decode("ascii")
 
 
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
