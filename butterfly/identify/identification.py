@@ -125,7 +125,7 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (sure,) = [judge(data, estimator, each, run.fits) for each in track([found], "Judging")]
+    (sure,) = [judge(data, estimator, each, run.fits) for each in track([run.estimate], "Judging")]
     return replace(run, estimate=sure)
 
 

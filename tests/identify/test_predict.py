@@ -3,10 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identify.data import DataSet
+from butterfly.identify.data import DataSet, read_data_set
+from butterfly.identify.estimators import WeakForm
+from butterfly.identify.identification import identify, judged
 from butterfly.identify.other_parameters import best_gain, try_parameters
 from butterfly.identify.predict import FitSummary, FreeRun, Predictor, Setting, free_run
 from butterfly.logs.log import Intersample
+from butterfly.logs.manifest import read_manifest
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -99,3 +102,13 @@ def test_thesis_mode_prints_the_published_resonances(real, decimation, published
     assert " ".join(f"{omega:.4f}" for omega in estimate.resonances.values()) == published
     assert "p2" in estimate.on_bound
     assert np.isnan(estimate.standard_errors).all()
+
+
+def test_an_identification_is_judged_over_the_horizon_that_its_logs_are_simulated_over(
+    quick_data, monkeypatch
+):
+    monkeypatch.setattr(Predictor, "horizon", lambda self, estimate: 3.0)  # noqa: ARG005 - a method
+    data, estimator = read_data_set(read_manifest(quick_data / "manifest.yaml")), WeakForm()
+    found = identify(data, estimator)
+    assert found.estimate.horizon == found.summary.horizon == 3.0
+    assert judged(data, estimator).horizon == 3.0
