@@ -37,10 +37,8 @@ class InputError(ButterflyError, ValueError):
         self.field = field
         self.value = value
         self.expected = expected
-        got, wanted = shown(value, _LONGEST), shown(expected, 4 * _LONGEST)
-        super().__init__(
-            f"{shown(source, 4 * _LONGEST)}: {shown(field)}: got {got}; expected {wanted}"
-        )
+        where, wanted = shown(source, 4 * _LONGEST), shown(expected, 4 * _LONGEST)
+        super().__init__(f"{where}: {shown(field)}: got {shown(value)}; expected {wanted}")
 
 
 class IdentifiabilityError(ButterflyError):

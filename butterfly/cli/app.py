@@ -92,7 +92,6 @@ def main() -> None:
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:
-    tell_no_more()
     typer.secho(f"error: {' '.join(why.split())}", fg="red", err=True)
     sys.exit(code)
 

@@ -74,14 +74,14 @@ def inspect_command(
     if plot is not None and len(chosen) > 1:
         raise InputError(data, "--plot", f"{count} logs", "one log (--log N)")
     part = manifest.model_copy(update={"logs": chosen})
+    several = len(chosen) > 1
+    seen = inspect_logs(part, show_progress) if several or json_file is not None else []
     if json_file is not None:
-        seen = inspect_logs(part, show_progress)
         _write_json(seen, json_file)
         if json_file == _STDOUT:
             _refuse_unusable(data, seen)
             return
-    if len(chosen) > 1:
-        seen = inspect_logs(part, show_progress)
+    if several:
         _show_all(data, seen)
         _say_zeros([each.log for each in seen if each.log is not None], manifest)
         _show_hints(remark for each in seen for remark in each.remarks)

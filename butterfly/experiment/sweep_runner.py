@@ -69,26 +69,27 @@ def run_sweep(
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
     unique = {task.key: task for task in chosen}
-    pending = [task for task in unique.values() if force or is_to_do(store, task)]
+    kept = {} if force else {task.key: kept_status(store, task) for task in unique.values()}
+    statuses = {key: status for key, status in kept.items() if status is not None}
+    pending = [task for task in unique.values() if task.key not in statuses]
     sweep = sweep_record(plan)
     store.begin_sweep(sweep)
-    left = len(pending)
     try:
         with closing(engine.run(execute, pending, plan.tables)) as outcomes:
             for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
                 store.write(outcome)
-                left -= 1
+                statuses[outcome.record.key] = outcome.record.status
     except KeyboardInterrupt:
         raise StoppedError(
-            f"stopped: {len(unique) - left} of {len(unique)} runs are done; the same command goes "
-            "on with the others"
+            f"stopped: {len(statuses)} of {len(unique)} runs are done; the same command goes on "
+            "with the others"
         ) from None
     store.end_sweep(sweep)
     return SweepSummary(
         runs=len(chosen),
         done=len(pending),
         reused=len(unique) - len(pending),
-        unsuccessful=sum(not is_done(store, task) for task in chosen),
+        unsuccessful=sum(statuses.get(task.key) != OK for task in chosen),
     )
 
 
@@ -105,16 +106,15 @@ def sweep_record(plan: SweepPlan) -> SweepRecord:
     )
 
 
-def is_to_do(store: ResultStore, task: Task) -> bool:
-    """Whether a task has no result, failed unexpectedly, or lacks logs that were kept."""
-    record = store.read(task.key)
-    return record is None or record.status == FAILED or not store.holds(record)
+def kept_status(store: ResultStore, task: Task) -> str | None:
+    """Return the status of a result that stays; None if the task is to be done.
 
-
-def is_done(store: ResultStore, task: Task) -> bool:
-    """Whether a task has a result."""
+    It is if it has no result, failed unexpectedly, or lacks logs that were kept.
+    """
     record = store.read(task.key)
-    return record is not None and record.status == OK
+    if record is None or record.status == FAILED or not store.holds(record):
+        return None
+    return record.status
 
 
 def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:

@@ -11,7 +11,7 @@ from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
 from butterfly.experiment.record import RunRecord
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import is_to_do, run_sweep
+from butterfly.experiment.sweep_runner import kept_status, run_sweep
 from tests.fuzz.command import escape_of_command
 from tests.fuzz.escape import escape_of
 
@@ -96,7 +96,7 @@ def _resumed(name: str, store: ResultStore, experiment: Path) -> str:
     """Tell whether a damaged record, or log that was kept, is not noticed on resuming."""
     tasks = plan_sweep(Source(experiment)).tasks
     to_do: list[bool] = []
-    escape = escape_of(lambda: to_do.extend(is_to_do(store, task) for task in tasks))
+    escape = escape_of(lambda: to_do.extend(kept_status(store, task) is None for task in tasks))
     missed = name.startswith("runs/") and not any(to_do) and not _same(name, store)
     return escape or (f"{name}: damaged, and resuming takes it for whole" if missed else "")
 
