@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtri
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identify.judgement.intervals import CONFIDENCE, widened
+from butterfly.identify.judgement.intervals import SPREADS, widened
 from butterfly.model.terms import lower_bounds
 
 if TYPE_CHECKING:
@@ -34,7 +33,6 @@ COUNT = 200
 LEAST = 40
 """Fewest draws, of which one lies beyond either edge of a band."""
 
-_REACH = float(ndtri(0.5 + CONFIDENCE / 2))  # of an interval, in standard deviations
 _ROUNDS = 100  # of drawing again, until as many as wanted are possible
 
 
@@ -108,9 +106,9 @@ def draw_parameters(
         raise InputError("draws", "count", count, f"at least {LEAST}")
     if seed < 0:
         raise InputError("draws", "seed", seed, "0 or more")
-    covariance = _honest_covariance(estimate)
+    covariance = honest_covariance(estimate)
     lower, rng = lower_bounds(estimate.names) - estimate.values, np.random.default_rng(seed)
-    different, root = tuple(set(masses)), _root(covariance)
+    different, root = tuple(set(masses)), covariance_root(covariance)
     found: list[NDArray[np.float64]] = []
     for _ in range(_ROUNDS):
         moved = rng.standard_normal((count, root.shape[0])) @ root
@@ -129,7 +127,7 @@ def draw_parameters(
     )
 
 
-def _honest_covariance(estimate: ParameterEstimate) -> NDArray[np.float64]:
+def honest_covariance(estimate: ParameterEstimate) -> NDArray[np.float64]:
     """(n, n) covariance whose spreads are at least those of the intervals.
 
     Raises
@@ -147,11 +145,11 @@ def _honest_covariance(estimate: ParameterEstimate) -> NDArray[np.float64]:
     widths = np.abs(limits - estimate.values)  # a side that a bound cuts is the narrower one
     spread = np.sqrt(np.diag(covariance))
     varies = spread > 0
-    factor = np.max(widths.max(axis=0)[varies] / spread[varies], initial=0.0) / _REACH
+    factor = np.max(widths.max(axis=0)[varies] / spread[varies], initial=0.0) / SPREADS
     return np.asarray(covariance * max(factor, 1.0) ** 2)
 
 
-def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def covariance_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, n) matrix that gives rows of independent standard normal numbers a covariance."""
     spread = np.sqrt(np.diag(covariance))
     spread[spread == 0] = 1.0  # of what does not vary

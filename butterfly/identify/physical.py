@@ -13,10 +13,9 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import ndtri
 
 from butterfly.identify.implied import relations, with_gear
-from butterfly.identify.judgement.intervals import CONFIDENCE
+from butterfly.identify.judgement.intervals import SPREADS
 from butterfly.identify.physical_formulas import SIGNED, SYMBOLS, WAYS
 from butterfly.identify.quantities import Quantities
 from butterfly.logs.log import InputKind
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from butterfly.model.known import Knowledge
     from butterfly.model.parameters import AddedMass
 
-_NORMAL = float(ndtri(0.5 + CONFIDENCE / 2))  # standard errors of the half-width
 _BETTER = 0.99  # of a told uncertainty; what is known no better than that was not learnt
 
 
@@ -63,7 +61,7 @@ class PhysicalParameter:
         """By how many standard errors, of the interval, it is below 0 although it cannot be."""
         if self.name in SIGNED or not self.value < 0:
             return 0.0
-        return float(-self.value / self.reach * _NORMAL) if self.reach else math.inf
+        return float(-self.value / self.reach * SPREADS) if self.reach else math.inf
 
 
 class Lack(StrEnum):
@@ -161,7 +159,7 @@ def physical_parameters(
                     name=name,
                     value=value.value,
                     standard_error=value.uncertainty,
-                    reach=_NORMAL * wide.find(formula).uncertainty,
+                    reach=SPREADS * wide.find(formula).uncertainty,
                     told=before,
                 )
             )
@@ -223,7 +221,7 @@ def _estimated(estimate: ParameterEstimate, errors: NDArray[np.float64]) -> Quan
 def _of_intervals(estimate: ParameterEstimate) -> NDArray[np.float64]:
     """Return (n,) standard errors of which the intervals are the normal ones."""
     reach = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
-    return np.maximum(reach / _NORMAL, estimate.standard_errors)
+    return np.maximum(reach / SPREADS, estimate.standard_errors)
 
 
 def _unseparated(

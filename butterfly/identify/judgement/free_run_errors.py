@@ -7,10 +7,12 @@ what the estimate has found, by each log's start, and by the terms that the mode
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from butterfly.errors import IdentifiabilityError
+from butterfly.identify.draws import covariance_root, honest_covariance
 from butterfly.identify.judgement.left_over import missing_terms, slow_velocity
 from butterfly.identify.predict import Predictor
 from butterfly.identify.segments import Segments
@@ -92,6 +94,9 @@ class Errors:
         (m, n) derivatives by what logs share, less those directions.
     missing
         By term that the model lacks: (m,) derivatives by it, less those directions.
+    reach
+        (m,) standard deviations in rad that the parameters' own errors give the simulated angle,
+        to first order; zeros where the estimate says nothing of them.
     """
 
     run: Run
@@ -99,6 +104,7 @@ class Errors:
     own: tuple[Samples, ...]
     shared: Samples
     missing: dict[str, Samples]
+    reach: Samples
 
     def less_own(self, errors: Samples) -> Samples:
         """Take from (m, k) errors what a change of the log's own start explains."""
@@ -115,7 +121,16 @@ def free_run_errors(data: DataSet, estimate: ParameterEstimate) -> list[Run | Er
     predictor, slow = Predictor(data), slow_velocity(data.logs)
     runs = [Run.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
     owners, missing = estimate.owners(data.unread), missing_terms(estimate, data.logs[0].added_mass)
-    return [_differentiated(run, estimate.names, owners, missing, slow) or run for run in runs]
+    varied = _Varied(estimate.names, _root_of(estimate), owners, missing)
+    return [_differentiated(run, varied, slow) or run for run in runs]
+
+
+def _root_of(estimate: ParameterEstimate) -> Samples:
+    """(n, n) root of the covariance, as wide as the intervals; zeros where there is none."""
+    try:
+        return covariance_root(honest_covariance(estimate))
+    except IdentifiabilityError:
+        return np.zeros((len(estimate.names),) * 2)
 
 
 def less(directions: Sequence[Samples], errors: Samples) -> Samples:
@@ -139,30 +154,38 @@ def less_shared(logs: Sequence[Errors], errors: Sequence[Samples]) -> list[Sampl
     return [each - log.shared @ change for log, each in zip(logs, errors, strict=True)]
 
 
-def _differentiated(
-    run: Run,
-    names: tuple[str, ...],
-    owners: list[tuple[str, AddedMass | str | None]],
-    missing: tuple[str, ...],
-    slow: float,
-) -> Errors | None:
+class _Varied(NamedTuple):
+    """By what errors are differentiated.
+
+    ``names`` of parameters that logs share, and the (n, n) ``root`` of their covariance;
+    ``owners`` of those that some logs share; names of terms that are ``missing``.
+    """
+
+    names: tuple[str, ...]
+    root: Samples
+    owners: list[tuple[str, AddedMass | str | None]]
+    missing: tuple[str, ...]
+
+
+def _differentiated(run: Run, varied: _Varied, slow: float) -> Errors | None:
     """Return a log's errors; None if they are no numbers, or nothing moves.
 
     A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
     change of it moves the readings by 1 less what one of the zero does. Stribeck friction that is
     missing is looked for below the velocity ``slow``.
     """
+    names, root, owners, missing = varied
     setting, log = run.setting, run.log
     parameters = setting.parameters
     if "stribeck" in missing:
         parameters = replace(parameters, stribeck_velocity=slow)
     local = dict.fromkeys(["zero", "velocity", *(name for name, _ in owners)])
-    varied = [*names, *local, *missing]
+    asked = [*names, *local, *missing]
     with np.errstate(all="ignore"):
         errors, rows, mixture = run.trajectory.linearised(
-            varied, parameters, setting.zero, setting.velocity
+            asked, parameters, setting.zero, setting.velocity
         )
-        slopes = dict(zip(varied, (rows @ mixture).T, strict=True))
+        slopes = dict(zip(asked, (rows @ mixture).T, strict=True))
     finite = np.isfinite(errors).all() and all(np.isfinite(each).all() for each in slopes.values())
     if not (finite and run.motion > 0):
         return None
@@ -179,6 +202,7 @@ def _differentiated(
         own=own,
         shared=less(own, np.column_stack(shared)),
         missing={name: less(own, slopes[name]) for name in missing},
+        reach=np.linalg.norm(np.column_stack([slopes[name] for name in names]) @ root.T, axis=1),
     )
 
 

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 CONFIDENCE = 0.95
 """Level of all intervals."""
 
-_REACH = float(ndtri(0.5 + CONFIDENCE / 2))  # of an interval, in standard deviations
+SPREADS = float(ndtri(0.5 + CONFIDENCE / 2))
+"""Half width of an interval, in standard deviations of a normal distribution."""
 
 
 def without_each_mass(
@@ -95,7 +96,7 @@ def widened(
     """
     if left_out:
         apart = np.array(left_out) - values
-        covariance = covariance + apart.T @ apart / _REACH**2
+        covariance = covariance + apart.T @ apart / SPREADS**2
     if rivals:
         apart = np.array(rivals) - values
         covariance = covariance + apart.T @ apart / len(rivals)

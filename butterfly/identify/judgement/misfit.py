@@ -18,6 +18,7 @@ import numpy as np
 
 from butterfly.identify.judgement.findings import Finding, FindingKind
 from butterfly.identify.judgement.free_run_errors import Errors, Run, free_run_errors, less_shared
+from butterfly.identify.judgement.intervals import SPREADS
 from butterfly.identify.judgement.left_over import Balance, LeftOver, name_left_over
 from butterfly.identify.judgement.sensor_errors import SensorErrors
 from butterfly.identify.judgement.whiteness import Curve, autocorrelation, cross_correlation
@@ -43,6 +44,28 @@ _NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorBand:
+    """How far a reading may be from the simulated angle, as the parameters and the sensor have it.
+
+    Parameters
+    ----------
+    time
+        (m,) instants in s.
+    reach
+        (m,) half widths in rad, at `CONFIDENCE`.
+    """
+
+    time: Samples
+    reach: Samples
+
+    @classmethod
+    def of(cls, log: Errors, sensor: SensorErrors) -> ErrorBand:
+        """Add the spread of the parameters, to first order, to that of the readings."""
+        reach = SPREADS * np.hypot(log.reach, sensor.spread)
+        return cls(time=log.run.trajectory.middles(), reach=reach)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LogMisfit:
     """What the free run leaves over of one log, where its errors count (see `first_counted`).
 
@@ -64,6 +87,9 @@ class LogMisfit:
         Of what is left with itself, and with the input before it; None where a simulation failed.
     left_over
         What it looks like, of the terms that the model lacks.
+    band
+        About the simulated angle, within which a reading is expected; None where a simulation
+        failed.
     """
 
     name: str
@@ -76,6 +102,7 @@ class LogMisfit:
     autocorrelation: Curve | None
     cross_correlation: Curve | None
     left_over: LeftOver
+    band: ErrorBand | None
 
     @cached_property
     def excess(self) -> tuple[float, float]:
@@ -245,6 +272,7 @@ def _judged(log: Errors, errors: Samples, sensor: SensorErrors, left_over: LeftO
         autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
         cross_correlation=Curve.of(lag, crossed, count, allowed),
         left_over=left_over,
+        band=ErrorBand.of(log, sensor),
     )
 
 
@@ -261,6 +289,7 @@ def _failed(run: Run) -> LogMisfit:
         autocorrelation=None,
         cross_correlation=None,
         left_over=_NOTHING,
+        band=None,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ _OFF = 0.1  # of a step, by which a gap may miss a whole number of them
 _REGULAR = 0.95  # share of gaps that are whole numbers of steps where there are any
 _MOST_SAMPLES = 20_000  # of a log, from which its noise is told
 _HALVINGS = 10  # of the interval that holds the noise
+_UNIFORM = 12.0  # square of the width of a uniform distribution over its variance
 _CURVATURE = 6.0  # variance of a second difference of white noise over its own
 
 
@@ -39,6 +41,11 @@ class SensorErrors:
 
     step: float
     noise: float
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation in rad of a reading: of the noise, and of rounding to a step."""
+        return math.hypot(self.noise, self.step / math.sqrt(_UNIFORM))
 
     @classmethod
     def of(cls, measured: Samples, angle: Samples) -> SensorErrors:

@@ -13,6 +13,7 @@ from butterfly.identify.estimators import HarmonicBalance, OutputError
 from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.identify.judgement.residual_torque import residual_torques
+from butterfly.identify.predict import Setting, free_run
 from butterfly.model.terms import TERMS
 from butterfly.plant.sensors import Encoder
 from tests.conftest import MASSES
@@ -152,3 +153,36 @@ def test_the_real_logs_are_outside_and_nothing_that_the_model_has_is_named(real)
     assert misfit.times > 10
     assert misfit.logs[0].sensor.step == pytest.approx(2 * np.pi / 32768, rel=0.02)
     assert "coulomb" not in misfit.left_over.shares
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+def test_readings_of_a_good_model_lie_inside_its_bands(logs, noise):
+    """More than 95 % where the encoder's step, which nothing goes beyond, is most of the error."""
+    data = _read(logs, Encoder(steps=8192, noise=noise))
+    found = FIT(data)
+    inside = []
+    for log, misfit in zip(data.logs, judge_misfit(data, found).logs, strict=True):
+        run = free_run(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
+        near = np.interp(log.time, misfit.band.time, misfit.band.reach)
+        inside.append(np.mean(np.abs(run.simulated - log.angle) <= near))
+    assert 0.93 <= np.mean(inside) <= 0.99
+
+
+def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
+    data = _read(logs, Encoder(steps=65536, noise=0.0))
+    found = FIT(data)
+    sharp = replace(found, covariance=np.zeros_like(found.covariance), left_out={})
+    sharp = replace(sharp, lower=found.values.copy(), upper=found.values.copy())
+    k = found.names.index("p3")
+    lower, upper, covariance = found.values.copy(), found.values.copy(), sharp.covariance.copy()
+    lower[k], upper[k], covariance[k, k] = 0.98 * lower[k], 1.02 * upper[k], 1e-12
+    wide = replace(sharp, lower=lower, upper=upper, covariance=covariance)
+    bands = [judge_misfit(data, each).logs[0].band for each in (sharp, wide)]
+    log = data.logs[0]
+    angles = [
+        free_run(log, Setting(parameters=each, zero=data.zero_of(log))).simulated
+        for each in (found.parameters, replace(found.parameters, p3=upper[k]))
+    ]
+    moved = np.interp(bands[0].time, log.time, np.abs(angles[1] - angles[0]))
+    reach = np.sqrt(bands[1].reach ** 2 - bands[0].reach ** 2)
+    assert np.linalg.norm(reach - moved) < 0.1 * np.linalg.norm(moved)
