@@ -13,10 +13,11 @@ import numpy as np
 from butterfly import __version__
 from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
+from butterfly.api.identified_plots import IdentifiedPlots
 from butterfly.api.result import Result, aligned, text, texts
 from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
-from butterfly.errors import InputError, nearest
+from butterfly.errors import InputError
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import Identification, simulated
@@ -27,7 +28,6 @@ from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.known import PHYSICAL, Knowledge
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, JointKind
-from butterfly.report.figures import frequency_response_figure, time_figure
 from butterfly.report.identification import write_report
 from butterfly.report.parameter_rows import rows_of, unit_of
 from butterfly.report.physical import physical_numbers
@@ -297,7 +297,7 @@ class Identified(Result):
     @property
     def plot(self) -> IdentifiedPlots:
         """Its figures, as plotly's."""
-        return IdentifiedPlots(self)
+        return IdentifiedPlots(self._identification)
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
@@ -341,45 +341,3 @@ class Identified(Result):
 
 def _fits(content: dict[str, Any]) -> dict[str, float]:
     return {str(name): float(or_nan(fit)) for name, fit in content.items()}
-
-
-@dataclass(frozen=True)
-class IdentifiedPlots:
-    """Figures of an identification.
-
-    Parameters
-    ----------
-    result
-        The identification.
-    """
-
-    result: Identified
-
-    def frequency_response(self) -> Figure:
-        """Draw gain and phase, measured and modelled, over frequency."""
-        return frequency_response_figure(self.result._identification)  # noqa: SLF001 - its other half
-
-    def time(self, log: str | int | None = None) -> Figure:
-        """Draw measured and simulated angle of a log, by its name or number.
-
-        Parameters
-        ----------
-        log
-            The one with the middle FIT if not given.
-
-        Raises
-        ------
-        InputError
-            If there is no such log.
-        """
-        runs = self.result._identification.free_runs  # noqa: SLF001 - its other half
-        names = [run.log.name for run in runs]
-        if log is None:
-            log = int(np.argsort([run.fit for run in runs])[len(runs) // 2])
-        if isinstance(log, str):
-            if log not in names:
-                raise InputError("plot.time", "log", log, nearest(log, names))
-            log = names.index(log)
-        if not isinstance(log, int) or not -len(runs) <= log < len(runs):
-            raise InputError("plot.time", "log", log, f"a number below {len(runs)}")
-        return time_figure(runs[log])

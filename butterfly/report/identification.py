@@ -1,39 +1,51 @@
-"""The identification report: one HTML file that opens offline."""
+"""The identification report: the answer first, then what it rests on."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from butterfly.experiment.estimate_record import ParameterRecord
-from butterfly.files import replacing
+from butterfly.logs.remarks import Condition
 from butterfly.model.linear import resonance_frequency
-from butterfly.report.figures import frequency_response_figure, time_figure, time_figures
+from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
+from butterfly.report.frequency_figure import frequency_response_figure
 from butterfly.report.misfit import (
     correlation_figure,
-    correlation_figures,
+    correlation_series,
     misfit_numbers,
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.page import render, write_beside
+from butterfly.report.page import Chip, Fact, Named, Page, Section, Table, write_page
 from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.physical import (
     HEADERS,
+    TITLE,
     physical_numbers,
     physical_rows,
     physical_sentences,
 )
-from butterfly.report.words import sentences, summary, verdict_on
+from butterfly.report.time_figure import time_figure, time_series
+from butterfly.report.words import fit_said, sentences, summary, verdict_on
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from butterfly.identify.identification import Identification
+    from butterfly.logs.health import Health
     from butterfly.model.parameters import LumpedParameters
+    from butterfly.report.parameter_rows import ParameterRow
+
+_COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
+_LEVELS = {
+    Condition.OK: "good",
+    Condition.NOTE: "note",
+    Condition.CARE: "use-with-care",
+    Condition.UNUSABLE: "do-not-use",
+}
 
 
 def write_report(
@@ -61,54 +73,232 @@ def write_report(
     InputError
         If the file cannot be written.
     """
-    estimate, rows = identification.estimate, parameter_rows(identification, truth)
-    parameters = estimate.parameters
-    runs, data, misfit = identification.free_runs, identification.data, identification.misfit
-    response = frequency_response_figure(identification)
+    write_page(identification_page(identification, truth), path, figures=figures)
+
+
+def identification_page(
+    identification: Identification, truth: LumpedParameters | None = None
+) -> Page:
+    """Put together the report of an identification (see `write_report`)."""
+    data, misfit = identification.data, identification.misfit
+    rows = parameter_rows(identification, truth)
+    runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     middle = int(np.argsort(identification.fits)[len(runs) // 2])
-    page = render(
-        "identification.html.j2",
+    sections = [
+        Section(
+            title="Frequency response",
+            text="Points: measured, with two standard errors. Lines: the model at the swing that "
+            "was measured, by its describing functions. Below, what is left between the two.",
+            figures={"frequency-response": frequency_response_figure(identification)},
+        ),
+        Section(
+            title="Measured against simulated",
+            text="The model runs free: it is told the input, and of the angle the start alone.",
+            series={"time": time_series(runs, bands)},
+        ),
+        Section(
+            title="What the model leaves over",
+            text="Measured less simulated angle of the chosen log, after small changes of the "
+            "parameters: how like itself it is a while later, and how like the input before it. "
+            "Where encoder and noise explain it, both curves stay inside the bands; a curve that "
+            "leaves them is something that the model misses.",
+            series={"left-over": correlation_series(misfit)},
+            tables=(misfit_table(misfit.logs, picks=range(len(runs))),),
+        ),
+        *_correlations(identification),
+        Section(
+            title="FIT log by log",
+            text=f"{_health(identification)} A click on a point chooses its log.",
+            figures={"fit": ranked_figure(identification)},
+            tables=(_logs_table(identification),),
+        ),
+        *_physical(identification),
+        Section(title="Resonances", tables=(_resonances(identification),)),
+        *_against(identification, rows),
+        *_held_out(identification),
+    ]
+    return Page(
         name=data.name,
         description=data.description,
         kind="identification",
-        verdict=verdict_on(estimate),
+        verdict=verdict_on(identification.estimate),
+        facts=_facts(identification),
+        lead=_lead(rows, with_truth=truth is not None),
         summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
-        parameters=rows,
-        own={name: row.value for name, row in zip(estimate.names, rows, strict=False)},
-        with_truth=truth is not None,
-        resonances=[
-            {
-                "mass": str(mass),
-                "linearised": f"{resonance_frequency(parameters.with_added_mass(mass)):.4f}",
-                "thesis": f"{identification.estimate.resonances.get(mass, np.nan):.4f}",
-                "equilibrium": f"{angle:.4f}" if data.hangs else "–",
-            }
-            for mass, angle in data.equilibria.items()
-        ],
-        with_thesis=bool(identification.estimate.resonances),
-        comparisons=identification.comparisons,
-        fit=identification.summary,
-        logs=list(zip(data.points, data.health, runs, strict=True)),
-        held_out=identification.held_out,
-        first=middle,
-        response=response.to_json(),
-        series=json.dumps(time_figures(runs)),
-        physical=physical_rows(identification.physical) if data.known.physical else [],
-        physical_headers=HEADERS,
-        unseparated=physical_sentences(identification.physical),
-        misfit=misfit_table(misfit.logs),
-        correlations=json.dumps(correlation_figures(misfit)),
-    )
-    drawn = {}
-    if figures:
-        drawn = {
-            "frequency-response": response,
-            "time": time_figure(runs[middle]),
+        sections=sections,
+        numbers=_numbers(identification, truth),
+        logs=[f"{run.log.label} – FIT {fit_said(run.fit)} %" for run in runs],
+        chosen=middle,
+        stills={
+            "parameters": parameter_figure(rows),
+            "time": time_figure(runs[middle], bands[middle]),
             "left-over": correlation_figure(misfit.logs[middle]),
-        }
-    write_beside(path, drawn, _numbers(identification, truth))
-    with replacing(path) as draft:
-        draft.write_text(page, encoding="utf-8")
+        },
+    )
+
+
+def _facts(identification: Identification) -> list[Fact]:
+    fit, data = identification.summary, identification.data
+    masses = {mass for mass in data.masses if mass.mass}
+    added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
+    return [
+        Fact("FIT, median of all logs", f"{fit_said(fit.median)} %", f"100 % is perfect{fit.over}"),
+        Fact("FIT, worst log", f"{fit_said(fit.worst)} %"),
+        Fact("logs", str(len(data.logs)), added if masses else ""),
+        Fact("method", identification.estimate.method),
+    ]
+
+
+def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
+    """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
+    checked = any(row.left_out for row in rows)
+    told = checked and not with_truth  # in numbers too, where there is room
+    headers = ["", "value", "unit", "", "95 % interval", "half of it"]
+    headers += ["true", "deviation"] if with_truth else []
+    headers += ["std error", *(["one mass left out"] if told else [])]
+    table = Table(
+        name="parameters",
+        words=(2,),
+        headers=tuple(headers),
+        rows=[
+            (
+                *(Named(row.symbol, row.meaning), row.value, row.unit, row.whisker),
+                *(row.interval, row.width),
+                *((row.true, row.deviation) if with_truth else ()),
+                *(row.error, *((row.left_out,) if told else ())),
+            )
+            for row in rows
+        ],
+        caption="Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
+        + ("; orange: the truth" if with_truth else "")
+        + "; dashed: zero."
+        + (
+            " Grey, below: the estimates without the logs of one added mass, which the interval is "
+            "widened to hold: where it is wide, the model misses something that depends on the "
+            "mass."
+            if checked
+            else ""
+        ),
+    )
+    further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
+    equation = "p₁ θ̈ + p₂ θ̇ + p₃ sin θ + T_c sgn θ̇ = p₄ u(t − delay), for the bare hand"
+    return Section(title="Parameters", text=f"{equation}{further}.", tables=(table,))
+
+
+def _correlations(identification: Identification) -> list[Section]:
+    drawn = correlation_map(identification.estimate)
+    if drawn is None:
+        return []
+    text = (
+        "How the errors of the parameters go together. Near +1 or −1 these logs tell hardly more "
+        "than a combination of the two: add a run that tells them apart."
+    )
+    return [Section(title="Which parameters hang together", text=text, figures={"map": drawn})]
+
+
+def _state(health: Health) -> Condition:
+    return Condition.worst(remark.condition for remark in health.remarks)
+
+
+def _health(identification: Identification) -> str:
+    """Count the logs by their health."""
+    states = [_state(health) for health in identification.data.health]
+    told = {Condition.OK: "ok", Condition.NOTE: "with a note", Condition.CARE: "to take care of"}
+    counts = [f"{states.count(each)} {text}" for each, text in told.items() if each in states]
+    return f"Health of the {len(states)} logs: {', '.join(counts)}."
+
+
+def _logs_table(identification: Identification) -> Table:
+    """Tabulate the logs, those that the model follows worst first, and their health."""
+    data, rows = identification.data, []
+    order = np.argsort(identification.fits).tolist()
+    for number in order:
+        point, health = data.points[number], data.health[number]
+        run, state = identification.free_runs[number], _state(health)
+        steady = ("–", "–", "–")
+        if point is not None:
+            shares = f"{100 * point.drift:+.1f}", f"{100 * point.angle.distortion:.1f}"
+            steady = (f"{point.amplitude:.3f}", *shares)
+        rows.append(
+            (
+                *(run.log.label, f"{fit_said(run.fit)}", Chip(state, _LEVELS[state])),
+                "; ".join(health.findings) or "–",
+                *steady,
+                *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),
+                run.log.name.rsplit("/", maxsplit=1)[-1],
+            )
+        )
+    headers = (
+        *("log", "FIT in %", "health", "what was found"),
+        *(f"swing in {data.joint.way}", "drift in %", "harmonics in %"),
+        *("samples", "step in ms", "jitter in ms", "file"),
+    )
+    caption = (
+        "Health: ok; note, which needs nothing done; care. Swing: amplitude of the fundamental in "
+        "the steady window. Drift: its change from the window's first to its second half."
+    )
+    return Table(
+        name="logs", headers=headers, rows=rows, words=(3, 10), caption=caption, picks=order
+    )
+
+
+def _physical(identification: Identification) -> list[Section]:
+    if not identification.data.known.physical and not identification.physical.unseparated:
+        return []
+    text = " ".join(physical_sentences(identification.physical))
+    tables: tuple[Table, ...] = ()
+    if identification.data.known.physical:
+        caption = (
+            "What the parameters are made of, as far as what is known of motor and hand tells it."
+        )
+        rows = physical_rows(identification.physical)
+        tables = (Table(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption),)
+    return [Section(title=TITLE, text=text, tables=tables)]
+
+
+def _resonances(identification: Identification) -> Table:
+    estimate, data = identification.estimate, identification.data
+    thesis = bool(estimate.resonances)
+    rows = []
+    for mass, angle in data.equilibria.items():
+        loaded = estimate.parameters.with_added_mass(mass)
+        row = [str(mass), f"{resonance_frequency(loaded):.4g}"]
+        row += [f"{estimate.resonances.get(mass, np.nan):.4g}"] if thesis else []
+        rows.append((*row, f"{angle:.4f}" if data.hangs else "–"))
+    headers = ["added mass", "resonance in rad/s, of small swings"]
+    headers += ["resonance in rad/s, by the thesis"] if thesis else []
+    return Table(headers=(*headers, "rest angle in rad"), rows=rows)
+
+
+def _against(identification: Identification, rows: list[ParameterRow]) -> list[Section]:
+    if not identification.comparisons:
+        return []
+    own = dict(zip(identification.estimate.names, (row.value for row in rows), strict=False))
+    fit = identification.summary
+    lines = [
+        (
+            "this identification",
+            *(own.get(key, "–") for key in _COMPARED),
+            *(f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst)),
+        )
+    ]
+    for other in identification.comparisons:
+        values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
+        values[3] += " (fitted)" if other.gain_fitted else ""
+        fits = (other.summary.median, other.summary.mean, other.summary.worst)
+        lines.append((other.name, *values, *(f"{value:.1f}" for value in fits)))
+    headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
+    table = Table(name="against", headers=headers, rows=lines)
+    return [Section(title="Against other parameters", tables=(table,))]
+
+
+def _held_out(identification: Identification) -> list[Section]:
+    if not identification.held_out:
+        return []
+    rows = [(name, f"{value:.1f}") for name, value in identification.held_out.items()]
+    caption = "Logs that were not used for the fit, simulated with its values."
+    table = Table(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
+    return [Section(title="Held out", tables=(table,))]
 
 
 def _numbers(identification: Identification, truth: LumpedParameters | None) -> dict[str, Any]:

@@ -9,12 +9,12 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.identify.judgement.whiteness import LEVELS
-from butterfly.report.figures import PALETTE, packable
-from butterfly.report.page import Table
+from butterfly.report.figures import GREY, PALETTE, packable
+from butterfly.report.page import Series, Table
 from butterfly.report.words import said_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -33,7 +33,6 @@ _CAPTION = (
     "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
     "with the input stay where those of such sensors do; of good logs one in twenty leaves."
 )
-_GREY = "#888888"
 _SHADES = ("rgba(128,128,128,0.15)", "rgba(128,128,128,0.25)")  # of outer and inner band
 
 
@@ -53,9 +52,12 @@ def _logs_leave(count: int) -> str:
     return f"{count} {leave}"
 
 
-def misfit_table(logs: Iterable[LogMisfit]) -> Table:
-    """Make a table with a row per log."""
-    return Table(headers=HEADERS, rows=[_row(log) for log in logs], caption=_CAPTION)
+def misfit_table(logs: Iterable[LogMisfit], picks: Sequence[int] = ()) -> Table:
+    """Make a table with a row per log, each of which may choose a log by its number."""
+    rows, likeness = [_row(log) for log in logs], len(HEADERS) - 1
+    return Table(
+        name="misfit", headers=HEADERS, rows=rows, caption=_CAPTION, words=(likeness,), picks=picks
+    )
 
 
 def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
@@ -116,22 +118,15 @@ def draw_correlations(figure: Figure, log: LogMisfit, *, first: int = 1) -> None
     figure.update_xaxes(title="lag in s", row=first + 1)
 
 
-def correlation_figures(misfit: Misfit) -> dict[str, Any]:
-    """Return what a page needs to draw `correlation_figure` of each log, as JSON has it.
-
-    Returns
-    -------
-    ``data`` and ``layout`` of all the figures, their traces without points; and ``curves``, for
-    each log and each panel the x of all its traces, then the y of each.
-    """
-    common = correlation_figure(misfit.logs[0]).to_dict()
-    traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
-    layout = {key: value for key, value in common["layout"].items() if key != "template"}
-    curves = [
-        [[packable(line) for line in _lines(curve)] for curve in _curves(log)]
-        for log in misfit.logs
-    ]
-    return {"data": traces, "layout": layout, "curves": curves}
+def correlation_series(misfit: Misfit) -> Series:
+    """Return what a page needs to draw `correlation_figure` of each log."""
+    return Series.of(
+        correlation_figure(misfit.logs[0]),
+        [
+            [[packable(line) for line in _lines(curve)] for curve in _curves(log)]
+            for log in misfit.logs
+        ],
+    )
 
 
 def _row(log: LogMisfit) -> tuple[str, ...]:
@@ -175,7 +170,7 @@ def _style(number: int, *, named: bool) -> dict[str, Any]:
     """Return the look of one of `_lines`: limits of the bands, filled, and the curve."""
     if number == len(LEVELS) * 2:
         return {"line": {"color": PALETTE[0], "width": 1.4}, "name": "the log", "showlegend": named}
-    line = {"color": _GREY, "width": 1, "dash": ("dot", "dash")[number // 2]}
+    line = {"color": GREY, "width": 1, "dash": ("dot", "dash")[number // 2]}
     style: dict[str, Any] = {"line": line, "hoverinfo": "skip", "showlegend": False}
     if number % 2:
         level = LEVELS[1 - number // 2]

@@ -8,7 +8,7 @@ import math
 from base64 import b64encode
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.report.verdict import SaidVerdict
+    from butterfly.report.whisker import Whisker
 
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
 
@@ -35,23 +36,128 @@ class Link(NamedTuple):
         return self.text
 
 
+class Chip(NamedTuple):
+    """A short text in a table that stands out by how much it matters.
+
+    ``level`` is that of a `Badge`.
+    """
+
+    text: str
+    level: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+class Named(NamedTuple):
+    """A symbol in a table, and below it what it stands for."""
+
+    text: str
+    meaning: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+Cell: TypeAlias = "str | Link | Chip | Named | Whisker"
+"""What stands in a table."""
+
+
+class Fact(NamedTuple):
+    """A number that stands large on a page's first screen, and what it is."""
+
+    label: str
+    value: str
+    detail: str = ""
+
+
+class Badge(NamedTuple):
+    """What may be done with what a page is about, at one glance.
+
+    Parameters
+    ----------
+    level
+        One of `LEVELS`.
+    text
+        In a word or two.
+    reasons
+        Why, each to stand alone.
+    """
+
+    level: str
+    text: str
+    reasons: Sequence[str]
+
+
+LEVELS = ("good", "use-with-care", "do-not-use")
+"""Of badges and chips, the best first; ``note`` beside them for what is neither good nor bad."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Rows of texts and links under headers, units in the headers."""
+    """Rows of cells under headers, units in the headers.
+
+    Parameters
+    ----------
+    headers, rows, caption
+        What it shows.
+    name
+        By which a page's links and programs find it; nothing if none do.
+    words
+        Numbers of the columns that hold words, which begin at the left and may be broken into
+        lines; so does the first.
+    picks
+        For each row the number of the log that it chooses; nothing if rows choose none.
+    """
 
     headers: tuple[str, ...]
-    rows: Sequence[tuple[str | Link, ...]]
+    rows: Sequence[tuple[Cell, ...]]
     caption: str = ""
+    name: str = ""
+    words: tuple[int, ...] = ()
+    picks: Sequence[int] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """A figure of which there is one for each log; that of the log that is chosen is drawn.
+
+    Parameters
+    ----------
+    data, layout
+        Of all of them, the traces without points.
+    curves
+        For each log and each group of traces that share an x: that x, then the y of each, packed
+        (see `butterfly.report.figures.packable`).
+    """
+
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    curves: list[list[list[dict[str, Any]]]]
+
+    @classmethod
+    def of(cls, figure: Figure, curves: list[list[list[dict[str, Any]]]]) -> Series:
+        """Take the look of all from the figure of one."""
+        common = figure.to_dict()
+        traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
+        layout = {key: value for key, value in common["layout"].items() if key != "template"}
+        return cls(data=traces, layout=layout, curves=curves)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
-    """A part of a report: text, then tables, then figures by name."""
+    """A part of a report: text, then figures by name, then tables.
+
+    ``series`` are figures of the log that is chosen, by name; ``folded`` sections show their title
+    alone until they are opened.
+    """
 
     title: str
     text: str = ""
     tables: tuple[Table, ...] = ()
-    figures: dict[str, Figure] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    series: Mapping[str, Series] = field(default_factory=dict)
+    folded: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,26 +171,67 @@ class Page:
     kind
         Of report.
     summary
-        In plain words, on top.
+        In plain words.
     sections
         In order.
     numbers
         What it says, for programs: anything that JSON can hold.
     verdict
         On the estimate that it rests on; None if it rests on none.
+    badge
+        What may be done with what it is about; that of the verdict if not given.
+    facts
+        The numbers that matter most.
+    lead
+        The section that belongs on the first screen, before the words.
+    logs
+        Labels of the logs that can be chosen.
+    chosen
+        Number of the log that is chosen at first.
+    stills
+        Figures that are not on the page but among its pictures, by name.
     """
 
     name: str
     description: str
     kind: str
-    summary: list[str]
-    sections: list[Section]
+    summary: Sequence[str]
+    sections: Sequence[Section]
     numbers: dict[str, Any]
     verdict: SaidVerdict | None = None
+    badge: Badge | None = None
+    facts: Sequence[Fact] = ()
+    lead: Section | None = None
+    logs: Sequence[str] = ()
+    chosen: int = 0
+    stills: Mapping[str, Figure] = field(default_factory=dict)
+
+    @property
+    def headed(self) -> Badge | None:
+        """The badge on top."""
+        if self.badge is not None or self.verdict is None:
+            return self.badge
+        standing = str(self.verdict.standing)
+        return Badge(standing.replace(" ", "-"), standing.capitalize(), self.verdict.paragraphs)
+
+    @property
+    def parts(self) -> list[Section]:
+        """All sections, the lead first."""
+        return [*([self.lead] if self.lead else []), *self.sections]
+
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """The figures of all sections, by name."""
+        return {name: each for part in self.parts for name, each in part.figures.items()}
+
+    @property
+    def series(self) -> dict[str, Series]:
+        """The figures of the chosen log, of all sections, by name."""
+        return {name: each for part in self.parts for name, each in part.series.items()}
 
 
-def render(template: str, **content: Any) -> str:  # noqa: ANN401 - whatever the template shows
-    """Fill in a template of this package; see ``templates/base.html.j2`` for what all need."""
+def rendered(page: Page) -> str:
+    """Return a page as HTML."""
     environment = Environment(
         loader=PackageLoader("butterfly.report"),
         autoescape=select_autoescape(default=True, default_for_string=True),
@@ -93,8 +240,16 @@ def render(template: str, **content: Any) -> str:  # noqa: ANN401 - whatever the
         lstrip_blocks=True,
     )
     environment.filters["packed"] = _packed
-    page = environment.get_template(template)
-    return page.render(version=__version__, plotly=_plotly(), **content)
+    figures = ",".join(
+        f"{json.dumps(name)}: {each.to_json()}" for name, each in page.figures.items()
+    )
+    return environment.get_template("page.html.j2").render(
+        page=page,
+        version=__version__,
+        plotly=_plotly(),
+        figures="{" + figures + "}",
+        series=json.dumps({name: vars(each) for name, each in page.series.items()}),
+    )
 
 
 def _plotly() -> str:
@@ -117,36 +272,14 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     InputError
         If a file cannot be written.
     """
-    drawn = {name: each for part in page.sections for name, each in part.figures.items()}
-    parts = ",".join(f"{json.dumps(name)}: {each.to_json()}" for name, each in drawn.items())
-    text = render(
-        "page.html.j2",
-        name=page.name,
-        description=page.description,
-        kind=page.kind,
-        verdict=page.verdict,
-        summary=page.summary,
-        sections=page.sections,
-        figures="{" + parts.replace("</", "<\\/") + "}",
-    )
-    write_beside(path, drawn if figures else {}, page.numbers)
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
-
-
-def write_beside(path: Path, figures: Mapping[str, Figure], numbers: dict[str, Any]) -> None:
-    """Write what accompanies a report: its figures, if any, as pictures, its numbers as JSON.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
-    """
+    text = rendered(page)
     if figures:
         from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
 
-        write_stills(figures, path.with_name(f"{path.stem}-figures"))
-    write_numbers(numbers, path.with_suffix(".json"))
+        write_stills({**page.figures, **page.stills}, path.with_name(f"{path.stem}-figures"))
+    write_numbers(page.numbers, path.with_suffix(".json"))
+    with replacing(path) as draft:
+        draft.write_text(text, encoding="utf-8")
 
 
 def write_numbers(numbers: dict[str, Any], path: Path) -> None:

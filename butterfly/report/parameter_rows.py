@@ -10,11 +10,13 @@ from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import TERMS
 from butterfly.report.format import interval, with_error
+from butterfly.report.whisker import Whisker
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from butterfly.identify.identification import Identification
+    from butterfly.model.kinematics import Term
     from butterfly.model.parameters import LumpedParameters
 
 _ON_SLIDES = {
@@ -33,16 +35,22 @@ _INPUT_UNITS = {InputKind.VOLTAGE: "V", InputKind.TORQUE: "unit"}
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterRow:
-    """One line of the table of parameters, as text; empty where there is nothing to say."""
+    """One line of the table of parameters, as text; empty where there is nothing to say.
+
+    ``whisker`` is the same to be drawn.
+    """
 
     symbol: str
+    meaning: str
     unit: str
     value: str
     error: str
     interval: str
+    width: str
     left_out: str
     true: str
     deviation: str
+    whisker: Whisker
 
 
 def parameter_rows(
@@ -62,16 +70,45 @@ def rows_of(
     return [
         ParameterRow(
             symbol=TERMS[each.parameter].symbol,
+            meaning=_meaning(TERMS[each.parameter]),
             unit=unit_of(each.parameter, input_kind, joint),
             value=with_error(each.value, or_nan(each.standard_error)),
             error=_error(each),
             interval="–" if each.known else interval(or_nan(each.lower), or_nan(each.upper)),
+            width=_width(each),
             left_out=_left_out(each),
             true="" if each.true is None else f"{each.true:.5g}",
             deviation="" if each.deviation is None else f"{100 * each.deviation:+.2f} %",
+            whisker=_whisker(each),
         )
         for each in parameters
     ]
+
+
+def _meaning(term: Term) -> str:
+    """Say in a few words what a parameter is."""
+    return (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
+
+
+def _width(record: ParameterRecord) -> str:
+    """Return half the interval over the value; of one that may as well be 0, that it may."""
+    if record.known or record.lower is None or record.upper is None or not record.value:
+        return "–"
+    if record.lower <= 0 <= record.upper:
+        return "may be 0"
+    return f"± {50 * (record.upper - record.lower) / abs(record.value):.2g} %"
+
+
+def _whisker(record: ParameterRecord) -> Whisker:
+    """Return what a figure shows of a parameter; of one that was known there is no interval."""
+    lower, upper = (None, None) if record.known else (record.lower, record.upper)
+    least, largest = record.least_left_out, record.largest_left_out
+    return Whisker(
+        value=record.value,
+        limits=None if lower is None or upper is None else (lower, upper),
+        left_out=None if least is None or largest is None else (least, largest),
+        true=record.true,
+    )
 
 
 def _left_out(record: ParameterRecord) -> str:

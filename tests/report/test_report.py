@@ -16,23 +16,23 @@ from butterfly.identify.estimators import Linear
 from butterfly.identify.identification import identify
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
+from butterfly.model.harmonic import quasi_linear_response
 from butterfly.plant.joints import Simulator
-from butterfly.report.figures import (
-    frequency_response_figure,
-    packable,
-    time_figure,
-    time_figures,
-)
+from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
+from butterfly.report.figures import packable, seen_samples
 from butterfly.report.format import interval, with_error
-from butterfly.report.identification import write_report
+from butterfly.report.frequency_figure import frequency_response_figure, swings_between
+from butterfly.report.identification import identification_page, write_report
 from butterfly.report.inspection import health_rows, write_inspection
 from butterfly.report.misfit import (
     correlation_figure,
-    correlation_figures,
+    correlation_series,
     misfit_sentences,
     misfit_table,
 )
 from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.time_figure import time_figure, time_series
+from butterfly.report.whisker import Whisker
 from butterfly.report.words import summary, verdict_on
 from butterfly.resources import shipped
 
@@ -121,7 +121,7 @@ def test_what_is_no_number_is_packed_as_none():
 
 def test_a_page_s_correlations_are_those_of_each_log_s_own_figure(simulated):
     misfit = simulated[0].misfit
-    shown = json.loads(json.dumps(correlation_figures(misfit)))
+    shown = json.loads(json.dumps(vars(correlation_series(misfit))))
     for log, panels in zip(misfit.logs, shown["curves"], strict=True):
         flat = [[_numbers(each) for each in panel] for panel in panels]
         drawn = correlation_figure(log).data
@@ -146,7 +146,7 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
     linear = identify(result.data, Linear(check=False), against={"truth": truth})
     write_report(linear, tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
-    row = re.search(r"<tr><td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]
+    row = re.search(r"<tr>\s*<td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]
     cells = re.findall(r"<td>(.*?)</td>", row)
     assert cells[4] == "–"
     assert cells[5:] == [
@@ -154,33 +154,131 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
     ]
 
 
-def test_the_lines_of_the_frequency_response_are_the_state_space_s(simulated):
+def test_the_lines_of_the_frequency_response_are_the_model_at_the_measured_swing(simulated):
     result, _ = simulated
-    parameters = result.estimate.parameters
     figure = frequency_response_figure(result)
-    drawn = [trace for trace in figure.data if trace.mode == "lines"]
-    assert len(drawn) == 2 * len(result.data.masses)
-    for mass, (gain, phase) in zip(
-        result.data.masses, zip(drawn[::2], drawn[1::2], strict=True), strict=True
-    ):
-        system = linearised(parameters, mass, pade_order=0)["angle", "command"]
-        expected = system(1j * gain.x) * np.exp(-1j * gain.x * parameters.delay)
-        np.testing.assert_allclose(gain.y, np.abs(expected), rtol=1e-8)
-        turn = np.exp(1j * np.radians(phase.y))
-        np.testing.assert_allclose(turn, expected / np.abs(expected), rtol=1e-8)
+    lines = [trace for trace in figure.data if trace.mode == "lines"]
+    assert len(lines) == 2 * len(result.data.masses)
+    for mass, gain, phase in zip(result.data.masses, lines[::2], lines[1::2], strict=True):
+        loaded = result.estimate.parameters.with_added_mass(mass)
+        for point in (p for p in result.data.sines if p.added_mass == mass):
+            expected = quasi_linear_response(loaded, point.omega, point.amplitude)
+            (k,) = np.flatnonzero(gain.x == point.omega)
+            assert gain.y[k] == pytest.approx(abs(expected), rel=1e-9)
+            turned = np.exp(1j * np.radians(phase.y[k]))
+            assert abs(turned - expected / abs(expected)) < 1e-9
+        assert gain.x[0] == min(p.omega for p in result.data.sines if p.added_mass == mass)
+
+
+def test_without_coulomb_friction_those_lines_are_the_state_space_s(simulated):
+    """What small swings of a joint without dry friction do does not depend on the swing."""
+    result, _ = simulated
+    estimate = result.estimate
+    values = estimate.values * [name != "coulomb" for name in estimate.names]
+    smooth = dataclasses.replace(estimate, values=values)
+    small = tuple(_with_swing(point, 1e-6) for point in result.data.points)
+    data = dataclasses.replace(result.data, points=small)
+    figure = frequency_response_figure(dataclasses.replace(result, data=data, estimate=smooth))
+    lines = [trace for trace in figure.data if trace.mode == "lines"]
+    for mass, gain in zip(data.masses, lines[::2], strict=True):
+        system = linearised(smooth.parameters, mass, pade_order=0)["angle", "command"]
+        np.testing.assert_allclose(gain.y, np.abs(system(1j * gain.x)), rtol=1e-6)
+
+
+def _with_swing(point, amplitude):
+    angle = point.angle.scaled(amplitude / point.amplitude)
+    return dataclasses.replace(point, angle=angle, input=point.input * amplitude / point.amplitude)
+
+
+def test_several_swings_at_one_frequency_count_as_their_geometric_mean(simulated):
+    first = simulated[0].data.sines[0]
+    pair = [_with_swing(first, 0.1), _with_swing(first, 0.4)]
+    omega, swing = swings_between(pair)
+    assert omega.tolist() == [first.omega]
+    assert swing == pytest.approx([0.2])
 
 
 def test_a_page_s_time_series_are_the_points_of_each_log_s_own_figure(simulated):
-    runs = simulated[0].free_runs
-    shown = json.loads(json.dumps(time_figures(runs)))
+    result = simulated[0]
+    runs, bands = result.free_runs, [log.band for log in result.misfit.logs]
+    shown = json.loads(json.dumps(vars(time_series(runs, bands))))
     assert len(shown["curves"]) == len(runs)
-    for run, curves in zip(runs, shown["curves"], strict=True):
+    for run, band, (curves,) in zip(runs, bands, shown["curves"], strict=True):
         x, *ys = map(_numbers, curves)
-        drawn = time_figure(run)
-        assert [trace["name"] for trace in shown["data"]] == [trace.name for trace in drawn.data]
+        drawn = time_figure(run, band)
+        assert [trace.get("name") for trace in shown["data"]] == [t.name for t in drawn.data]
         for y, trace in zip(ys, drawn.data, strict=True):
             _assert_seen(x, trace.x)
             _assert_seen(y, trace.y)
+
+
+def test_a_long_curve_keeps_its_peaks_when_it_is_thinned():
+    rng = np.random.default_rng(0)
+    curves = [rng.normal(size=100_000), np.cumsum(rng.normal(size=100_000))]
+    some = seen_samples(curves, 1000)
+    assert some.size <= 1002
+    assert np.all(np.diff(some) > 0)
+    for curve in curves:
+        assert curve[some].max() == curve.max()
+        assert curve[some].min() == curve.min()
+    assert seen_samples(curves, 1000, every=200).tolist() == list(range(0, 100_000, 200))
+
+
+def test_a_whisker_holds_all_that_is_known_of_a_parameter_on_one_axis():
+    whisker = Whisker(value=1.0, limits=(0.8, 1.1), left_out=(0.85, 1.3), true=0.7)
+    places = [whisker.place(each) for each in (0.7, 0.8, 0.85, 1.0, 1.1, 1.3)]
+    assert places == sorted(places)
+    assert 0 < places[0] < places[-1] < 100
+    assert whisker.zero is None
+    assert Whisker(value=1.0, limits=(-1.0, 3.0)).zero == pytest.approx(100 * 1.4 / 4.8, abs=0.01)
+    assert not Whisker(value=1.0).drawn
+    assert not Whisker(value=1.0, limits=(-np.inf, 2.0)).drawn
+
+
+def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval_and_truth(
+    simulated,
+):
+    result, truth = simulated
+    page = identification_page(result, truth)
+    assert page.headed.text == "Good"
+    assert f"{result.summary.median:.1f} %" in [fact.value for fact in page.facts]
+    (table,) = page.lead.tables
+    assert [str(row[0]) for row in table.rows] == [row.symbol for row in parameter_rows(result)]
+    for row, name in zip(table.rows, result.estimate.names, strict=True):
+        assert row[3].true == getattr(truth, name)
+        assert row[3].limits[0] <= row[3].value <= row[3].limits[1]
+
+
+def test_the_map_is_the_correlation_of_the_estimate_s_errors(simulated):
+    estimate = simulated[0].estimate
+    shown = np.array(correlation_map(estimate).data[0].z)[::-1]
+    np.testing.assert_allclose(np.diag(shown), 1.0)
+    expected = estimate.covariance[0, 2] / np.sqrt(
+        estimate.covariance[0, 0] * estimate.covariance[2, 2]
+    )
+    assert shown[0, 2] == pytest.approx(expected)
+    unknown = dataclasses.replace(estimate, covariance=np.full_like(estimate.covariance, np.nan))
+    assert correlation_map(unknown) is None
+
+
+def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
+    result = simulated[0]
+    points = [
+        (x, y, log)
+        for trace in ranked_figure(result).data
+        for x, y, log in zip(trace.x, trace.y, trace.customdata, strict=True)
+    ]
+    points.sort()
+    assert [x for x, _, _ in points] == list(range(1, len(result.fits) + 1))
+    assert [y for _, y, _ in points] == sorted(result.fits)
+    assert all(result.fits[log] == y for _, y, log in points)
+
+
+def test_the_forest_plot_has_a_panel_for_each_parameter(simulated):
+    rows = parameter_rows(*simulated)
+    figure = parameter_figure(rows)
+    estimates = [trace.x[0] for trace in figure.data if trace.name == "estimate"]
+    assert estimates == [row.whisker.value for row in rows]
 
 
 @pytest.mark.slow

@@ -1,0 +1,86 @@
+const OPTIONS = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d"]};
+const DARK = {"#0072B2": "#5aaee8", "#E69F00": "#f2b63c", "#009E73": "#35c99c", "#CC79A7": "#e59cc5", "#56B4E9": "#9bd6f7",
+  "#D55E00": "#ff8f4a", "#F0E442": "#f5ec7a", "#888888": "#9aa5b0"};
+const LIGHT = {"#F0E442": "#a89b00"};
+const PRINTED = {ink: "#1b1f24", rule: "#d8dde2", width: 680};
+const dark = matchMedia("(prefers-color-scheme: dark)");
+let printing = false;
+
+function recoloured(value, colours) {
+  if (typeof value === "string") return colours[value] ?? value;
+  if (Array.isArray(value)) return value.length && typeof value[0] === "object" ? value.map(each => recoloured(each, colours)) : value;
+  if (value === null || typeof value !== "object" || ArrayBuffer.isView(value)) return value;
+  return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, recoloured(each, colours)]));
+}
+function themed({data, layout}) {
+  const css = getComputedStyle(document.documentElement);
+  const ink = printing ? PRINTED.ink : css.getPropertyValue("--ink").trim();
+  const rule = printing ? PRINTED.rule : css.getPropertyValue("--rule").trim();
+  const colours = dark.matches && !printing ? DARK : LIGHT;
+  const narrow = innerWidth < 640 && !printing;
+  const own = recoloured(layout, colours);
+  const result = {...own, template: {}, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+    font: {color: ink, size: narrow ? 11 : 12}, margin: {l: narrow ? 48 : 70, r: narrow ? 10 : 45, t: 15, b: 50},
+    modebar: {orientation: "v", bgcolor: "rgba(0,0,0,0)", color: rule, activecolor: ink},
+    legend: {orientation: "h", y: 1.01, yanchor: "bottom"}, hoverlabel: {namelength: -1},
+    dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom"};
+  if (printing) result.width = PRINTED.width; else { result.autosize = true; delete result.width; }
+  for (const key of Object.keys(result)) {
+    if (/^[xy]axis/.test(key)) result[key] = {...result[key], gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true, exponentformat: "power"};
+  }
+  return [data.map(trace => recoloured(trace, colours)), result, {...OPTIONS, displayModeBar: narrow ? false : "hover"}];
+}
+function numbers({quantum, steps}) {
+  let whole = 0;
+  return Float64Array.from(steps, step => step === null ? NaN : (whole += step) * quantum);
+}
+function ofLog({data, layout, curves}, log) {
+  const drawn = curves[log].flatMap(group => {
+    const [x, ...ys] = group.map(numbers);
+    return ys.map(y => ({x, y}));
+  });
+  return {data: data.map((trace, k) => ({...trace, ...drawn[k]})), layout};
+}
+function drawChosen() {
+  document.querySelectorAll(".chooser").forEach(each => { each.value = chosen; });
+  document.querySelectorAll("tr.pick").forEach(row => row.setAttribute("aria-selected", row.dataset.index == chosen));
+  for (const place of document.querySelectorAll(".series")) Plotly.react(place, ...themed(ofLog(series[place.dataset.figure], chosen)));
+}
+function draw() {
+  for (const place of document.querySelectorAll(".figure")) Plotly.react(place, ...themed(figures[place.dataset.figure]));
+  drawChosen();
+}
+function choose(log, {show = false} = {}) {
+  chosen = log;
+  drawChosen();
+  if (show) document.querySelector(".series")?.scrollIntoView({behavior: "smooth", block: "center"});
+}
+document.querySelectorAll(".chooser").forEach(each => each.addEventListener("change", () => choose(Number(each.value))));
+document.querySelectorAll(".step").forEach(each => each.addEventListener("click", () => {
+  const count = document.querySelector(".chooser").length;
+  choose((chosen + Number(each.dataset.step) + count) % count);
+}));
+document.querySelectorAll("tr.pick").forEach(row => {
+  const pick = () => choose(Number(row.dataset.index), {show: true});
+  row.addEventListener("click", pick);
+  row.addEventListener("keydown", event => {
+    if (event.key !== "Enter" && event.key !== " ") return;
+    event.preventDefault();
+    pick();
+  });
+});
+draw();
+for (const place of document.querySelectorAll(".figure")) {
+  place.on("plotly_click", event => {
+    const log = event.points[0]?.customdata;
+    if (Number.isInteger(log) && Object.keys(series).length) choose(log, {show: true});
+  });
+}
+dark.addEventListener("change", draw);
+addEventListener("beforeprint", () => {
+  printing = true;
+  document.querySelectorAll("details").forEach(each => { each.open = true; });
+  draw();
+});
+addEventListener("afterprint", () => { printing = false; draw(); });
+document.querySelectorAll("details:has(.figure, .series)").forEach(each => each.addEventListener("toggle", draw));
