@@ -185,7 +185,7 @@ def residual_command(
         typer.echo(f"{residual.label}: the torque left over looks like {looks}")
         _show_shares(residual.left_over)
         if plot is not None:
-            from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow
+            from butterfly.report.residual_page import write_residual  # noqa: PLC0415 - slow
 
             write_residual(residual, misfit.logs[chosen], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")

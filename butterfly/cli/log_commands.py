@@ -29,7 +29,7 @@ from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME, write_manifest
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
 from butterfly.logs.remarks import Condition
-from butterfly.report.inspection import health_rows, hints, inspect_logs, write_inspection
+from butterfly.report.inspection import health_rows, hints, inspect_logs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -98,6 +98,8 @@ def inspect_command(
     _say_zeros([log], manifest)
     _show_hints(health.remarks)
     if plot is not None:
+        from butterfly.report.inspection_page import write_inspection  # noqa: PLC0415 - slow
+
         write_inspection(log, health, plot)
         typer.echo(f"Plot: {plot}")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Scatter
@@ -27,7 +27,6 @@ SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star"
 """As many as colours, in the same order."""
 
 _MOST_OF_A_LOG = 20_000  # samples drawn of each column
-_SEEN = 20_000  # quanta of the largest number: a pixel is ten or more
 
 
 def look(number: int) -> tuple[str, str]:
@@ -69,22 +68,6 @@ def seen_samples(
             part = values[first:last]
             kept.append(first + np.array([part.argmin(), part.argmax()]))
     return np.unique(np.concatenate(kept))
-
-
-def packable(values: NDArray[np.floating[Any]]) -> dict[str, Any]:
-    """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
-
-    Returns
-    -------
-    ``quantum``, to whole multiples of which they are rounded: less than a screen shows; and
-    ``steps``, in quanta, the first from 0, None for what is no number.
-    """
-    there = np.isfinite(values)
-    finite = np.asarray(values[there], dtype=np.float64)
-    quantum = float(f"{np.max(np.abs(finite), initial=0.0) / _SEEN:.3g}") or 1.0
-    steps = np.full(values.size, None, dtype=object)
-    steps[there] = np.diff(np.rint(finite / quantum), prepend=0.0).astype(np.int64)
-    return {"quantum": quantum, "steps": steps.tolist()}
 
 
 def log_figure(

@@ -19,7 +19,16 @@ from butterfly.report.misfit import (
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.page import Chip, Fact, Named, Page, Section, Table, write_page
+from butterfly.report.page import (
+    LEVEL_OF_CONDITION,
+    Chip,
+    Fact,
+    Named,
+    Page,
+    Section,
+    Table,
+    write_page,
+)
 from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.physical import (
     HEADERS,
@@ -28,6 +37,7 @@ from butterfly.report.physical import (
     physical_rows,
     physical_sentences,
 )
+from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
 from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.words import fit_said, sentences, summary, verdict_on
 
@@ -40,12 +50,6 @@ if TYPE_CHECKING:
     from butterfly.report.parameter_rows import ParameterRow
 
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
-_LEVELS = {
-    Condition.OK: "good",
-    Condition.NOTE: "note",
-    Condition.CARE: "use-with-care",
-    Condition.UNUSABLE: "do-not-use",
-}
 
 
 def write_report(
@@ -101,8 +105,11 @@ def identification_page(
             text="Measured less simulated angle of the chosen log, after small changes of the "
             "parameters: how like itself it is a while later, and how like the input before it. "
             "Where encoder and noise explain it, both curves stay inside the bands; a curve that "
-            "leaves them is something that the model misses.",
-            series={"left-over": correlation_series(misfit)},
+            "leaves them is something that the model misses. Below, at which frequencies.",
+            series={
+                "left-over": correlation_series(misfit.logs),
+                "spectrum": spectrum_series(runs, misfit.logs),
+            },
             tables=(misfit_table(misfit.logs, picks=range(len(runs))),),
         ),
         *_correlations(identification),
@@ -133,6 +140,7 @@ def identification_page(
             "parameters": parameter_figure(rows),
             "time": time_figure(runs[middle], bands[middle]),
             "left-over": correlation_figure(misfit.logs[middle]),
+            "spectrum": spectrum_figure(runs[middle], misfit.logs[middle]),
         },
     )
 
@@ -221,7 +229,7 @@ def _logs_table(identification: Identification) -> Table:
             steady = (f"{point.amplitude:.3f}", *shares)
         rows.append(
             (
-                *(run.log.label, f"{fit_said(run.fit)}", Chip(state, _LEVELS[state])),
+                *(run.log.label, f"{fit_said(run.fit)}", Chip(state, LEVEL_OF_CONDITION[state])),
                 "; ".join(health.findings) or "–",
                 *steady,
                 *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),

@@ -1,17 +1,14 @@
-"""What `butterfly inspect` says about logs."""
+"""What `butterfly inspect` says about logs, in lines and rows."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.files import replacing
 from butterfly.logs.health import examine
 from butterfly.logs.pieces import piece_name, read_pieces
 from butterfly.logs.remarks import Condition, Remark
@@ -143,7 +140,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ("input", f"{log.input.min():.5g} … {log.input.max():.5g}"),
         ("angle", f"{log.angle.min():.5g} … {log.angle.max():.5g} {way}"),
         (
-            "amplitude (71)",
+            "swing amplitude",
             f"{rms_amplitude(swing):.4g} {way} about the mean {log.angle.mean():.4g} {way}",
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
@@ -151,25 +148,3 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ("state", Condition.worst(remark.condition for remark in health.remarks)),
         ("findings", "; ".join(health.findings) or "none"),
     ]
-
-
-def write_inspection(log: Log, health: Health, path: Path) -> None:
-    """Draw a log against time as one HTML file that opens offline.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    from butterfly.report.figures import log_figure  # noqa: PLC0415 - slow to import
-
-    way = log.added_mass.joint.way
-    titles = {"input": "input", "angle": f"angle in {way}", "velocity": f"velocity in {way}/s"}
-    columns = {titles[name]: values for name, values in log.columns().items() if name in titles}
-    middles = (log.time[1:] + log.time[:-1]) / 2
-    figure = log_figure(log.time, columns, (middles, 1e3 * np.diff(log.time)))
-    findings = "; ".join(health.findings) or "no findings"
-    title = f"{escape(Path(log.source).name)}<br><sup>{escape(findings)}</sup>"
-    figure.update_layout(title=title, template="plotly_white")
-    with replacing(path) as draft:
-        figure.write_html(draft, include_plotlyjs=True)

@@ -9,8 +9,9 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.identify.judgement.whiteness import LEVELS
-from butterfly.report.figures import GREY, PALETTE, packable
-from butterfly.report.page import Series, Table
+from butterfly.report.figures import GREY, PALETTE
+from butterfly.report.page import Table
+from butterfly.report.series import Series, packable
 from butterfly.report.words import said_of
 
 if TYPE_CHECKING:
@@ -118,14 +119,11 @@ def draw_correlations(figure: Figure, log: LogMisfit, *, first: int = 1) -> None
     figure.update_xaxes(title="lag in s", row=first + 1)
 
 
-def correlation_series(misfit: Misfit) -> Series:
+def correlation_series(logs: Sequence[LogMisfit]) -> Series:
     """Return what a page needs to draw `correlation_figure` of each log."""
     return Series.of(
-        correlation_figure(misfit.logs[0]),
-        [
-            [[packable(line) for line in _lines(curve)] for curve in _curves(log)]
-            for log in misfit.logs
-        ],
+        correlation_figure(logs[0]),
+        [[[packable(line) for line in _lines(curve)] for curve in _curves(log)] for log in logs],
     )
 
 
@@ -133,7 +131,7 @@ def _row(log: LogMisfit) -> tuple[str, ...]:
     shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
     numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
     times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
-    return (log.label, *numbers, times, _bands_left(log), _likeness(log.left_over))
+    return (log.label, *numbers, times, bands_left(log), _likeness(log.left_over))
 
 
 def _likeness(left_over: LeftOver) -> str:
@@ -144,7 +142,7 @@ def _likeness(left_over: LeftOver) -> str:
     return f"{' or '.join(left_over.terms)}, {100 * share:.0f} % of its variance"
 
 
-def _bands_left(log: LogMisfit) -> str:
+def bands_left(log: LogMisfit) -> str:
     """Say whether the correlations of a log stay inside their bands."""
     inner, outer = log.excess
     if inner <= 1:

@@ -14,12 +14,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 
 from butterfly import __version__
 from butterfly.files import replacing
+from butterfly.logs.remarks import Condition
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from plotly.graph_objects import Figure
 
+    from butterfly.report.series import Series
     from butterfly.report.verdict import SaidVerdict
     from butterfly.report.whisker import Whisker
 
@@ -77,7 +79,7 @@ class Badge(NamedTuple):
     Parameters
     ----------
     level
-        One of `LEVELS`.
+        ``good``, ``note``, ``use-with-care`` or ``do-not-use``.
     text
         In a word or two.
     reasons
@@ -89,8 +91,13 @@ class Badge(NamedTuple):
     reasons: Sequence[str]
 
 
-LEVELS = ("good", "use-with-care", "do-not-use")
-"""Of badges and chips, the best first; ``note`` beside them for what is neither good nor bad."""
+LEVEL_OF_CONDITION = {
+    Condition.OK: "good",
+    Condition.NOTE: "note",
+    Condition.CARE: "use-with-care",
+    Condition.UNUSABLE: "do-not-use",
+}
+"""What stands for the health of a log."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,32 +123,6 @@ class Table:
     name: str = ""
     words: tuple[int, ...] = ()
     picks: Sequence[int] = ()
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Series:
-    """A figure of which there is one for each log; that of the log that is chosen is drawn.
-
-    Parameters
-    ----------
-    data, layout
-        Of all of them, the traces without points.
-    curves
-        For each log and each group of traces that share an x: that x, then the y of each, packed
-        (see `butterfly.report.figures.packable`).
-    """
-
-    data: list[dict[str, Any]]
-    layout: dict[str, Any]
-    curves: list[list[list[dict[str, Any]]]]
-
-    @classmethod
-    def of(cls, figure: Figure, curves: list[list[list[dict[str, Any]]]]) -> Series:
-        """Take the look of all from the figure of one."""
-        common = figure.to_dict()
-        traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
-        layout = {key: value for key, value in common["layout"].items() if key != "template"}
-        return cls(data=traces, layout=layout, curves=curves)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -262,6 +243,19 @@ def _packed(program: str) -> str:
     return b64encode(gzip.compress(program.encode(), 6, mtime=0)).decode("ascii")
 
 
+def write_html(page: Page, path: Path) -> None:
+    """Write a page as HTML alone.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    text = rendered(page)
+    with replacing(path) as draft:
+        draft.write_text(text, encoding="utf-8")
+
+
 def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     """Write a report as ``path`` (HTML), and its numbers beside it as JSON.
 
@@ -272,14 +266,12 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     InputError
         If a file cannot be written.
     """
-    text = rendered(page)
     if figures:
         from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
 
         write_stills({**page.figures, **page.stills}, path.with_name(f"{path.stem}-figures"))
     write_numbers(page.numbers, path.with_suffix(".json"))
-    with replacing(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_html(page, path)
 
 
 def write_numbers(numbers: dict[str, Any], path: Path) -> None:

@@ -9,29 +9,32 @@ import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.report.figures import PALETTE
+from butterfly.report.figures import look
 from butterfly.report.misfit import (
     correlation_figure,
+    correlation_series,
     left_over_numbers,
     misfit_numbers,
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.page import Page, Section, Table
+from butterfly.report.page import Fact, Page, Section, Table
+from butterfly.report.series import Series
+from butterfly.report.three_way_figures import (
+    SIMULATORS,
+    phase_comparison,
+    residual_comparison,
+    time_comparison,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Mapping, Sequence
 
     from butterfly.compare.three_way import ThreeWay
     from butterfly.identify.judgement.misfit import Misfit
     from butterfly.report.verdict import SaidVerdict
 
-_SIMULATORS = {"MuJoCo": (PALETTE[1], "square"), "grey box": (PALETTE[5], "diamond")}
-_STEP = 0.02  # s between drawn points
-_DRAWN = 3  # logs drawn in time, phase plane and residual torque
-_PERIODS = 4  # of the slowest drawn motion in the phase plane
+_MARKS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol, size
 
 
 def three_way_page(
@@ -44,54 +47,46 @@ def three_way_page(
     name, description
         Of the data set.
     compared
-        Its logs, each simulated twice. The best, the middle and the worst by FIT are drawn.
+        Its logs, each simulated twice.
     misfit
         Of the whole data set, with the same parameters.
     verdict
         On these parameters.
     """
     judged = {log.name: log for log in misfit.logs}
-    order = np.argsort([each.fits["grey box"] for each in compared])
-    picked = sorted({int(order[k]) for k in (0, len(order) // 2, len(order) - 1)})[:_DRAWN]
-    drawn = [compared[k] for k in picked]
+    own = [judged[each.log.name] for each in compared]
+    middle = int(np.argsort([each.fits["grey box"] for each in compared])[len(compared) // 2])
     sines = [each for each in compared if each.gains]
     sections = [
-        Section(title="Every log", tables=(_table(compared),)),
         Section(
-            title="What the model leaves over",
-            text="Errors of the grey box, judged in all logs of the data set, and their "
-            "correlations in the drawn logs of this page: where encoder and noise explain them, "
-            "both curves stay inside the bands.",
-            tables=(misfit_table(misfit.logs),),
-            figures={
-                f"left-over-{k}": correlation_figure(judged[each.log.name])
-                for k, each in enumerate(drawn)
+            title="Measured against simulated",
+            text="From the first sample on with the recorded input alone; the phase plane is the "
+            "end of the log.",
+            series={
+                "time": Series.of_figures([time_comparison(each) for each in compared]),
+                "phase": Series.of_figures([phase_comparison(each) for each in compared]),
             },
         ),
         Section(
-            title="Time",
-            text="The logs that the grey box follows worst, middling and best, from the first "
-            "sample on with the recorded input alone.",
-            figures={f"time-{k}": _time_figure(each) for k, each in enumerate(drawn)},
+            title="What the model leaves over",
+            text="Correlations of the grey box's errors: where encoder and noise explain them, "
+            "both curves stay inside the bands. Below, what all terms of the model leave over of "
+            "the torque, averaged over short bumps.",
+            series={
+                "left-over": correlation_series(own),
+                "residual": Series.of_figures([residual_comparison(each) for each in compared]),
+            },
+            tables=(misfit_table(own, picks=range(len(own))),),
         ),
-        Section(
-            title="Phase plane",
-            text="The end of the same logs.",
-            figures={f"phase-{k}": _phase_figure(each) for k, each in enumerate(drawn)},
-        ),
-        Section(
-            title="Residual torque",
-            text="What all terms of the model leave over of the torque, averaged over short "
-            "bumps, against angle and velocity.",
-            figures={f"residual-{k}": _residual_figure(each) for k, each in enumerate(drawn)},
-        ),
+        Section(title="Every log", tables=(_table(compared),)),
     ]
     if sines:
         sections.insert(
-            2,
+            0,
             Section(
                 title="Amplitude and phase error per frequency",
-                text="Steady response of each simulator against the log's.",
+                text="Steady response of each simulator against the log's: large marks MuJoCo, "
+                "small ones the grey box, a colour for each added mass.",
                 figures={"frequency": _frequency_figure(sines)},
             ),
         )
@@ -99,15 +94,87 @@ def three_way_page(
         name=name,
         description=description,
         kind="comparison",
+        facts=_facts(compared),
+        lead=Section(
+            title="FIT log by log",
+            text="Sorted by the grey box: large marks MuJoCo, small ones the grey box.",
+            figures={"fit": _fit_figure(compared)},
+        ),
         summary=[*_summary(compared), *misfit_sentences(misfit)],
         sections=sections,
+        logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
+        chosen=middle,
+        stills={
+            "time": time_comparison(compared[middle]),
+            "phase": phase_comparison(compared[middle]),
+            "left-over": correlation_figure(own[middle]),
+            "residual": residual_comparison(compared[middle]),
+        },
         numbers=verdict.numbers() | _numbers(compared) | {"misfit": misfit_numbers(misfit)},
         verdict=verdict,
     )
 
 
+def _facts(compared: Sequence[ThreeWay]) -> list[Fact]:
+    way = compared[0].log.added_mass.joint.way
+    apart = max(each.difference for each in compared)
+    medians = [
+        Fact(f"FIT of {key}", f"{np.median([each.fits[key] for each in compared]):.2f} %", "median")
+        for key in SIMULATORS
+    ]
+    return [
+        *medians,
+        Fact("MuJoCo from grey box", f"{apart:.2g} {way}", "at most"),
+        Fact("logs", str(len(compared))),
+    ]
+
+
+def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:
+    order = np.argsort([each.fits["grey box"] for each in compared]).tolist()
+    ranked = [compared[k] for k in order]
+    values = {name: [each.fits[name] for each in ranked] for name in SIMULATORS}
+    figure = Figure()
+    for trace in _by_mass(ranked, list(range(1, len(ranked) + 1)), values):
+        figure.add_trace(trace)
+    figure.update_xaxes(title="log, the worst first")
+    figure.update_yaxes(title="FIT in %")
+    figure.update_layout(height=320)
+    return figure
+
+
+def _by_mass(
+    compared: Sequence[ThreeWay],
+    x: Sequence[float],
+    values: Mapping[str, Sequence[float]],
+    *,
+    named: bool = True,
+) -> list[Scatter]:
+    """Return points of both simulators, by number of the log, a colour for each added mass."""
+    masses = list(dict.fromkeys(each.log.added_mass for each in compared))
+    traces = []
+    for index, mass in enumerate(masses):
+        colour, symbol = look(index)
+        own = [k for k, each in enumerate(compared) if each.log.added_mass == mass]
+        for name, (mark, size) in _MARKS.items():
+            label = f"{1e3 * mass.mass:g} g, {name}"
+            texts = [escape(compared[k].log.label) for k in own]
+            trace = Scatter(
+                x=[x[k] for k in own],
+                y=[values[name][k] for k in own],
+                text=texts,
+                mode="markers",
+                marker={"color": colour, "symbol": symbol + mark, "size": size},
+                name=label,
+                legendgroup=label,
+                showlegend=named,
+                hovertemplate=f"%{{text}}, {name}: %{{y:.4g}}<extra></extra>",
+            )
+            traces.append(trace)
+    return traces
+
+
 def _summary(compared: Sequence[ThreeWay]) -> list[str]:
-    fits = {key: np.array([each.fits[key] for each in compared]) for key in _SIMULATORS}
+    fits = {key: np.array([each.fits[key] for each in compared]) for key in SIMULATORS}
     apart = max(each.difference for each in compared)
     way = compared[0].log.added_mass.joint.way
     return [
@@ -152,102 +219,20 @@ def _table(compared: Sequence[ThreeWay]) -> Table:
         *("log", "FIT in %: MuJoCo", "grey box", "amplitude, phase error: MuJoCo", "grey box"),
         *(f"largest difference in {way}", "residual torque looks like"),
     )
-    return Table(headers=headers, rows=rows)
-
-
-def _thinned(each: ThreeWay) -> tuple[slice, dict[str, NDArray[np.float64]]]:
-    every = max(1, round(_STEP / each.log.mean_step))
-    columns = {"log": each.log.angle, "MuJoCo": each.mujoco, "grey box": each.greybox}
-    return slice(None, None, every), columns
-
-
-def _time_figure(each: ThreeWay) -> Figure:
-    rows, columns = _thinned(each)
-    way = each.log.added_mass.joint.way
-    figure = make_subplots(
-        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.65, 0.35]
-    )
-    x = each.log.time[rows].astype(np.float32)
-    for name, angle in columns.items():
-        colour, dash = _look(name)
-        line = {"color": colour, "width": 1.4, "dash": dash}
-        y = angle[rows].astype(np.float32)
-        figure.add_trace(Scatter(x=x, y=y, mode="lines", line=line, name=name), row=1, col=1)
-        if name != "log":
-            y = (angle - each.log.angle)[rows].astype(np.float32)
-            trace = Scatter(x=x, y=y, mode="lines", line=line, name=name, showlegend=False)
-            figure.add_trace(trace, row=2, col=1)
-    figure.update_yaxes(title=f"angle in {way}<br>{escape(each.log.label)}", row=1)
-    figure.update_yaxes(title=f"error in {way}", row=2)
-    figure.update_xaxes(title="time in s", row=2)
-    figure.update_layout(height=460)
-    return figure
-
-
-def _phase_figure(each: ThreeWay) -> Figure:
-    _, columns = _thinned(each)
-    time, way = each.log.time, each.log.added_mass.joint.way
-    omega = each.log.excitation.omega if each.log.excitation else 3.0
-    late = time > time[-1] - _PERIODS * 2 * np.pi / omega
-    figure = Figure()
-    grid = np.linspace(time[late][0], time[-1], 600)
-    for name, angle in columns.items():
-        colour, dash = _look(name)
-        even = np.interp(grid, time, angle)
-        smooth = np.convolve(even, np.ones(5) / 5, mode="valid")
-        velocity = np.gradient(smooth, grid[1] - grid[0])
-        line = {"color": colour, "width": 1.2, "dash": dash}
-        x, y = smooth.astype(np.float32), velocity.astype(np.float32)
-        figure.add_trace(Scatter(x=x, y=y, mode="lines", line=line, name=name))
-    figure.update_xaxes(title=f"angle in {way}, {escape(each.log.label)}")
-    figure.update_yaxes(title=f"velocity in {way}/s")
-    figure.update_layout(height=420)
-    return figure
-
-
-def _residual_figure(each: ThreeWay) -> Figure:
-    residual = each.residual
-    figure = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.04)
-    way = each.log.added_mass.joint.way
-    panels = {f"angle in {way}": residual.angle, f"velocity in {way}/s": residual.velocity}
-    every = max(1, residual.torque.size // 800)
-    for column, (title, values) in enumerate(panels.items(), start=1):
-        marker = {"color": PALETTE[column - 1], "size": 3}
-        x, y = (part[::every].astype(np.float32) for part in (values, residual.torque))
-        trace = Scatter(x=x, y=y, mode="markers", marker=marker, showlegend=False)
-        figure.add_trace(trace, row=1, col=column)
-        figure.update_xaxes(title=f"{title}, {escape(each.log.label)}", row=1, col=column)
-    figure.update_yaxes(title="τ_ε in N m", row=1, col=1)
-    figure.update_layout(height=360)
-    return figure
+    picks = range(len(rows))
+    return Table(headers=headers, rows=rows, words=(len(headers) - 1,), picks=picks)
 
 
 def _frequency_figure(sines: Sequence[ThreeWay]) -> Figure:
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
     omegas = [each.log.excitation.omega for each in sines if each.log.excitation]
-    texts = [escape(each.log.label) for each in sines]
-    for name, (colour, symbol) in _SIMULATORS.items():
-        gains = np.array([each.gains[name] for each in sines])
-        marker = {"color": colour, "symbol": symbol, "size": 7}
-        for row, values in ((1, 100 * (np.abs(gains) - 1)), (2, np.degrees(np.angle(gains)))):
-            trace = Scatter(
-                x=omegas,
-                y=values,
-                text=texts,
-                mode="markers",
-                marker=marker,
-                name=name,
-                showlegend=row == 1,
-            )
-            figure.add_trace(trace, row=row, col=1)
+    gains = {name: np.array([each.gains[name] for each in sines]) for name in SIMULATORS}
+    sizes = {name: 100 * (np.abs(gain) - 1) for name, gain in gains.items()}
+    phases = {name: np.degrees(np.angle(gain)) for name, gain in gains.items()}
+    for row, values in enumerate((sizes, phases), start=1):
+        figure.add_traces(_by_mass(sines, omegas, values, named=row == 1), rows=row, cols=1)
     figure.update_yaxes(title="amplitude error in %", row=1)
     figure.update_yaxes(title="phase error in °", row=2)
     figure.update_xaxes(title="ω in rad/s", row=2)
     figure.update_layout(height=480)
     return figure
-
-
-def _look(name: str) -> tuple[str, str]:
-    if name == "log":
-        return PALETTE[0], "solid"
-    return _SIMULATORS[name][0], "dot" if name == "grey box" else "dash"

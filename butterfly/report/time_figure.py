@@ -8,8 +8,8 @@ import numpy as np
 from plotly.subplots import make_subplots
 
 from butterfly.identify.judgement.intervals import CONFIDENCE
-from butterfly.report.figures import GREY, PALETTE, SHADE, add, packable, seen_samples
-from butterfly.report.page import Series
+from butterfly.report.figures import GREY, PALETTE, SHADE, add, seen_samples
+from butterfly.report.series import Series, packable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

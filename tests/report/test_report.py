@@ -19,11 +19,12 @@ from butterfly.model.control_bridge import linearised
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.plant.joints import Simulator
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
-from butterfly.report.figures import packable, seen_samples
+from butterfly.report.figures import seen_samples
 from butterfly.report.format import interval, with_error
 from butterfly.report.frequency_figure import frequency_response_figure, swings_between
 from butterfly.report.identification import identification_page, write_report
-from butterfly.report.inspection import health_rows, write_inspection
+from butterfly.report.inspection import health_rows
+from butterfly.report.inspection_page import write_inspection
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
@@ -31,6 +32,7 @@ from butterfly.report.misfit import (
     misfit_table,
 )
 from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.series import packable
 from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.whisker import Whisker
 from butterfly.report.words import summary, verdict_on
@@ -121,7 +123,7 @@ def test_what_is_no_number_is_packed_as_none():
 
 def test_a_page_s_correlations_are_those_of_each_log_s_own_figure(simulated):
     misfit = simulated[0].misfit
-    shown = json.loads(json.dumps(vars(correlation_series(misfit))))
+    shown = json.loads(json.dumps(vars(correlation_series(misfit.logs))))
     for log, panels in zip(misfit.logs, shown["curves"], strict=True):
         flat = [[_numbers(each) for each in panel] for panel in panels]
         drawn = correlation_figure(log).data
@@ -296,7 +298,7 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
     clean, health = examine(sine_log)
     rows = dict(health_rows(clean, health))
     assert float(rows["dominant frequency"].split()[0]) == pytest.approx(5, abs=0.1)
-    assert float(rows["amplitude (71)"].split()[0]) == pytest.approx(0.1, rel=1e-2)
+    assert float(rows["swing amplitude"].split()[0]) == pytest.approx(0.1, rel=1e-2)
     assert rows["findings"] == "none"
     write_inspection(clean, health, tmp_path / "log.html")
     assert "angle in rad" in (tmp_path / "log.html").read_text(encoding="utf-8")

@@ -30,9 +30,10 @@ function themed({data, layout}) {
   }
   return [data.map(trace => recoloured(trace, colours)), result, {...OPTIONS, displayModeBar: narrow ? false : "hover"}];
 }
-function numbers({quantum, steps}) {
+function numbers({quantum, steps, logarithmic}) {
   let whole = 0;
-  return Float64Array.from(steps, step => step === null ? NaN : (whole += step) * quantum);
+  const linear = Float64Array.from(steps, step => step === null ? NaN : (whole += step) * quantum);
+  return logarithmic ? linear.map(each => 10 ** each) : linear;
 }
 function ofLog({data, layout, curves}, log) {
   const drawn = curves[log].flatMap(group => {
