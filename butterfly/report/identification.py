@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.files import replacing
 from butterfly.model.linear import resonance_frequency
 from butterfly.report.figures import frequency_response_figure, time_figure, time_figures
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_figures,
-    misfit_numbers,
     misfit_sentences,
     misfit_table,
 )
+from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.page import render, write_beside
 from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.physical import (
     HEADERS,
-    physical_numbers,
     physical_rows,
     physical_sentences,
 )
-from butterfly.report.words import sentences, summary, verdict_on
+from butterfly.report.words import summary, verdict_on
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -106,26 +103,6 @@ def write_report(
             "time": time_figure(runs[middle]),
             "left-over": correlation_figure(misfit.logs[middle]),
         }
-    write_beside(path, drawn, _numbers(identification, truth))
+    write_beside(path, drawn, told_identification(identification, truth).document())
     with replacing(path) as draft:
         draft.write_text(page, encoding="utf-8")
-
-
-def _numbers(identification: Identification, truth: LumpedParameters | None) -> dict[str, Any]:
-    """Return what the report says, for programs."""
-    estimate, fit = identification.estimate, identification.summary
-    records = ParameterRecord.all_of(estimate, truth)
-    return verdict_on(estimate).numbers() | {
-        "method": estimate.method,
-        "parameters": {each.parameter: each.numbers() for each in records},
-        "fit": fit.numbers(),
-        "fits": {run.log.name: run.fit for run in identification.free_runs},
-        "held_out": identification.held_out,
-        "physical": physical_numbers(identification.physical),
-        "misfit": misfit_numbers(identification.misfit),
-        "ending": estimate.ending,
-        "findings": [
-            asdict(finding) for finding in (*estimate.findings, *identification.misfit.findings)
-        ],
-        "summary": sentences(estimate),
-    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Scatter
@@ -12,11 +12,10 @@ from plotly.subplots import make_subplots
 from butterfly.report.figures import PALETTE
 from butterfly.report.misfit import (
     correlation_figure,
-    left_over_numbers,
-    misfit_numbers,
     misfit_sentences,
     misfit_table,
 )
+from butterfly.report.numbers.comparison_numbers import comparison_sentences
 from butterfly.report.page import Page, Section, Table
 
 if TYPE_CHECKING:
@@ -25,8 +24,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from butterfly.compare.three_way import ThreeWay
+    from butterfly.identify.data import DataSet
     from butterfly.identify.judgement.misfit import Misfit
-    from butterfly.report.verdict import SaidVerdict
+    from butterfly.report.numbers.document import Told
 
 _SIMULATORS = {"MuJoCo": (PALETTE[1], "square"), "grey box": (PALETTE[5], "diamond")}
 _STEP = 0.02  # s between drawn points
@@ -34,21 +34,19 @@ _DRAWN = 3  # logs drawn in time, phase plane and residual torque
 _PERIODS = 4  # of the slowest drawn motion in the phase plane
 
 
-def three_way_page(
-    name: str, description: str, compared: Sequence[ThreeWay], misfit: Misfit, verdict: SaidVerdict
-) -> Page:
+def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, told: Told) -> Page:
     """Put together the report of a comparison.
 
     Parameters
     ----------
-    name, description
-        Of the data set.
+    data
+        The logs.
     compared
         Its logs, each simulated twice. The best, the middle and the worst by FIT are drawn.
     misfit
         Of the whole data set, with the same parameters.
-    verdict
-        On these parameters.
+    told
+        All this for programs (see `told_comparison`).
     """
     judged = {log.name: log for log in misfit.logs}
     order = np.argsort([each.fits["grey box"] for each in compared])
@@ -96,45 +94,14 @@ def three_way_page(
             ),
         )
     return Page(
-        name=name,
-        description=description,
+        name=data.name,
+        description=data.description,
         kind="comparison",
-        summary=[*_summary(compared), *misfit_sentences(misfit)],
+        summary=[*comparison_sentences(compared), *misfit_sentences(misfit)],
         sections=sections,
-        numbers=verdict.numbers() | _numbers(compared) | {"misfit": misfit_numbers(misfit)},
-        verdict=verdict,
+        numbers=told.document(),
+        verdict=told.verdict,
     )
-
-
-def _summary(compared: Sequence[ThreeWay]) -> list[str]:
-    fits = {key: np.array([each.fits[key] for each in compared]) for key in _SIMULATORS}
-    apart = max(each.difference for each in compared)
-    way = compared[0].log.added_mass.joint.way
-    return [
-        f"{len(compared)} logs, each simulated in MuJoCo and by the grey-box equation with the "
-        "same parameters and the recorded input.",
-        *(
-            f"{key} follows the logs with a median FIT of {np.median(fit):.2f} % "
-            f"(worst {fit.min():.2f} %)."
-            for key, fit in fits.items()
-        ),
-        f"The two simulators are nowhere more than {apart:.2g} {way} apart.",
-    ]
-
-
-def _numbers(compared: Sequence[ThreeWay]) -> dict[str, Any]:
-    return {
-        "logs": [
-            {
-                "log": each.log.label,
-                "fit": each.fits,
-                "largest_difference_rad": each.difference,
-                "gain_ratio": {k: [abs(g), float(np.angle(g))] for k, g in each.gains.items()},
-                "residual_torque": left_over_numbers(each.residual.left_over),
-            }
-            for each in compared
-        ]
-    }
 
 
 def _table(compared: Sequence[ThreeWay]) -> Table:
