@@ -46,7 +46,19 @@ class IdentifiabilityError(ButterflyError):
 
 
 class UnusableError(ButterflyError):
-    """Values were found, but no joint has them, and nothing can be made of them."""
+    """Values were found, but no joint has them, and nothing can be made of them.
+
+    Parameters
+    ----------
+    said
+        The verdict on them.
+    reasons
+        Why it is no better.
+    """
+
+    def __init__(self, said: str, reasons: tuple[str, ...] = ()) -> None:
+        self.reasons = reasons
+        super().__init__(said)
 
 
 class StoppedError(ButterflyError):

@@ -100,7 +100,14 @@ def changed(before: Identified | Named, after: Identified | Named) -> Changed:
             *untested_sentences(found),
         ),
         table=tuple(change_rows(found, kind, joint)),
+        besides={"identifications": [_named(each) for each in (one, other)]},
     )
+
+
+def _named(found: Identified) -> dict[str, Any]:
+    """Return which identification it was, for programs."""
+    about = {key: found.origin[key] for key in ("name", "input", "logs")}
+    return {**about, "estimator": found.estimator, **found.judged.numbers()}
 
 
 def _identified(given: Identified | Named) -> Identified:
@@ -161,7 +168,7 @@ def _warnings(*both: Identified) -> list[str]:
 def _files(found: Identified) -> set[Path]:
     """Return the files of its logs, as far as they are known."""
     manifest: dict[str, Any] | None = found.origin["manifest"]
-    if manifest is None:
+    if manifest is None or manifest["root"] is None:
         return set()
     return {Path(manifest["root"]) / entry["file"] for entry in manifest["logs"]}
 

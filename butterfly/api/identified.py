@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from butterfly import __version__
-from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.identified_plots import IdentifiedPlots
 from butterfly.api.result import Result, aligned, text, texts
@@ -29,9 +27,17 @@ from butterfly.logs.manifest import Manifest
 from butterfly.model.known import PHYSICAL, Knowledge
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, JointKind
 from butterfly.report.identification import write_report
+from butterfly.report.numbers.estimate_json import estimate_of
+from butterfly.report.numbers.estimate_numbers import chosen_numbers
+from butterfly.report.numbers.identification_numbers import (
+    BESIDES,
+    besides_of,
+    origin_of,
+    titled,
+    told_of_parts,
+)
 from butterfly.report.parameter_rows import rows_of, unit_of
-from butterfly.report.physical import physical_numbers
-from butterfly.report.words import fit_said, sentences, summary, verdict_on
+from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,8 +49,10 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
     from butterfly.identify.physical import PhysicalParameters
     from butterfly.model.parameters import LumpedParameters
+    from butterfly.report.numbers.document import Told
     from butterfly.report.verdict import SaidVerdict
 
 
@@ -67,6 +75,8 @@ class Identified(Result):
         What was found, in words.
     held_out
         FIT in per cent of each log that was held out, by its name.
+    saved
+        What a file told of it that its logs are needed for (see `besides_of`).
     live
         The identification with its logs; None for one that was loaded.
     """
@@ -79,26 +89,16 @@ class Identified(Result):
     fits: dict[str, float]
     summary: tuple[str, ...]
     held_out: dict[str, float] = field(default_factory=dict)
+    saved: dict[str, Any] = field(default_factory=dict)
     live: Identification | None = None
 
     @classmethod
     def of(cls, found: Identification, estimator: str) -> Identified:
         """Wrap an identification made by an estimator of this label."""
-        data, manifest = found.data, found.data.whole_manifest
-        carrier = data.logs[0].added_mass
         return cls(
             estimate=found.estimate,
             estimator=estimator,
-            origin={
-                "name": data.name,
-                "description": data.description,
-                "input": str(data.input_kind),
-                "logs": len(data.logs),
-                "known": data.known.as_told(),
-                "joint": str(carrier.joint),
-                "gravity": carrier.gravity,
-                "manifest": manifest and manifest.model_dump(mode="json"),
-            },
+            origin=origin_of(found),
             fits={run.log.name: run.fit for run in found.free_runs},
             summary=tuple(summary(found)),
             held_out=found.held_out,
@@ -111,7 +111,8 @@ class Identified(Result):
         origin = dict(content["data"])
         InputKind(origin["input"])
         if origin["manifest"] is not None:
-            Manifest.model_validate(origin["manifest"])
+            manifest = origin["manifest"]
+            Manifest.model_validate({**manifest, "root": manifest["root"] or "."})
         result = cls(
             estimate=estimate_of(content["estimate"]),
             estimator=text(content["estimator"]),
@@ -119,41 +120,47 @@ class Identified(Result):
             fits=_fits(content["fits"]),
             summary=texts(content["summary"]),
             held_out=_fits(content.get("held_out", {})),
+            saved={key: content[key] for key in BESIDES if key in content},
         )
         result.physical()
         return result
 
-    def content(self) -> dict[str, Any]:
-        """Return all that is saved."""
-        fit = self.fit
-        return {
-            "butterfly": __version__,
-            "estimator": self.estimator,
-            **self.judged.numbers(),
-            "summary": list(self.summary),
-            "parameters": {row.pop("parameter"): row for row in self.rows()},
-            "fit": fit.numbers(),
-            "fits": self.fits,
-            "held_out": self.held_out,
-            "data": self.origin,
-            "physical": physical_numbers(self._physical()),
-            "estimate": estimate_content(self.estimate),
-        }
+    def told(self) -> Told:
+        """Return what it says, for programs."""
+        return told_of_parts(
+            estimate=self.estimate,
+            label=self.estimator,
+            origin=self.origin,
+            fits=self.fits,
+            held_out=self.held_out,
+            said=self.summary,
+            physical=self._physical(),
+            besides=self._besides,
+        )
 
-    def portable(self, content: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """Return the content with the logs' folder relative to the file's, if it lies below."""
-        manifest = content["data"]["manifest"]
-        if manifest is None or not Path(manifest["root"]).is_relative_to(folder):
-            return content
-        below = manifest | {"root": Path(manifest["root"]).relative_to(folder).as_posix()}
-        return content | {"data": content["data"] | {"manifest": below}}
+    @property
+    def _besides(self) -> dict[str, Any]:
+        if self.live is not None:
+            return besides_of(self.live)
+        return {"chosen": chosen_numbers(None, self.estimate, self.estimator)} | self.saved
+
+    def kept(self, folder: Path) -> dict[str, Any]:
+        """Return what `save` writes: besides all the rest, where the logs lie.
+
+        That is relative to the folder of the file, if they lie below.
+        """
+        document, manifest = self.to_dict(), self.origin["manifest"]
+        if manifest is None or manifest["root"] is None:
+            return document
+        root = Path(manifest["root"])
+        said = root.relative_to(folder).as_posix() if root.is_relative_to(folder) else str(root)
+        document["data"]["manifest"]["root"] = said
+        return document
 
     @property
     def title(self) -> str:  # type: ignore[override]
-        """Method, data, and the values with their standard errors."""
-        fit = self.fit
-        name = self.origin["name"]
-        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_said(fit.median)} %"
+        """Method, data, and the FIT."""
+        return titled(self.estimator, self.origin["name"], self.fit)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: value, standard error, 95 % interval, unit."""
@@ -295,6 +302,11 @@ class Identified(Result):
         return measured_response(self.data.sines, added_mass)
 
     @property
+    def made_by(self) -> Estimator | None:
+        """The estimator; None of a result that was loaded."""
+        return None if self.live is None else self.live.estimator
+
+    @property
     def plot(self) -> IdentifiedPlots:
         """Its figures, as plotly's."""
         return IdentifiedPlots(self._identification)
@@ -333,7 +345,7 @@ class Identified(Result):
         if self.live is not None:
             return self.live
         found = self.origin["manifest"]
-        if found is None:
+        if found is None or found["root"] is None:
             expected = "one whose logs came from one source of files, to be read again"
             raise InputError("a result that was loaded", "logs", "none", expected)
         return simulated(read_data_set(Manifest.model_validate(found)), self.estimate)

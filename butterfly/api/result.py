@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from abc import ABC, abstractmethod
 from html import escape
@@ -10,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.errors import ButterflyError
-from butterfly.files import replacing
 from butterfly.identify.judgement.verdict import Standing
-from butterfly.report.page import Page, Section, Table, finite, write_page
+from butterfly.report.numbers.document import SCHEMA_NUMBER, write_document
+from butterfly.report.page import Page, Section, Table, write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from plotly.graph_objects import Figure
 
+    from butterfly.report.numbers.document import Told
     from butterfly.report.verdict import SaidVerdict
 
 _SIGNIFICANT = 4
@@ -32,7 +32,7 @@ class Result(ABC):
     kind: ClassVar[str]
     """What it is, in files."""
 
-    schema_number: ClassVar[int] = 1
+    schema_number: ClassVar[int] = SCHEMA_NUMBER
     """Of its JSON; raised when an older program could no longer read it."""
 
     title: str
@@ -59,8 +59,8 @@ class Result(ABC):
         """Return the table that it is about, a row each, units in the names of its columns."""
 
     @abstractmethod
-    def content(self) -> dict[str, Any]:
-        """Return all that is saved, as JSON can hold it."""
+    def told(self) -> Told:
+        """Return what it says, for programs."""
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return `rows` as a person reads them."""
@@ -70,19 +70,20 @@ class Result(ABC):
         """Return what `print` shows of the table, aligned; nothing where it would be long."""
         return []
 
-    def portable(self, content: dict[str, Any], folder: Path) -> dict[str, Any]:  # noqa: ARG002
-        """Return the content of a file in a folder, with paths that last when both are moved."""
-        return content
+    def kept(self, folder: Path) -> dict[str, Any]:  # noqa: ARG002 - for one that has logs
+        """Return what `save` writes to a file in a folder."""
+        return self.to_dict()
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
         return {}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values that JSON can hold; None stands for what is unknown."""
-        head = {"schema": f"butterfly.{self.kind}", "schema_number": self.schema_number}
-        said: dict[str, Any] = finite(head | self.content())
-        return said
+        """Return the result as plain values that JSON can hold; None stands for what is unknown.
+
+        It is what the commands write with ``--json``, and holds no path of this machine.
+        """
+        return self.told().document()
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return `rows` as a pandas frame.
@@ -108,10 +109,7 @@ class Result(ABC):
         InputError
             If the file cannot be written.
         """
-        content = self.portable(self.to_dict(), Path(path).resolve().parent)
-        with replacing(Path(path)) as draft:
-            text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
-            draft.write_text(text + "\n", encoding="utf-8")
+        write_document(self.kept(Path(path).resolve().parent), Path(path))
 
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
         """Write a page that opens offline, and its numbers as JSON beside it.

@@ -55,8 +55,8 @@ def load(
         raise InputError(file, "schema_number", number, expected)
     try:
         manifest = content.get("data", {}).get("manifest")
-        if manifest is not None:
-            moved = None if root is None else Path(root)
+        moved = None if root is None else Path(root)
+        if manifest is not None and (moved or manifest["root"]) is not None:
             manifest["root"] = str(root_of(file, manifest["root"], moved))
         result = kind.of_content(content)
         result.shown_rows()

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
 from plotly.graph_objects import Bar, Figure, Scatter
 
-from butterfly import __version__
 from butterfly.api.result import Result, text, texts
-from butterfly.identify.identification import held_out_fits
-from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.report.figures import PALETTE
+from butterfly.report.numbers.comparison_numbers import told_comparison
+from butterfly.report.numbers.document import HEAD, Told
 from butterfly.report.three_way import three_way_page
 from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import fit_said, held_out_sentences, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,11 +20,9 @@ if TYPE_CHECKING:
 
     from butterfly.compare.three_way import ThreeWay
     from butterfly.identify.data import DataSet
-    from butterfly.identify.design import Candidate
     from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
     from butterfly.identify.judgement.misfit import Misfit
-    from butterfly.identify.judgement.validation import HeldOut
-    from butterfly.logs.log import Log
     from butterfly.report.page import Page
 
 
@@ -43,12 +38,30 @@ class Tabulated(Result):
         Its rows, units in the names of the columns.
     judged
         The verdict on the estimate that it rests on; None of a result of an older program.
+    besides, units
+        What else `to_dict` says, and the units of what it says.
     """
 
     title: str
     summary: tuple[str, ...]
     table: tuple[dict[str, Any], ...]
     judged: SaidVerdict | None = None
+    besides: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of_told(cls, told: Told, **more: Any) -> Self:  # noqa: ANN401 - fields of its own
+        """Return what was told for programs as a result."""
+        content = dict(told.content)
+        return cls(
+            title=told.title,
+            summary=told.summary,
+            table=tuple(content.pop("rows")),
+            judged=told.verdict,
+            besides=content,
+            units=dict(told.units),
+            **more,
+        )
 
     @classmethod
     def of_content(cls, content: dict[str, Any]) -> Self:
@@ -64,13 +77,20 @@ class Tabulated(Result):
             summary=texts(content["summary"]),
             table=tuple(dict(row) for row in content["rows"]),
             judged=SaidVerdict.of_numbers(content),
+            besides={key: content[key] for key in content if key not in {*HEAD, "rows"}},
+            units={str(key): str(unit) for key, unit in content.get("units", {}).items()},
         )
 
-    def content(self) -> dict[str, Any]:
-        """Return all that is saved."""
-        said = {"verdict": None} if self.judged is None else self.judged.numbers()
-        about = {"butterfly": __version__, "title": self.title, "summary": list(self.summary)}
-        return said | about | {"rows": self.rows()}
+    def told(self) -> Told:
+        """Return what it says, for programs."""
+        return Told(
+            kind=self.kind,
+            title=self.title,
+            verdict=self.judged,
+            summary=self.summary,
+            content={**self.besides, "rows": self.rows()},
+            units=self.units,
+        )
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the table."""
@@ -88,31 +108,6 @@ class Validated(Tabulated):
 
     kind: ClassVar[str] = "validation"
 
-    @classmethod
-    def of(cls, data: DataSet, label: str, held: HeldOut, whole: ParameterEstimate) -> Validated:
-        """Tabulate what was held out, beside an estimate from all logs."""
-        predictor = Predictor(data)
-        seen = predictor.fits(whole)
-        rows = tuple(
-            {**_about(log), "FIT seen in %": float(inside), "FIT left out in %": float(outside)}
-            for log, inside, outside in zip(data.logs, seen, held.fits, strict=True)
-        )
-        within = FitSummary.of(seen, predictor.horizon(whole))
-        without, judged = held.summary, verdict_on(whole)
-        return cls(
-            title=f"{label} of {data.name!r}, {held.division.left_out} at a time",
-            summary=(
-                judged.sentence,
-                held.division.said,
-                f"What was left out is followed with a median FIT{without.over} of "
-                f"{fit_said(without.median)} % (mean {fit_said(without.mean)} %, worst "
-                f"{fit_said(without.worst)} %); those that were seen, {fit_said(within.median)} %.",
-                *held_out_sentences(held_out_fits(data, whole)),
-            ),
-            table=rows,
-            judged=judged,
-        )
-
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
         return {"fits": self.plot.fits()}
@@ -123,33 +118,6 @@ class Designed(Tabulated):
     """Next experiments, the most telling first."""
 
     kind: ClassVar[str] = "design"
-
-    @classmethod
-    def of(cls, data: DataSet, found: ParameterEstimate, ranked: Sequence[Candidate]) -> Designed:
-        """Tabulate candidates: standard errors after each, over those now."""
-        rows = tuple(
-            {
-                "added mass": str(each.added_mass),
-                "input": each.what,
-                f"swing in {data.joint.way}": each.swing,
-                "mean": each.score,
-                **dict(zip(found.names, map(float, each.errors), strict=True)),
-                "warning": each.warning,
-            }
-            for each in ranked
-        )
-        best, judged = ranked[0], verdict_on(found)
-        return cls(
-            title=f"Next experiments after {data.name!r}: standard errors over those now",
-            summary=(
-                judged.sentence,
-                f"Most telling next: {best.what} with {best.added_mass}, which leaves "
-                f"{100 * best.score:.0f} % of the standard errors on average"
-                + (f"; but: {best.warning}." if best.warning else "."),
-            ),
-            table=rows,
-            judged=judged,
-        )
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
@@ -172,27 +140,16 @@ class Compared(Tabulated):
 
     @classmethod
     def of(
-        cls, data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, found: ParameterEstimate
+        cls,
+        data: DataSet,
+        estimator: Estimator | None,
+        compared: Sequence[ThreeWay],
+        misfit: Misfit,
+        found: ParameterEstimate,
     ) -> Compared:
         """Tabulate logs, each simulated twice with an estimate, and the misfit of the data set."""
-        verdict = verdict_on(found)
-        page = three_way_page(data.name, data.description, compared, misfit, verdict)
-        judged = {log.name: log for log in misfit.logs}
-        rows = tuple(
-            {
-                **_about(each.log),
-                **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
-                f"simulators apart in {data.joint.way}": each.difference,
-                **{f"gain {name}": abs(gain) for name, gain in each.gains.items()},
-                "error in % of the motion": 100 * judged[each.log.name].relative,
-                "outside its bands": judged[each.log.name].outside,
-                "left over looks like": judged[each.log.name].left_over.looks_like,
-            }
-            for each in compared
-        )
-        title = f"MuJoCo and grey box beside {data.name!r}"
-        summary = (verdict.sentence, *page.summary)
-        return cls(title=title, summary=summary, table=rows, judged=verdict, live=page)
+        told = told_comparison(data, estimator, compared, misfit, found)
+        return cls.of_told(told, live=three_way_page(data, compared, misfit, told))
 
     def page(self) -> Page:
         """Put together the page of `report`."""
@@ -252,13 +209,3 @@ class TablePlots:
         figure.update_yaxes(title="standard errors after, over those now")
         figure.update_layout(height=420)
         return figure
-
-
-def _about(log: Log) -> dict[str, Any]:
-    """Name a log and what was done in it."""
-    sine = log.excitation
-    return {
-        "log": log.name,
-        "added mass in kg": log.added_mass.mass,
-        "frequency in rad/s": sine.omega if sine else np.nan,
-    }

@@ -22,5 +22,5 @@ def require_possible(estimate: ParameterEstimate) -> SaidVerdict:
     """
     verdict = verdict_on(estimate)
     if estimate.verdict.impossible:
-        raise UnusableError(verdict.sentence)
+        raise UnusableError(verdict.sentence, verdict.reasons)
     return verdict

@@ -30,6 +30,7 @@ from butterfly.identify.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.twin import MASS
+from butterfly.report.numbers.table_numbers import told_design, told_validation
 
 if TYPE_CHECKING:
     from butterfly.api.sources import Data, Named
@@ -138,7 +139,7 @@ def validate(
     estimator = make_estimator(method, options).suited(logs)
     quick = estimator.unchecked()
     held = hold_out(logs, quick, choice(Split, "validate", "split", split), folds=folds)
-    return Validated.of(logs, estimator.label, held, judged(logs, quick))
+    return Validated.of_told(told_validation(logs, estimator, held, judged(logs, quick)))
 
 
 def design(
@@ -167,9 +168,10 @@ def design(
     UnusableError
         If no joint has the parameters that were found.
     """
-    logs, found = _estimated(data, method, options)
+    logs, estimator, found = _estimated(data, method, options)
     require_possible(found)
-    return Designed.of(logs, found, next_experiments(logs, found, largest_swing=swing))
+    ranked = next_experiments(logs, found, largest_swing=swing)
+    return Designed.of_told(told_design(logs, estimator, found, ranked))
 
 
 def compare(
@@ -200,26 +202,27 @@ def compare(
     UnusableError
         If no joint has those that were found.
     """
-    whole, found = _estimated(data, method, options, check=False)
+    whole, estimator, found = _estimated(data, method, options, check=False)
     require_possible(found)
     count = len(whole.logs)
     numbers = list(range(count)) if logs is None else _numbers(logs, count)
     compared = compare_three(whole, found, numbers, mass=mass)
-    return Compared.of(whole, compared, judge_misfit(whole, found), found)
+    return Compared.of(whole, estimator, compared, judge_misfit(whole, found), found)
 
 
 def _estimated(
     data: Data, method: Method | None, options: Mapping[str, Any], *, check: bool = True
-) -> tuple[DataSet, ParameterEstimate]:
-    """Return logs and a judged estimate from them, which an identification has already."""
+) -> tuple[DataSet, Estimator | None, ParameterEstimate]:
+    """Return logs, an estimator, and its judged estimate; an identification has them already."""
     if isinstance(data, Identified):
         if method is not None or options:
             told = ", ".join(options) if method is None else str(method)
             expected = "none beside a result, which has its estimate"
             raise InputError("butterfly", "method", told, expected)
-        return data.data, data.estimate
-    logs, estimator = read(data), make_estimator(method or DEFAULT_METHOD, options)
-    return logs, judged(logs, estimator if check else estimator.unchecked())
+        return data.data, data.made_by, data.estimate
+    logs = read(data)
+    estimator = make_estimator(method or DEFAULT_METHOD, options).suited(logs)
+    return logs, estimator, judged(logs, estimator if check else estimator.unchecked())
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given

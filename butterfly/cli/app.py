@@ -15,7 +15,8 @@ import typer
 from butterfly import __version__
 from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.cli.exit_codes import ExitCode
-from butterfly.cli.lazy import MARKUP, LazyGroup
+from butterfly.cli.lazy import MARKUP, QUIETLY, LazyGroup
+from butterfly.cli.loudness import be_quiet, one_command
 from butterfly.cli.show_progress import tell_no_more
 from butterfly.errors import ButterflyError, StoppedError, UnusableError
 from butterfly.sizes import memory, said
@@ -60,7 +61,10 @@ app.add_typer(
 @app.callback(invoke_without_command=True)
 def _root(
     version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help=QUIETLY)] = False,
 ) -> None:
+    if quiet:
+        be_quiet()
     if version:
         typer.echo(f"butterfly {__version__}")
         raise typer.Exit
@@ -74,7 +78,8 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # what a terminal cannot show is no reason to end
     try:
-        app()
+        with one_command():
+            app()
         sys.stdout.flush()
     except (StoppedError, KeyboardInterrupt) as stopped:
         typer.echo(str(stopped) or "stopped", err=True)
@@ -84,6 +89,9 @@ def main() -> None:
         _end(str(error), ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)
     except MemoryError:
         _end(f"more memory is needed than there is ({said(memory())})", ExitCode.BAD_INPUT)
+    except BrokenPipeError:  # whoever reads, as `head` does, has read enough
+        _leave_stdout()
+        sys.exit(ExitCode.UNREAD)
     except OSError as error:
         _leave_stdout()
         _end(str(error), ExitCode.BAD_INPUT)

@@ -13,6 +13,7 @@ from butterfly.cli.console import show_page
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import (
     DATA,
     SPLITS,
@@ -33,11 +34,13 @@ from butterfly.identify.judgement.misfit import judge_misfit
 from butterfly.identify.judgement.splits import Split
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
+from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page, write_page
 from butterfly.report.three_way import three_way_page
 from butterfly.resources import locate
 
 
+@answers_in_json("comparison")
 @takes_data_options
 @takes_estimator()
 def compare_command(
@@ -51,6 +54,7 @@ def compare_command(
     mass: MassOption = MASS,
     report: ReportOption = None,
     figures: FiguresOption = False,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Compare MuJoCo, grey-box model and logs for the same input.
@@ -64,13 +68,16 @@ def compare_command(
     require_report(figures, report)
     read = options.read(data)
     numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
-    found = judged(read, estimator.unchecked())
-    verdict = require_possible(found)
+    chosen = estimator.suited(read)
+    found = judged(read, chosen.unchecked())
+    require_possible(found)
     compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
     misfit = judge_misfit(read, found)
-    _show(three_way_page(read.name, read.description, compared, misfit, verdict), report, figures)
+    told = told_comparison(read, chosen, compared, misfit, found)
+    _show(three_way_page(read, compared, misfit, told), report, figures, answer)
 
 
+@answers_in_json("leaderboard")
 @takes_data_options
 def leaderboard_command(
     *,
@@ -81,6 +88,7 @@ def leaderboard_command(
     split: Annotated[Split, typer.Option(help=SPLITS)] = Split.AUTO,
     report: ReportOption = None,
     figures: FiguresOption = False,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Rank estimators by how well they predict what they have not seen.
@@ -96,14 +104,15 @@ def leaderboard_command(
     entries = leaderboard(
         sets, [ESTIMATORS[name]() for name in names], split=split, track=show_progress
     )
-    _show(leaderboard_page(entries), report, figures)
+    _show(leaderboard_page(entries), report, figures, answer)
 
 
-def _show(page: Page, report: Path | None, figures: bool) -> None:
+def _show(page: Page, report: Path | None, figures: bool, answer: JsonAnswer) -> None:
     show_page(page)
     if report is not None:
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
+    answer.write(page.numbers)
     end_with(None if page.verdict is None else page.verdict.standing)
 
 

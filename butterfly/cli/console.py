@@ -9,6 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from butterfly.cli.loudness import say_verdict
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -40,7 +42,7 @@ def new_table(title: str, *headers: str) -> Table:
 def show_page(page: Page) -> None:
     """Print a report: its verdict, its tables, then what else it says."""
     if page.verdict is not None:
-        typer.echo(page.verdict.sentence)
+        say_verdict(page.verdict.sentence)
     for section in page.sections:
         for part in section.tables:
             table = new_table(section.title, *part.headers)

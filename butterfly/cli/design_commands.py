@@ -11,13 +11,17 @@ from butterfly.cli.console import CONSOLE, new_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
+from butterfly.cli.loudness import say_verdict
 from butterfly.cli.options import DataArgument
 from butterfly.cli.show_progress import show_progress
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import judged
+from butterfly.report.numbers.table_numbers import told_design
 
 
+@answers_in_json("design")
 @takes_data_options
 @takes_estimator()
 def design_command(
@@ -33,6 +37,7 @@ def design_command(
         ),
     ] = None,
     count: Annotated[int, typer.Option(min=1, help="How many candidates to print.")] = 12,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Rank candidate next experiments by how much they would tell.
@@ -42,8 +47,9 @@ def design_command(
     refused.
     """
     logs = options.read(data)
-    found = judged(logs, estimator)
-    typer.echo(require_possible(found).sentence)
+    chosen = estimator.suited(logs)
+    found = judged(logs, chosen)
+    say_verdict(require_possible(found).sentence)
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
     table = new_table(
         f"{logs.name}: standard errors after one more run, over those now",
@@ -59,4 +65,5 @@ def design_command(
             candidate.warning,
         )
     CONSOLE.print(table)
+    answer.give(lambda: told_design(logs, chosen, found, ranked))
     end_with(found.verdict.standing)

@@ -19,6 +19,7 @@ class ExitCode(IntEnum):
     BAD_INPUT = 2
     NOT_TO_BE_USED = 3
     STOPPED = 130
+    UNREAD = 141
 
     @property
     def meaning(self) -> str:
@@ -38,4 +39,5 @@ _MEANINGS = {
     ExitCode.BAD_INPUT: "bad input",
     ExitCode.NOT_TO_BE_USED: "an answer not to be used: it did not converge, or warns of itself",
     ExitCode.STOPPED: "a sweep was stopped, by Ctrl-C or a signal to end; what is done is kept",
+    ExitCode.UNREAD: "whoever read standard output closed it, as `head` does",
 }

@@ -10,6 +10,7 @@ import typer
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import (
     DataArgument,
     FiguresOption,
@@ -24,8 +25,10 @@ from butterfly.cli.show_progress import show_progress
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import identify
 from butterfly.identify.other_parameters import told_parameters
+from butterfly.report.numbers.identification_numbers import told_identification
 
 
+@answers_in_json("identification")
 @takes_data_options
 @takes_estimator()
 def identify_command(
@@ -46,10 +49,13 @@ def identify_command(
     save: Annotated[
         Path | None,
         typer.Option(
-            help="Save the identification to this file (.json), for `butterfly predict`.",
+            help="Save the identification to this file (.json), to be read again by `butterfly "
+            "predict`, `results compare` and from Python: what --json writes, and where the logs "
+            "lie on this machine.",
             show_default=False,
         ),
     ] = None,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Identify the robot from a data set.
@@ -82,4 +88,5 @@ def identify_command(
 
         Identified.of(result, chosen.label).save(save)
         typer.echo(f"Saved: {save}")
+    answer.give(lambda: told_identification(result))
     end_with(result.estimate.verdict.standing)

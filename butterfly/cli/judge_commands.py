@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -12,6 +11,8 @@ from butterfly.cli.console import CONSOLE, new_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
+from butterfly.cli.loudness import say_verdict
 from butterfly.cli.options import (
     SPLITS,
     DataArgument,
@@ -33,9 +34,15 @@ from butterfly.identify.judgement.term_selection import select_terms
 from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
+from butterfly.report.numbers.table_numbers import (
+    told_residual,
+    told_selection,
+    told_validation,
+)
 from butterfly.report.words import held_out_sentences, verdict_on
 
 
+@answers_in_json("validation")
 @takes_data_options
 @takes_estimator()
 def validate_command(
@@ -56,6 +63,7 @@ def validate_command(
             "--bootstrap", min=0, help="Also estimate so often from logs drawn with replacement."
         ),
     ] = 0,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Predict logs that the estimator has not seen, and compare with those it has.
@@ -63,9 +71,10 @@ def validate_command(
     Example: `butterfly validate results/quickstart --method output-error`
     """
     logs = options.read(data).holding_out(parse_names(holdout))
-    quick = estimator.suited(logs).unchecked()
+    chosen = estimator.suited(logs)
+    quick = chosen.unchecked()
     whole = judged(logs, quick)
-    typer.echo(verdict_on(whole).sentence)
+    say_verdict(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
     typer.echo(held.division.said)
     predictor = Predictor(logs)
@@ -86,6 +95,7 @@ def validate_command(
             f"{key} {value:.4g}" for key, value in zip(found.names, found.values, strict=True)
         )
         typer.echo(f"Without {name}: {values}")
+    drawn = None
     if repetitions:
         drawn = bootstrap(logs, quick, whole, repetitions=repetitions, track=show_progress)
         table = new_table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
@@ -93,9 +103,11 @@ def validate_command(
         for name, *numbers in rows:
             table.add_row(str(name), *(f"{number:.4g}" for number in numbers))
         CONSOLE.print(table)
+    answer.give(lambda: told_validation(logs, chosen, held, whole, drawn))
     end_with(whole.verdict.standing)
 
 
+@answers_in_json("selection")
 @takes_data_options
 @takes_estimator("output-error", leave_out=("terms",))
 def select_command(
@@ -105,6 +117,7 @@ def select_command(
     candidates: Annotated[
         str, typer.Option(help="Terms to choose from, separated by commas.")
     ] = "drag,load,bias,p3_offset,stribeck",
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Choose friction terms by how well they predict what was left out: added masses, or logs.
@@ -115,8 +128,9 @@ def select_command(
     logs = options.read(data)
     terms, quick = parse_terms(candidates) or (), estimator.unchecked()
     passed = select_terms(logs, quick, terms, track=show_progress)
-    found = judged(logs, quick.with_terms(passed[-1].terms))
-    typer.echo(verdict_on(found).sentence)
+    chosen = quick.with_terms(passed[-1].terms)
+    found = judged(logs, chosen)
+    say_verdict(verdict_on(found).sentence)
     splits = tuple(passed[0].held_out)
     headers = [f"{kind} {what}" for kind in ("in sample", *splits) for what in ("median", "mean")]
     table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
@@ -126,9 +140,11 @@ def select_command(
         table.add_row(", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells)
     CONSOLE.print(table)
     typer.echo(f"Chosen: --terms {','.join(passed[-1].terms) or '(none)'}")
+    answer.give(lambda: told_selection(logs, chosen, terms, passed, found))
     end_with(found.verdict.standing)
 
 
+@answers_in_json("residual")
 @takes_data_options
 @takes_estimator()
 def residual_command(
@@ -140,10 +156,7 @@ def residual_command(
         typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
     ] = None,
     plot: PlotOption = None,
-    numbers: Annotated[
-        Path | None,
-        typer.Option("--json", help="Write the numbers to this file.", show_default=False),
-    ] = None,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Show what the identified model, all its terms, leaves over of the logs.
@@ -157,18 +170,17 @@ def residual_command(
     """
     from butterfly.report.misfit import (  # noqa: PLC0415 - slow to import
         HEADERS,
-        misfit_numbers,
         misfit_sentences,
         misfit_table,
     )
-    from butterfly.report.page import write_numbers  # noqa: PLC0415 - slow to import
 
     logs = options.read(data)
     if number is not None and number >= len(logs.logs):
         raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
-    estimate = judged(logs, estimator.unchecked())
+    suited = estimator.suited(logs)
+    estimate = judged(logs, suited.unchecked())
     verdict = verdict_on(estimate)
-    typer.echo(verdict.sentence)
+    say_verdict(verdict.sentence)
     misfit = judge_misfit(logs, estimate)
     shown = misfit.logs if number is None else misfit.logs[number : number + 1]
     table = new_table(f"{logs.name}: what {estimate.method} leaves over", *HEADERS)
@@ -189,9 +201,7 @@ def residual_command(
 
             write_residual(residual, misfit.logs[chosen], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")
-    if numbers is not None:
-        write_numbers(verdict.numbers() | misfit_numbers(misfit), numbers)
-        typer.echo(f"Numbers: {numbers}")
+    answer.give(lambda: told_residual(logs, suited, estimate, misfit, misfit_sentences(misfit)))
     end_with(verdict.standing)
 
 

@@ -6,12 +6,16 @@ A table tells their names and what they do, so that help and slips need no modul
 from __future__ import annotations
 
 import gc
+import inspect
 import sys
+from functools import wraps
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from butterfly.cli.loudness import be_quiet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -19,6 +23,9 @@ if TYPE_CHECKING:
 
 MARKUP: Any = "markdown"
 """What docstrings of commands are written in."""
+
+QUIETLY = "Print the verdict alone, and no progress; where there is no verdict, nothing but errors."
+"""What ``--quiet`` does, before a command's name or after it."""
 
 
 class Command(NamedTuple):
@@ -92,5 +99,24 @@ class LazyGroup(TyperGroup):
 
 def _made(name: str, command: Command) -> Any:  # noqa: ANN401 - typer's
     app = typer.Typer(add_completion=False, rich_markup_mode=MARKUP)
-    app.command(name)(command.load())
+    app.command(name)(_with_quiet(command.load()))
     return typer.main.get_command(app)
+
+
+def _with_quiet(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that takes ``--quiet`` after its name, as the program does before it."""
+
+    @wraps(command)
+    def wrapped(*, quiet: bool, **given: Any) -> Any:  # noqa: ANN401 - whatever the command returns
+        if quiet:
+            be_quiet()
+        return command(**given)
+
+    declared = Annotated[bool, typer.Option("--quiet", "-q", help=QUIETLY)]
+    last = inspect.Parameter(
+        "quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=declared
+    )
+    parameters = [*inspect.signature(command, eval_str=True).parameters.values(), last]
+    wrapped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {each.name: each.annotation for each in parameters}
+    return wrapped

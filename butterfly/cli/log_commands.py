@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +9,7 @@ import typer
 
 from butterfly.cli.console import CONSOLE, new_table, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import (
     ColumnsOption,
     DataArgument,
@@ -30,18 +30,17 @@ from butterfly.logs.manifest import MANIFEST_NAME, write_manifest
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
 from butterfly.logs.remarks import Condition
 from butterfly.report.inspection import health_rows, hints, inspect_logs
+from butterfly.report.numbers.other_numbers import told_inspection
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from butterfly.logs.log import Log
     from butterfly.logs.manifest import Manifest
-    from butterfly.logs.remarks import Remark
     from butterfly.report.inspection import Inspected
 
-_STDOUT = Path("-")
 
-
+@answers_in_json("inspection")
 @takes_data_options
 def inspect_command(
     *,
@@ -51,12 +50,7 @@ def inspect_command(
         typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
     ] = None,
     plot: PlotOption = None,
-    json_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--json", help="Write what was found to this file; - prints it.", show_default=False
-        ),
-    ] = None,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Check logs: clock, gaps, saturation, clipping, turns, and the dominant frequency.
@@ -75,16 +69,14 @@ def inspect_command(
         raise InputError(data, "--plot", f"{count} logs", "one log (--log N)")
     part = manifest.model_copy(update={"logs": chosen})
     several = len(chosen) > 1
-    seen = inspect_logs(part, show_progress) if several or json_file is not None else []
-    if json_file is not None:
-        _write_json(seen, json_file)
-        if json_file == _STDOUT:
-            _refuse_unusable(data, seen)
-            return
+    seen = inspect_logs(part, show_progress) if several or answer.wanted else []
+    if answer.wanted:
+        answer.give(lambda: told_inspection(part, seen, _said(seen, manifest)))
+        _refuse_unusable(data, seen)
     if several:
         _show_all(data, seen)
-        _say_zeros([each.log for each in seen if each.log is not None], manifest)
-        _show_hints(remark for each in seen for remark in each.remarks)
+        for sentence in _said(seen, manifest):
+            typer.echo(sentence)
         _refuse_unusable(data, seen)
         return
     ((log, health),) = (
@@ -95,8 +87,8 @@ def inspect_command(
     is_log = data.suffix.lower() in FORMATS
     typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(chosen[0]))
     show_pairs(health_rows(log, health))
-    _say_zeros([log], manifest)
-    _show_hints(health.remarks)
+    for sentence in (*_zeros_said([log], manifest), *hints(health.remarks)):
+        typer.echo(sentence)
     if plot is not None:
         from butterfly.report.inspection_page import write_inspection  # noqa: PLC0415 - slow
 
@@ -170,26 +162,19 @@ def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
     CONSOLE.print(table)
 
 
-def _say_zeros(logs: list[Log], manifest: Manifest) -> None:
+def _said(seen: Sequence[Inspected], manifest: Manifest) -> list[str]:
+    """Say where the hand hangs, and what to do about what was found."""
+    logs = [each.log for each in seen if each.log is not None]
+    return [
+        *_zeros_said(logs, manifest),
+        *hints(remark for each in seen for remark in each.remarks),
+    ]
+
+
+def _zeros_said(logs: list[Log], manifest: Manifest) -> list[str]:
     from butterfly.report.zeros import zeros_said  # noqa: PLC0415 - slow to import
 
-    for said in zeros_said(logs, manifest.knowledge):
-        typer.echo(said)
-
-
-def _show_hints(remarks: Iterable[Remark]) -> None:
-    for hint in hints(remarks):
-        typer.echo(hint)
-
-
-def _write_json(seen: Sequence[Inspected], path: Path) -> None:
-    from butterfly.report.page import write_numbers  # noqa: PLC0415 - slow to import
-
-    numbers = {"logs": [each.as_dict() for each in seen]}
-    if path == _STDOUT:
-        typer.echo(json.dumps(numbers, indent=2, ensure_ascii=False))
-    else:
-        write_numbers(numbers, path)
+    return zeros_said(logs, manifest.knowledge)
 
 
 def _refuse_unusable(data: Path, seen: Sequence[Inspected]) -> None:

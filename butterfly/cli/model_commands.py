@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,8 @@ from butterfly.api.usable import require_possible
 from butterfly.cli.console import show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
+from butterfly.cli.loudness import say_verdict
 from butterfly.cli.options import DATA, MassOption
 from butterfly.errors import InputError
 from butterfly.experiment.named_robot import export, is_data
@@ -23,11 +25,15 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.plant.twin import MASS, carrying_twin
 from butterfly.plant.watch.picture import render
+from butterfly.report.numbers.table_numbers import rests_on
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from butterfly.identify.judgement.verdict import Standing
+    from butterfly.logs.log import InputKind
     from butterfly.plant.robot import Robot
+    from butterfly.report.numbers.document import Told
+    from butterfly.report.verdict import SaidVerdict
 
 SourceArgument = Annotated[
     Path, typer.Argument(help=f"An experiment file or a shipped one's name, or data: {DATA}.")
@@ -39,19 +45,22 @@ AddedOption = Annotated[
 _ARM = 0.104  # m
 
 
+@answers_in_json("model")
 @takes_data_options
 def show_command(
     *,
     source: SourceArgument,
     mass: MassOption = MASS,
     added: AddedOption = 0.0,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Print the robot's physical and lumped parameters.
 
     Example: `butterfly model show quickstart --added-mass 0.05`
     """
-    robot, carried, standing = _named(source, mass, added, options)
+    named = _named(source, mass, added, options)
+    robot, carried = named.robot, named.carried
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
         "hand": _numbers(robot.hand),
@@ -66,15 +75,16 @@ def show_command(
         "resonance": f"{resonance_frequency(loaded):.5g} rad/s",
     }
     show_pairs(rows.items())
-    end_with(standing)
+    answer.give(named.told)
+    end_with(named.standing)
 
 
 def _numbers(part: object) -> str:
     """Name the numbers of one part that are not at their defaults (SI units)."""
     return ", ".join(
-        f"{field.name} {getattr(part, field.name):.6g}"
-        for field in fields(part)  # type: ignore[arg-type]
-        if getattr(part, field.name) != field.default
+        f"{each.name} {getattr(part, each.name):.6g}"
+        for each in fields(part)  # type: ignore[arg-type]
+        if getattr(part, each.name) != each.default
     )
 
 
@@ -93,10 +103,10 @@ def render_command(
 
     Example: `butterfly model render quickstart --added-mass 0.05 --out hand.png`
     """
-    robot, carried, standing = _named(source, mass, added, options)
-    render(robot, carried, angle, out, size)
+    named = _named(source, mass, added, options)
+    render(named.robot, named.carried, angle, out, size)
     typer.echo(f"Picture: {out}")
-    end_with(standing)
+    end_with(named.standing)
 
 
 @takes_data_options
@@ -115,18 +125,43 @@ def export_command(
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
-    robot, carried, standing = _named(source, mass, added, options)
-    export(robot, carried, out)
+    named = _named(source, mass, added, options)
+    export(named.robot, named.carried, out)
     typer.echo(f"Model: {out}")
-    end_with(standing)
+    end_with(named.standing)
 
 
-def _named(
-    source: Path, mass: float, added: float, options: DataOptions
-) -> tuple[Robot, AddedMass, Standing | None]:
-    """Return a robot, what it carries, and the verdict's standing if it is the twin of data.
+@dataclass(frozen=True, kw_only=True)
+class _Named:
+    """A robot, what it carries, and what it rests on if it is the twin of data."""
 
-    The verdict is printed.
+    name: str
+    robot: Robot
+    carried: AddedMass
+    input_kind: InputKind
+    verdict: SaidVerdict | None = None
+    besides: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def standing(self) -> Standing | None:
+        return None if self.verdict is None else self.verdict.standing
+
+    def told(self) -> Told:
+        """Return it for programs."""
+        from butterfly.report.numbers.model_numbers import told_model  # noqa: PLC0415 - slow
+
+        return told_model(
+            self.name,
+            self.robot,
+            self.carried,
+            self.input_kind,
+            verdict=self.verdict,
+            besides=self.besides,
+        )
+
+
+def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Named:
+    """Return a robot, and print the verdict if it is the twin of data.
 
     Raises
     ------
@@ -137,16 +172,26 @@ def _named(
     """
     path, carried = locate(source), _carried(added, options)
     if not is_data(path):
-        return read_experiment(path).plant.robot, carried, None
+        plan = read_experiment(path)
+        kind = plan.input_kind
+        return _Named(name=plan.name, robot=plan.plant.robot, carried=carried, input_kind=kind)
     logs = options.read(source)
     if logs.joint is JointKind.SLIDE:
         raise InputError(str(source), "joint", logs.joint, "a hinge, which the model in MuJoCo has")
-    found = judged(logs, Suitable(check=False))
+    chosen = Suitable(check=False).suited(logs)
+    found = judged(logs, chosen)
     verdict = require_possible(found)
-    typer.echo(verdict.sentence)
+    say_verdict(verdict.sentence)
     gravity = logs.logs[0].added_mass.gravity
     twin, rest = carrying_twin(found.parameters, replace(carried, gravity=gravity), mass)
-    return twin, rest, verdict.standing
+    return _Named(
+        name=logs.name,
+        robot=twin,
+        carried=rest,
+        input_kind=logs.input_kind,
+        verdict=verdict,
+        besides=rests_on(logs, found, chosen),
+    )
 
 
 def _carried(added: float, options: DataOptions) -> AddedMass:

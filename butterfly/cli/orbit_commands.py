@@ -9,6 +9,7 @@ import typer
 
 from butterfly.cli.console import show_page
 from butterfly.cli.exit_codes import end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import FiguresOption, ResultsOption
 from butterfly.cli.show_progress import show_progress
 from butterfly.experiment.orbit import calibrate_orbit
@@ -18,6 +19,7 @@ from butterfly.report.page import write_page
 from butterfly.resources import locate
 
 
+@answers_in_json("orbit")
 def calibrate_orbit_command(
     *,
     experiment: Annotated[
@@ -25,6 +27,7 @@ def calibrate_orbit_command(
     ],
     out: ResultsOption = None,
     figures: FiguresOption = False,
+    answer: JsonAnswer,
 ) -> None:
     """Hold a large orbit, re-calibrate the model next to it, and hold it better.
 
@@ -43,4 +46,5 @@ def calibrate_orbit_command(
     show_page(page)
     write_page(page, folder / "report.html", figures=figures)
     typer.echo(f"Report: {folder / 'report.html'}")
+    answer.write(page.numbers)
     end_with(study.estimate.verdict.standing)

@@ -12,6 +12,7 @@ from butterfly.api.looking_ahead import predict
 from butterfly.cli.console import show_page
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import DATA, FiguresOption, ReportOption, parse_pairs, require_report
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
@@ -22,6 +23,7 @@ from butterfly.report.page import write_page
 from butterfly.resources import locate
 
 
+@answers_in_json("prediction")
 @takes_data_options
 def predict_command(
     *,
@@ -57,12 +59,9 @@ def predict_command(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Fixes everything random.")] = 0,
-    numbers: Annotated[
-        Path | None,
-        typer.Option("--json", help="Write the result to this file.", show_default=False),
-    ] = None,
     report: ReportOption = None,
     figures: FiguresOption = False,
+    answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
     """Predict logs, or an experiment that nobody has done, with given parameters.
@@ -94,12 +93,10 @@ def predict_command(
         drawn = found.drawn or parameters_of(result, draws, seed, track=show_progress)
         drawn.write_csv(out)
         typer.echo(f"Draws: {out}")
-    if numbers is not None:
-        found.save(numbers)
-        typer.echo(f"Numbers: {numbers}")
     if report is not None:
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
+    answer.give(found.told)
     end_with(found.standing)
 
 

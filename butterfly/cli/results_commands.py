@@ -13,12 +13,22 @@ import typer
 from pyarrow import csv, parquet
 
 from butterfly.cli.console import CONSOLE, new_table, show_pairs
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import ReportOption, parse_pairs
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
+from butterfly.experiment.kept import EXPERIMENT
+from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.record import OK
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
+from butterfly.logs.log import InputKind
+from butterfly.report.numbers.record_numbers import (
+    told_record,
+    told_rows,
+    told_runs,
+    told_table,
+)
 from butterfly.report.words import verdict_of
 
 if TYPE_CHECKING:
@@ -43,10 +53,14 @@ TableOption = Annotated[str, typer.Option(help="Which table: runs or estimates."
 _WIDEST = 40  # characters of a cell
 
 
+@answers_in_json("results")
 def list_command(
     folder: Annotated[Path, typer.Argument(help="Where to look for results.")] = Path("results"),
+    *,
+    answer: JsonAnswer,
 ) -> None:
     """List the sweeps whose results lie in a folder, and how many of their runs are done."""
+    said: list[dict[str, Any]] = []
     table = new_table(f"Results in {folder}", "sweep", "runs", "done", "failed", "varied")
     for path in sorted(folder.glob(f"*/{SWEEP}")) or sorted(folder.glob(SWEEP)):
         store = ResultStore(path.parent)
@@ -54,18 +68,25 @@ def list_command(
             sweep = store.sweep()
         except InputError:
             table.add_row(str(path.parent), "–", "–", "–", "of another version")
+            said.append({"sweep": path.parent.name, "runs": None})
             continue
         records = (store.read(run.key) for run in sweep.runs)
         states = Counter(record and record.status for record in records)
         done = states[OK]
         counts = (len(sweep.runs), done, states.total() - states[None] - done)
         table.add_row(str(path.parent), *map(str, counts), ", ".join(sweep.fields))
+        numbers = dict(zip(("runs", "done", "failed"), counts, strict=True))
+        said.append({"sweep": path.parent.name, **numbers, "varied": list(sweep.fields)})
     CONSOLE.print(table)
+    answer.give(lambda: told_table("results", "Results", said))
 
 
+@answers_in_json("run-record")
 def show_command(
     folder: FolderArgument,
     run: Annotated[str, typer.Argument(help="A run: its number, or the start of its key.")],
+    *,
+    answer: JsonAnswer,
 ) -> None:
     """Show one run: what it set, what it found, how long it took, and with which versions."""
     store = ResultStore(folder)
@@ -92,14 +113,18 @@ def show_command(
     logs = store.files_path(record.key)
     if logs.exists():
         typer.echo(f"Logs: {logs} (butterfly identify takes this folder)")
+    answer.give(lambda: told_record(record, _input_kind(folder)))
 
 
+@answers_in_json("table")
 def table_command(
     folder: FolderArgument,
     table: TableOption = RUNS,
     where: FilterOption = None,
     columns: ColumnsOption = None,
     limit: Annotated[int, typer.Option(min=1, help="Rows to print.")] = 50,
+    *,
+    answer: JsonAnswer,
 ) -> None:
     """Print rows of a table.
 
@@ -112,6 +137,7 @@ def table_command(
     CONSOLE.print(shown)
     if found.num_rows > limit:
         typer.echo(f"{found.num_rows - limit} more rows; --limit shows them, export keeps them.")
+    answer.give(lambda: told_rows(table, found, limit, _input_kind(folder)))
 
 
 def without_formulas(table: pa.Table) -> pa.Table:
@@ -149,6 +175,7 @@ def export_command(
     typer.echo(f"{found.num_rows} rows: {out}")
 
 
+@answers_in_json("change")
 def compare_command(
     folder: Annotated[
         Path, typer.Argument(help="A saved identification; or a sweep's results, as results/NAME.")
@@ -168,13 +195,8 @@ def compare_command(
         typer.Option(help="Results that hold the other run, if not the same ones."),
     ] = None,
     *,
-    numbers: Annotated[
-        Path | None,
-        typer.Option(
-            "--json", help="Write what is said of identifications here.", show_default=False
-        ),
-    ] = None,
     report: ReportOption = None,
+    answer: JsonAnswer,
 ) -> None:
     """Tell whether a robot has changed between two identifications, or compare two runs.
 
@@ -186,14 +208,14 @@ def compare_command(
     `butterfly results compare results/large-sweep 0 1`
     """
     if other is None:
-        _compare_identifications(folder, Path(one), numbers, report)
+        _compare_identifications(folder, Path(one), answer, report)
         return
     first = _record(ResultStore(folder), one)
     second = _record(ResultStore(against or folder), other)
     table = new_table("What was set", "", one, other)
-    said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
-    for name in dict.fromkeys([*said[0], *said[1]]):
-        values = [each.get(name) for each in said]
+    set_ = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
+    for name in dict.fromkeys([*set_[0], *set_[1]]):
+        values = [each.get(name) for each in set_]
         if values[0] != values[1]:
             table.add_row(name, *(_text(value) for value in values))
     CONSOLE.print(table)
@@ -212,10 +234,12 @@ def compare_command(
             if twin is not None:
                 table.add_row(row.parameter, *_difference(row, twin))
         CONSOLE.print(table)
+    kinds = [_input_kind(folder), _input_kind(against or folder)]
+    answer.give(lambda: told_runs((first, second), kinds))
 
 
 def _compare_identifications(
-    before: Path, after: Path, numbers: Path | None, report: Path | None
+    before: Path, after: Path, answer: JsonAnswer, report: Path | None
 ) -> None:
     """Print whether a robot has changed, first in words."""
     from butterfly.api.changed import changed  # noqa: PLC0415 - slow to import
@@ -233,12 +257,10 @@ def _compare_identifications(
     CONSOLE.print(table)
     for sentence in found.summary[1:]:
         typer.echo(sentence)
-    if numbers is not None:
-        found.save(numbers)
-        typer.echo(f"Numbers: {numbers}")
     if report is not None:
         found.report(report)
         typer.echo(f"Report: {report}")
+    answer.give(found.told)
 
 
 def clean_command(
@@ -253,6 +275,12 @@ def clean_command(
     for path in removed:
         typer.echo(f"removed {path}")
     typer.echo(f"{len(removed)} removed.")
+
+
+def _input_kind(folder: Path) -> InputKind:
+    """Return what the input of results commands, as the experiment beside them says."""
+    path = folder / EXPERIMENT
+    return read_experiment(path).input_kind if path.exists() else InputKind.TORQUE
 
 
 def _table(folder: Path, name: str) -> pa.Table:

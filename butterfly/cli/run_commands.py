@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import count, islice
 from pathlib import Path
@@ -13,6 +13,8 @@ import typer
 
 from butterfly.cli.console import show_page
 from butterfly.cli.exit_codes import ExitCode, end_with
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
+from butterfly.cli.loudness import print_document
 from butterfly.cli.options import (
     ExperimentArgument,
     FiguresOption,
@@ -22,6 +24,7 @@ from butterfly.cli.show_identification import show_estimates, show_identificatio
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
+from butterfly.experiment.kept import keep_experiment
 from butterfly.experiment.perform import outcome_of, perform
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
@@ -34,6 +37,8 @@ from butterfly.experiment.workers import DaskEngine, LocalEngine
 from butterfly.files import replacing
 from butterfly.logs.manifest import Manifest
 from butterfly.report.identification import write_report
+from butterfly.report.numbers.document import write_document
+from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep import sweep_page
@@ -50,6 +55,8 @@ if TYPE_CHECKING:
     from butterfly.logs.log import Log
 
 _ORBIT_REPORT = "orbit.html"
+RESULT = "result.json"
+"""File of a single run's results: what --json tells."""
 
 
 class EngineName(StrEnum):
@@ -72,6 +79,7 @@ _SCHEMAS: dict[SchemaName, type[BaseModel]] = {
 }
 
 
+@answers_in_json("run")
 def run_command(
     *,
     experiment: ExperimentArgument,
@@ -101,6 +109,7 @@ def run_command(
             show_default="a cluster on this machine",
         ),
     ] = None,
+    answer: JsonAnswer,
 ) -> None:
     """Simulate an experiment, identify the robot from its logs, and write a report.
 
@@ -116,14 +125,18 @@ def run_command(
     """
     if scheduler is not None and engine is not EngineName.DASK:
         raise InputError("butterfly run", "--scheduler", scheduler, "--engine dask beside it")
-    plan = plan_sweep(Source(locate(experiment)))
+    source = Source(locate(experiment))
+    plan = plan_sweep(source)
     folder = out or Path("results") / plan.experiment.name
     if plan.experiment.sweep is None and engine is EngineName.LOCAL:
-        _run_here(plan, folder, jobs=jobs, force=force, only=only, figures=figures)
+        asked = _Asked(plan, source, folder, answer)
+        _run_here(asked, jobs=jobs, force=force, only=only, figures=figures)
         return
     chosen: Engine = LocalEngine(jobs)
     if engine is EngineName.DASK:
         chosen = DaskEngine(scheduler, jobs)
+    chosen_of(plan.tasks, only)
+    keep_experiment(source, folder)
     summary = run_sweep(plan, folder, chosen, force=force, only=only, track=show_progress)
     store = ResultStore(folder)
     page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
@@ -134,13 +147,23 @@ def run_command(
         f"{summary.unsuccessful} without a result."
     )
     typer.echo(f"Report: {folder / 'report.html'}")
+    answer.write(page.numbers)
     if summary.unsuccessful:
         raise typer.Exit(ExitCode.NO_RESULT)
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """A single run that is asked for, and where it and its answer go."""
+
+    plan: SweepPlan
+    source: Source
+    folder: Path
+    answer: JsonAnswer
+
+
 def _run_here(
-    plan: SweepPlan,
-    folder: Path,
+    asked: _Asked,
     *,
     jobs: int | None,
     force: bool,
@@ -148,6 +171,7 @@ def _run_here(
     figures: bool,
 ) -> None:
     """Do an experiment's one run in this process, with all cores, and report all of it."""
+    plan, folder = asked.plan, asked.folder
     (task,) = chosen_of(plan.tasks, only)
     store, experiment = ResultStore(folder), plan.experiment
     _warn_of_wide_swings(experiment)
@@ -158,12 +182,15 @@ def _run_here(
         _show_reports(folder, record)
         if record.status != OK:
             raise ButterflyError(record.reason)
+        asked.answer.write(json.loads((folder / RESULT).read_text(encoding="utf-8")))
         end_with(record.standing)
         return
     store.begin()
+    kept = keep_experiment(asked.source, folder)
     result = perform(experiment, threads=jobs, track=show_progress)
     logs = _written(experiment, result.logs, folder)
-    store.write(outcome_of(task, experiment, result))
+    outcome = outcome_of(task, experiment, result)
+    store.write(outcome)
     truth = experiment.plant.robot.lumped
     for name, identification in zip(_report_names(), result.identifications.values(), strict=False):
         show_identification(identification, truth)
@@ -174,12 +201,16 @@ def _run_here(
         show_page(page)
         write_page(page, folder / _ORBIT_REPORT, figures=figures)
     show_estimates(result.record)
-    beside = digests(folder, [*logs, *_reports(result.record)])
+    result = replace(result, record=outcome.record)
+    told = told_run(experiment, asked.source.content, result).document()
+    write_document(told, folder / RESULT)
+    beside = digests(folder, [*kept, RESULT, *logs, *_reports(result.record)])
     sweep = replace(sweep_record(plan), beside=beside)
     store.end_sweep(sweep)
     _show_reports(folder, result.record)
     if result.error is not None:
         raise result.error
+    asked.answer.write(told)
     end_with(result.record.standing)
 
 
@@ -222,7 +253,7 @@ def schema_command(
     """
     text = json.dumps(_SCHEMAS[what].model_json_schema(), indent=2, default=str)
     if out is None:
-        typer.echo(text)
+        print_document(text + "\n")
         return
     with replacing(out) as draft:
         draft.write_text(text + "\n", encoding="utf-8")

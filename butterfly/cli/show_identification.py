@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from butterfly.cli.console import CONSOLE, new_table
+from butterfly.cli.loudness import say_verdict
 from butterfly.report.parameter_rows import parameter_rows, rows_of
 from butterfly.report.physical import HEADERS, TITLE, physical_rows, physical_sentences
 from butterfly.report.words import fit_said, sentences_of, summary
@@ -27,7 +28,7 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
     """Print parameters (beside the true ones if known), verdict, and FIT of other parameters."""
     title = f"{result.data.name}: {result.estimate.method}"
     verdict, *others = summary(result)
-    typer.echo(verdict)
+    say_verdict(verdict)
     _show_parameters(title, parameter_rows(result, truth), with_truth=truth is not None)
     if result.data.known.physical and (rows := physical_rows(result.physical)):
         table = new_table(TITLE, *HEADERS)
@@ -69,7 +70,7 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
         values = {row.parameter: row.value for row in estimate.parameters}
         said = sentences_of(estimate.verdict, estimate.findings, values)
         if estimate.parameters:
-            typer.echo(said[0])
+            say_verdict(said[0])
             rows = rows_of(estimate.parameters, input_kind)
             _show_parameters(estimate.estimator, rows, with_truth=True)
         if estimate.fit is not None:

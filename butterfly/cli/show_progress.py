@@ -9,6 +9,8 @@ from collections.abc import Sized
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
+from butterfly.cli.loudness import is_quiet
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
@@ -22,6 +24,8 @@ _telling: set[threading.Event] = set()  # by which lines that are told end
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
     """Show a bar on terminals, and elsewhere a plain line every `EVERY` seconds."""
+    if is_quiet():
+        return items
     if not sys.stderr.isatty():
         return _told(items, description)
     from rich.console import Console  # noqa: PLC0415 - slow to import

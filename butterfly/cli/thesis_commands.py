@@ -8,12 +8,15 @@ from typing import Annotated
 import typer
 
 from butterfly.cli.console import CONSOLE, new_table
+from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.errors import InputError
 from butterfly.experiment.thesis_robot import thesis_robot
+from butterfly.report.numbers.other_numbers import told_reproduction
 from butterfly.thesis.figure_data import write_figure_data
 from butterfly.thesis.tables import has_real_logs, reproduce
 
 
+@answers_in_json("reproduction")
 def reproduce_command(
     *,
     what: Annotated[str, typer.Argument(help="What to reproduce: thesis.")],
@@ -25,6 +28,7 @@ def reproduce_command(
         Path | None,
         typer.Option(help="Write the data of Figures 3-12 to this folder.", show_default=False),
     ] = None,
+    answer: JsonAnswer,
 ) -> None:
     """Print the thesis's figures beside those obtained the same way, and the right ones.
 
@@ -49,3 +53,4 @@ def reproduce_command(
     if out is not None:
         for path in write_figure_data(out, synthetic, root):
             typer.echo(f"Figure data: {path}")
+    answer.give(lambda: told_reproduction(rows))

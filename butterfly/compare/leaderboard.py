@@ -11,6 +11,8 @@ from butterfly.identify.identification import estimated, judge
 from butterfly.identify.judgement.splits import Split
 from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import JointKind
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ class Entry:
         Taken by the fit to all logs, checks included.
     error
         Why there is no estimate, or none with a mass left out.
+    input_kind, joint
+        Of the data set.
     """
 
     data: str
@@ -49,6 +53,8 @@ class Entry:
     estimate: ParameterEstimate | None
     seconds: float
     error: str
+    input_kind: InputKind = InputKind.VOLTAGE
+    joint: JointKind = JointKind.HINGE
 
 
 def leaderboard(
@@ -110,4 +116,6 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         estimate=found,
         seconds=seconds or time.perf_counter() - begun,
         error=error,
+        input_kind=data.input_kind,
+        joint=data.joint,
     )

@@ -177,12 +177,16 @@ def _saved_manifest(path: Path, root: Path | None) -> Manifest:
     expected = "an identification that butterfly saved"
     try:
         found = json.loads(path.read_text(encoding="utf-8"))["data"]["manifest"]
-        manifest = None if found is None else Manifest.model_validate(found)
+        told = found and found["root"]
+        manifest = found and Manifest.model_validate({**found, "root": told or "."})
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(path, "data.manifest", "none that can be used", expected) from None
     if manifest is None:
         expected = "one whose logs came from one source of files, to be read again"
         raise InputError(path, "data.manifest", "none", expected)
+    if told is None and root is None:
+        expected = "--root, the folder of the logs: this result does not say where they lie"
+        raise InputError(path, "data.manifest.root", "nothing", expected)
     folder = root_of(path, manifest.root, root)
     if not folder.is_dir():
         raise InputError(path, "data.manifest.root", folder, "the folder of the logs, or --root")

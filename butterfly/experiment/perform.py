@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
-import scipy
 
-from butterfly import __version__
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit import hold_orbit
@@ -21,6 +17,7 @@ from butterfly.experiment.record import FAILED, OK, REFUSED, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import packed, simulate
+from butterfly.experiment.versions import versions
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import OutputError
 from butterfly.identify.identification import Identification, identify
@@ -122,17 +119,6 @@ def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome
     )
     keep = experiment.keep_signals and result.logs
     return Outcome(record=record, files=packed(experiment, result.logs) if keep else {})
-
-
-def versions() -> dict[str, str]:
-    """Return what the result was made with."""
-    return {
-        "butterfly": __version__,
-        "mujoco": mujoco.__version__,
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "python": platform.python_version(),
-    }
 
 
 def _judged(error: Exception | None) -> tuple[str, str]:

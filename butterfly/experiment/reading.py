@@ -41,6 +41,8 @@ class Source:
         The merged mapping.
     tables
         Signals that were read from files so far, by their digests.
+    signals
+        These files.
 
     Raises
     ------
@@ -58,7 +60,13 @@ class Source:
         content.pop("extends", None)
         self.content = content
         self.tables: dict[str, Table] = {}
+        self.signals: dict[TableFile, Path] = {}
         self._digests: dict[TableFile, str] = {}
+
+    @property
+    def paths(self) -> list[Path]:
+        """The file, and those that it extends."""
+        return [document.path for document in self._documents]
 
     def experiment(self, content: dict[str, Any] | None = None) -> Experiment:
         """Validate the merged content, or a variation of it.
@@ -94,6 +102,7 @@ class Source:
             digest, table = read_table(path, named.time, named.values)
             self.tables[digest] = table
             self._digests[named] = digest
+            self.signals[named] = path
         return {"table": self._digests[named]}
 
 

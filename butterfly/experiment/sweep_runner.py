@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError, StoppedError
-from butterfly.experiment.perform import execute, versions
+from butterfly.experiment.perform import execute
 from butterfly.experiment.record import FAILED, OK, SweepRecord
 from butterfly.experiment.store import ResultStore
+from butterfly.experiment.versions import versions
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:

@@ -58,6 +58,8 @@ class Identification:
         Other parameters on the same logs.
     held_runs
         Simulation of each log that was held out.
+    estimator
+        What made the estimate; None of one that was saved.
     """
 
     data: DataSet
@@ -65,6 +67,7 @@ class Identification:
     free_runs: tuple[FreeRun, ...]
     comparisons: tuple[OtherParameters, ...]
     held_runs: tuple[FreeRun, ...] = ()
+    estimator: Estimator | None = None
 
     @property
     def fits(self) -> NDArray[np.float64]:
@@ -126,7 +129,7 @@ def identify(
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
     (sure,) = [judge(data, estimator, each, run.fits) for each in track([run.estimate], "Judging")]
-    return replace(run, estimate=sure)
+    return replace(run, estimate=sure, estimator=estimator)
 
 
 def held_out_fits(data: DataSet, estimate: ParameterEstimate) -> dict[str, float]:

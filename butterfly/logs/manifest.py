@@ -252,7 +252,8 @@ class Manifest(StrictModel):
         """Return the manifest of a robot of which more is known."""
         if not known:
             return self
-        return self.model_copy(update={"known": self.knowledge.also(known).as_told()})
+        both = self.knowledge.also(known)
+        return self.model_copy(update={"known": {**both.parameters, **both.physical}})
 
     def moving(self, joint: JointKind | None, gravity: float | None) -> Manifest:
         """Return the manifest of a joint that moves otherwise, as far as that is said."""

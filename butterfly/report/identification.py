@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.logs.remarks import Condition
 from butterfly.model.linear import resonance_frequency
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
@@ -15,10 +13,10 @@ from butterfly.report.frequency_figure import frequency_response_figure
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
-    misfit_numbers,
     misfit_sentences,
     misfit_table,
 )
+from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.page import (
     LEVEL_OF_CONDITION,
     Chip,
@@ -33,13 +31,12 @@ from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.physical import (
     HEADERS,
     TITLE,
-    physical_numbers,
     physical_rows,
     physical_sentences,
 )
 from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
 from butterfly.report.time_figure import time_figure, time_series
-from butterfly.report.words import fit_said, sentences, summary, verdict_on
+from butterfly.report.words import fit_said, summary, verdict_on
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -133,7 +130,7 @@ def identification_page(
         lead=_lead(rows, with_truth=truth is not None),
         summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
         sections=sections,
-        numbers=_numbers(identification, truth),
+        numbers=told_identification(identification, truth).document(),
         logs=[f"{run.log.label} – FIT {fit_said(run.fit)} %" for run in runs],
         chosen=middle,
         stills={
@@ -307,23 +304,3 @@ def _held_out(identification: Identification) -> list[Section]:
     caption = "Logs that were not used for the fit, simulated with its values."
     table = Table(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
     return [Section(title="Held out", tables=(table,))]
-
-
-def _numbers(identification: Identification, truth: LumpedParameters | None) -> dict[str, Any]:
-    """Return what the report says, for programs."""
-    estimate, fit = identification.estimate, identification.summary
-    records = ParameterRecord.all_of(estimate, truth)
-    return verdict_on(estimate).numbers() | {
-        "method": estimate.method,
-        "parameters": {each.parameter: each.numbers() for each in records},
-        "fit": fit.numbers(),
-        "fits": {run.log.name: run.fit for run in identification.free_runs},
-        "held_out": identification.held_out,
-        "physical": physical_numbers(identification.physical),
-        "misfit": misfit_numbers(identification.misfit),
-        "ending": estimate.ending,
-        "findings": [
-            asdict(finding) for finding in (*estimate.findings, *identification.misfit.findings)
-        ],
-        "summary": sentences(estimate),
-    }

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from plotly.graph_objects import Bar, Figure
 
-from butterfly.identify.judgement.verdict import Standing
 from butterfly.report.figures import PALETTE
+from butterfly.report.numbers.comparison_numbers import leaderboard_sentences, told_leaderboard
 from butterfly.report.page import Page, Section, Table
-from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
 def leaderboard_page(entries: Sequence[Entry]) -> Page:
     """Put together the report of estimators over data sets, the best of each first."""
     sets = list(dict.fromkeys(entry.data for entry in entries))
-    sections, verdict = [], _verdict(entries, sets)
+    sections, told = [], told_leaderboard(entries)
     for number, name in enumerate(sets):
         own = [entry for entry in entries if entry.data == name]
         figure = {f"fit-{number}": _figure(own)}
@@ -31,40 +29,11 @@ def leaderboard_page(entries: Sequence[Entry]) -> Page:
         name="leaderboard",
         description="Estimators over data sets: " + ", ".join(sets),
         kind="leaderboard",
-        summary=_summary(entries, sets),
+        summary=leaderboard_sentences(entries),
         sections=sections,
-        numbers=verdict.numbers() | {"entries": [_numbers(entry) for entry in entries]},
-        verdict=verdict,
+        numbers=told.document(),
+        verdict=told.verdict,
     )
-
-
-def _verdict(entries: Sequence[Entry], sets: Sequence[str]) -> SaidVerdict:
-    """Say the worst verdict on the first of each data set, and all reasons, by their data set."""
-    firsts = {name: next(entry for entry in entries if entry.data == name) for name in sets}
-    standings, reasons = [], []
-    for name, first in firsts.items():
-        if first.estimate is None:
-            standings.append(Standing.NOT)
-            reasons.append(f"{name}: {first.error}")
-            continue
-        said = verdict_on(first.estimate)
-        standings.append(said.standing)
-        reasons += [f"{name}, {first.method}: {reason}" for reason in said.reasons]
-    return SaidVerdict(Standing.worst(standings) or Standing.NOT, tuple(reasons))
-
-
-def _summary(entries: Sequence[Entry], sets: Sequence[str]) -> list[str]:
-    sentences = []
-    for name in sets:
-        best = next(entry for entry in entries if entry.data == name)
-        if best.held_out is None:
-            sentences.append(f"{name}: no estimator could predict what was left out.")
-            continue
-        sentences.append(
-            f"{name}: {best.method} predicts best what it has not seen ({best.left_out} at a "
-            f"time), with a median FIT{best.held_out.over} of {best.held_out.median:.1f} %."
-        )
-    return sentences
 
 
 def _table(entries: Sequence[Entry]) -> Table:
@@ -102,16 +71,3 @@ def _figure(entries: Sequence[Entry]) -> Figure:
     figure.update_xaxes(title="estimator")
     figure.update_layout(height=340, barmode="group")
     return figure
-
-
-def _numbers(entry: Entry) -> dict[str, Any]:
-    fits = {"held_out": entry.held_out, "in_sample": entry.in_sample}
-    said = {"verdict": None} if entry.estimate is None else verdict_on(entry.estimate).numbers()
-    return {
-        "data": entry.data,
-        "method": entry.method,
-        "left_out": entry.left_out or None,
-        **said,
-        "seconds": entry.seconds,
-        "error": entry.error,
-    } | {name: None if fit is None else fit.numbers() for name, fit in fits.items()}

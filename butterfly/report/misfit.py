@@ -1,4 +1,4 @@
-"""What free runs leave over, as sentences, a table, a figure and numbers."""
+"""What free runs leave over, as sentences, a table and a figure."""
 
 from __future__ import annotations
 
@@ -59,44 +59,6 @@ def misfit_table(logs: Iterable[LogMisfit], picks: Sequence[int] = ()) -> Table:
     return Table(
         name="misfit", headers=HEADERS, rows=rows, caption=_CAPTION, words=(likeness,), picks=picks
     )
-
-
-def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
-    """Return what the table says, for programs: shares of the rms motion, and names of terms."""
-    return {
-        "relative": misfit.relative,
-        "after_small_changes": misfit.left,
-        "by_sensors": misfit.explained,
-        "times_sensors": misfit.times,
-        "beyond_sensors": misfit.beyond_sensors,
-        "logs_outside": misfit.outside,
-        "left_over": left_over_numbers(misfit.left_over),
-        "logs": [
-            {
-                "log": log.name,
-                "motion_rad": log.motion,
-                "error_rad": log.error,
-                "after_small_changes_rad": log.left,
-                "by_sensors_rad": log.explained,
-                "encoder_step_rad": log.sensor.step,
-                "noise_rad": log.sensor.noise,
-                "over_band": dict(zip(map(str, LEVELS), log.excess, strict=True)),
-                "left_over": left_over_numbers(log.left_over),
-            }
-            for log in misfit.logs
-        ],
-    }
-
-
-def left_over_numbers(left_over: LeftOver) -> dict[str, Any]:
-    """Return what something left over looks like, for programs."""
-    return {
-        "looks_like": list(left_over.terms),
-        "relative": left_over.relative,
-        "size": left_over.size,
-        "noise_share": left_over.noise,
-        "shares": left_over.shares,
-    }
 
 
 def correlation_figure(log: LogMisfit) -> Figure:

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
 
-from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.model.energy import Orbit, energy
 from butterfly.orbit.analysis import invariant
 from butterfly.orbit.study import PERIODS
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import interval, with_error
+from butterfly.report.numbers.orbit_numbers import degrees_said, orbit_sentences, told_orbit
 from butterfly.report.page import Page, Section, Table
-from butterfly.report.words import sentences, verdict_on
+from butterfly.report.words import sentences
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,7 +40,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
     truth
         True parameters of the hand with what it carries, where they are known.
     """
-    rounds, verdict = study.calibration.rounds, verdict_on(study.estimate)
+    rounds, told = study.calibration.rounds, told_orbit(study, truth)
     sections = [
         Section(
             title="Amplitude per round",
@@ -72,7 +72,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             tables=(
                 Table(
                     headers=("model", "rms error in °"),
-                    rows=[(name, _degrees(error)) for name, error in study.errors.items()],
+                    rows=[(name, degrees_said(error)) for name, error in study.errors.items()],
                 ),
             ),
         ),
@@ -90,37 +90,11 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         name=study.name,
         description=study.description,
         kind="orbit re-calibration",
-        summary=summary(study),
+        summary=orbit_sentences(study),
         sections=sections,
-        numbers=OrbitRecord.of(study).numbers() | verdict.numbers(),
-        verdict=verdict,
+        numbers=told.document(),
+        verdict=told.verdict,
     )
-
-
-def summary(study: OrbitStudy) -> list[str]:
-    """Say in plain words what was found, but for the verdict."""
-    rounds, generic = study.calibration.rounds, study.errors["generic"]
-    last, wanted = rounds[-1], rounds[-1].wanted
-    better = generic / max(study.errors["re-calibrated"], 1e-12)
-    recalibration = last.recalibration
-    rejected = ", ".join(recalibration.rejected) or "none"
-    begun = study.small_swings
-    return [
-        f"The hand was to swing {math.degrees(wanted):.2f}° and swung "
-        + ", ".join(_degrees(each.amplitude) for each in rounds)
-        + f"° in {len(rounds)} rounds; {study.calibration.ending}.",
-        f"Next to the orbit the re-calibrated model's free run is off by "
-        f"{_degrees(study.errors['re-calibrated'])}° rms, the model it began with by "
-        f"{_degrees(generic)}°: {better:.3g} times less.",
-        f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
-        f"terms that did not help on held-out data: {rejected}.",
-        *sentences(study.estimate)[1:],
-        *([] if begun is None else [f"What it began with: {verdict_on(begun).sentence}"]),
-    ]
-
-
-def _degrees(angle: float) -> str:
-    return "turned over" if math.isnan(angle) else f"{math.degrees(angle):.4g}"
 
 
 def _rounds_table(rounds: tuple[Round, ...]) -> Table:
@@ -129,8 +103,8 @@ def _rounds_table(rounds: tuple[Round, ...]) -> Table:
         rows=[
             (
                 str(number),
-                _degrees(each.amplitude),
-                _degrees(each.amplitude_error),
+                degrees_said(each.amplitude),
+                degrees_said(each.amplitude_error),
                 f"{each.gamma:.4g}",
                 *(
                     f"{getattr(each.believed, name) / each.believed.p1:.5g}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import math
 from base64 import b64encode
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from butterfly import __version__
 from butterfly.files import replacing
 from butterfly.logs.remarks import Condition
+from butterfly.report.numbers.document import write_document
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -270,27 +270,5 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
         from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
 
         write_stills({**page.figures, **page.stills}, path.with_name(f"{path.stem}-figures"))
-    write_numbers(page.numbers, path.with_suffix(".json"))
+    write_document(page.numbers, path.with_suffix(".json"))
     write_html(page, path)
-
-
-def write_numbers(numbers: dict[str, Any], path: Path) -> None:
-    """Write numbers as JSON.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    with replacing(path) as draft:
-        text = json.dumps(finite(numbers), indent=1, allow_nan=False)
-        draft.write_text(text, encoding="utf-8")
-
-
-def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Replace numbers that JSON does not have by null."""
-    if isinstance(value, dict):
-        return {key: finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

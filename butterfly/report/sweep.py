@@ -12,6 +12,7 @@ from butterfly.experiment.record import OK
 from butterfly.identify.judgement.findings import Ending
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.model.terms import TERMS
+from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Link, Page, Section, Table
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
 
@@ -82,13 +83,14 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         sections.append(Section(title="Runs without a result", tables=(_failures(runs),)))
     if "orbit_amplitude" in runs.column_names and runs["orbit_amplitude"].null_count < len(runs):
         sections.append(Section(title="Orbits", tables=(_orbits(runs),)))
+    said = _summary(table, status, fields)
     return Page(
         name=sweep.name,
         description=sweep.description,
         kind="sweep",
-        summary=_summary(table, status, fields),
+        summary=said,
         sections=sections,
-        numbers=_numbers(table, status),
+        numbers=told_sweep(sweep, said, _numbers(table, status)).document(),
     )
 
 

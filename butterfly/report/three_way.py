@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Scatter
@@ -13,11 +13,10 @@ from butterfly.report.figures import look
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
-    left_over_numbers,
-    misfit_numbers,
     misfit_sentences,
     misfit_table,
 )
+from butterfly.report.numbers.comparison_numbers import comparison_sentences
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.series import Series
 from butterfly.report.three_way_figures import (
@@ -31,27 +30,26 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from butterfly.compare.three_way import ThreeWay
+    from butterfly.identify.data import DataSet
     from butterfly.identify.judgement.misfit import Misfit
-    from butterfly.report.verdict import SaidVerdict
+    from butterfly.report.numbers.document import Told
 
 _MARKS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol, size
 
 
-def three_way_page(
-    name: str, description: str, compared: Sequence[ThreeWay], misfit: Misfit, verdict: SaidVerdict
-) -> Page:
+def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, told: Told) -> Page:
     """Put together the report of a comparison.
 
     Parameters
     ----------
-    name, description
-        Of the data set.
+    data
+        The logs.
     compared
         Its logs, each simulated twice.
     misfit
         Of the whole data set, with the same parameters.
-    verdict
-        On these parameters.
+    told
+        All this for programs (see `told_comparison`).
     """
     judged = {log.name: log for log in misfit.logs}
     own = [judged[each.log.name] for each in compared]
@@ -91,8 +89,8 @@ def three_way_page(
             ),
         )
     return Page(
-        name=name,
-        description=description,
+        name=data.name,
+        description=data.description,
         kind="comparison",
         facts=_facts(compared),
         lead=Section(
@@ -100,7 +98,7 @@ def three_way_page(
             text="Sorted by the grey box: large marks MuJoCo, small ones the grey box.",
             figures={"fit": _fit_figure(compared)},
         ),
-        summary=[*_summary(compared), *misfit_sentences(misfit)],
+        summary=[*comparison_sentences(compared), *misfit_sentences(misfit)],
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=middle,
@@ -110,8 +108,8 @@ def three_way_page(
             "left-over": correlation_figure(own[middle]),
             "residual": residual_comparison(compared[middle]),
         },
-        numbers=verdict.numbers() | _numbers(compared) | {"misfit": misfit_numbers(misfit)},
-        verdict=verdict,
+        numbers=told.document(),
+        verdict=told.verdict,
     )
 
 
@@ -171,37 +169,6 @@ def _by_mass(
             )
             traces.append(trace)
     return traces
-
-
-def _summary(compared: Sequence[ThreeWay]) -> list[str]:
-    fits = {key: np.array([each.fits[key] for each in compared]) for key in SIMULATORS}
-    apart = max(each.difference for each in compared)
-    way = compared[0].log.added_mass.joint.way
-    return [
-        f"{len(compared)} logs, each simulated in MuJoCo and by the grey-box equation with the "
-        "same parameters and the recorded input.",
-        *(
-            f"{key} follows the logs with a median FIT of {np.median(fit):.2f} % "
-            f"(worst {fit.min():.2f} %)."
-            for key, fit in fits.items()
-        ),
-        f"The two simulators are nowhere more than {apart:.2g} {way} apart.",
-    ]
-
-
-def _numbers(compared: Sequence[ThreeWay]) -> dict[str, Any]:
-    return {
-        "logs": [
-            {
-                "log": each.log.label,
-                "fit": each.fits,
-                "largest_difference_rad": each.difference,
-                "gain_ratio": {k: [abs(g), float(np.angle(g))] for k, g in each.gains.items()},
-                "residual_torque": left_over_numbers(each.residual.left_over),
-            }
-            for each in compared
-        ]
-    }
 
 
 def _table(compared: Sequence[ThreeWay]) -> Table:

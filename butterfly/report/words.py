@@ -119,12 +119,12 @@ def _known(estimate: ParameterEstimate) -> list[str]:
 
 def sentences(estimate: ParameterEstimate) -> list[str]:
     """Say how far to trust an estimate: the verdict, how well each value is known, the rest."""
-    return sentences_of(estimate.verdict, estimate.findings, _values(estimate))
+    return sentences_of(estimate.verdict, estimate.findings, values_of(estimate))
 
 
 def verdict_on(estimate: ParameterEstimate) -> SaidVerdict:
     """Say what may be done with an estimate, and why not more."""
-    return verdict_in_words(estimate.verdict, _values(estimate))
+    return verdict_in_words(estimate.verdict, values_of(estimate))
 
 
 def verdict_of(record: EstimateRecord) -> SaidVerdict:
@@ -159,7 +159,15 @@ def verdict_in_words(verdict: Verdict, values: Values) -> SaidVerdict:
     return SaidVerdict(verdict.standing, tuple(reasons))
 
 
-def _values(estimate: ParameterEstimate) -> dict[str, float]:
+def finding_said(finding: Finding, values: Values) -> str:
+    """Say what one finding means, whatever it is about."""
+    if finding.kind in _PRECISION:
+        return f"{_PRECISION[finding.kind](finding)}."
+    return _SENTENCES[finding.kind](finding, values)
+
+
+def values_of(estimate: ParameterEstimate) -> dict[str, float]:
+    """Return the values that sentences speak of, by parameter."""
     return estimate.held | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.api.estimate_json import estimate_content, estimate_of
 from butterfly.identify.data import DataSet
 from butterfly.identify.estimators import OutputError
 from butterfly.identify.free_run import Trajectory
@@ -18,6 +17,7 @@ from butterfly.identify.segments import Segments, simulation
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.report.numbers.estimate_json import estimate_content, estimate_of
 from butterfly.report.words import summary
 from tests.independent.integrator import Joint, motion
 

@@ -31,12 +31,12 @@ from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
 from butterfly.plant.setup import Setup
 from butterfly.report.leaderboard import leaderboard_page
+from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
 from butterfly.report.still import draw
 from butterfly.report.sweep import sweep_page
 from butterfly.report.three_way import three_way_page
-from butterfly.report.words import verdict_on
 from butterfly.thesis.method import Thesis
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
@@ -129,7 +129,8 @@ def entries(data):
 
 @pytest.fixture(scope="module")
 def three_way(data, found, compared, misfit):
-    return three_way_page(data.name, "a description", compared, misfit, verdict_on(found))
+    told = told_comparison(data, None, compared, misfit, found)
+    return three_way_page(data, compared, misfit, told)
 
 
 @pytest.fixture(scope="module")

@@ -301,7 +301,9 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
     assert float(rows["swing amplitude"].split()[0]) == pytest.approx(0.1, rel=1e-2)
     assert rows["findings"] == "none"
     write_inspection(clean, health, tmp_path / "log.html")
-    assert "angle in rad" in (tmp_path / "log.html").read_text(encoding="utf-8")
+    page = (tmp_path / "log.html").read_text(encoding="utf-8")
+    assert '<span class="badge">✓ Ok</span>' in page
+    assert rows["longest interval"] in page
 
 
 @pytest.mark.parametrize(

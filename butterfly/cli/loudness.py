@@ -1,0 +1,84 @@
+"""How much a command prints: everything, the verdict alone (``--quiet``), or a document alone."""
+
+from __future__ import annotations
+
+import io
+import sys
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TextIO
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@dataclass
+class _Loudness:
+    """What holds for the command that runs."""
+
+    quiet: bool = False
+    document_alone: bool = False
+    kept: TextIO | None = None  # standard output, while what is printed goes nowhere
+
+    def hush(self) -> None:
+        if self.kept is None:
+            self.kept, sys.stdout = sys.stdout, _Nowhere()
+
+
+class _Nowhere(io.TextIOBase):
+    """A standard output that nobody reads."""
+
+    encoding = "utf-8"
+
+    def write(self, text: str) -> int:
+        return len(text)
+
+
+_now = _Loudness()
+
+
+@contextmanager
+def one_command() -> Iterator[None]:
+    """Print everything, until the command says otherwise; at the end everything again."""
+    try:
+        yield
+    finally:
+        if _now.kept is not None:
+            sys.stdout = _now.kept
+        _now.quiet, _now.document_alone, _now.kept = False, False, None
+
+
+def be_quiet() -> None:
+    """Print nothing more but the verdict, documents that were asked for, and errors."""
+    _now.quiet = True
+    _now.hush()
+
+
+def print_document_alone() -> None:
+    """Print nothing more but `print_document`, and errors."""
+    _now.document_alone = True
+    _now.hush()
+
+
+def is_quiet() -> bool:
+    """Whether nobody wants to know how far work has come."""
+    return _now.quiet
+
+
+def say_verdict(sentence: str) -> None:
+    """Print the verdict, which is what remains of an answer that is quiet."""
+    if not _now.document_alone:
+        typer.echo(sentence, file=_now.kept)
+
+
+def print_document(text: str) -> None:
+    """Print a document that was asked for, however quiet the command is."""
+    typer.echo(text, file=_now.kept, nl=False)
+
+
+def writes_any_letter() -> bool:
+    """Whether standard output takes all letters, or ASCII's for sure only."""
+    encoding = getattr(_now.kept or sys.stdout, "encoding", None) or ""
+    return encoding.lower().startswith("utf")

@@ -1,0 +1,1 @@
+"""What results say as numbers: the same from Python, beside a report and by ``--json``."""

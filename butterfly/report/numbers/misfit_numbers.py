@@ -1,0 +1,55 @@
+"""What free runs leave over, as numbers for programs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from butterfly.identify.judgement.whiteness import LEVELS
+
+if TYPE_CHECKING:
+    from butterfly.identify.judgement.left_over import LeftOver
+    from butterfly.identify.judgement.misfit import LogMisfit, Misfit
+    from butterfly.model.parameters import JointKind
+
+_LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
+
+
+def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
+    """Return what is left over: of all logs as shares of the rms motion, and names of terms."""
+    return {
+        "relative": misfit.relative,
+        "after_small_changes": misfit.left,
+        "by_sensors": misfit.explained,
+        "times_sensors": misfit.times,
+        "beyond_sensors": misfit.beyond_sensors,
+        "logs_outside": misfit.outside,
+        "left_over": left_over_numbers(misfit.left_over),
+        "logs": [_log(log) for log in misfit.logs],
+    }
+
+
+def misfit_units(joint: JointKind, place: str = "misfit.") -> dict[str, str]:
+    """Return the units of `misfit_numbers` that stand in some place of a document."""
+    return {f"{place}logs.{name}": joint.way for name in _LENGTHS}
+
+
+def left_over_numbers(left_over: LeftOver) -> dict[str, Any]:
+    """Return what something left over looks like."""
+    return {
+        "looks_like": list(left_over.terms),
+        "relative": left_over.relative,
+        "size": left_over.size,
+        "noise_share": left_over.noise,
+        "shares": left_over.shares,
+    }
+
+
+def _log(log: LogMisfit) -> dict[str, Any]:
+    sensor = log.sensor
+    lengths = (log.motion, log.error, log.left, log.explained, sensor.step, sensor.noise)
+    return {
+        "log": log.name,
+        **dict(zip(_LENGTHS, lengths, strict=True)),
+        "over_band": dict(zip(map(str, LEVELS), log.excess, strict=True)),
+        "left_over": left_over_numbers(log.left_over),
+    }

@@ -1,0 +1,83 @@
+"""An orbit that was held, and the re-calibration next to it, as numbers for programs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.model.parameters import JointKind
+from butterfly.model.terms import TERMS
+from butterfly.report.numbers.document import Told
+from butterfly.report.numbers.estimate_numbers import estimate_numbers, lumped_numbers
+from butterfly.report.parameter_rows import unit_of
+from butterfly.report.words import sentences, verdict_on
+
+if TYPE_CHECKING:
+    from butterfly.logs.log import InputKind
+    from butterfly.model.parameters import LumpedParameters
+    from butterfly.orbit.study import OrbitStudy
+
+
+def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
+    """Tell a study of an orbit.
+
+    Parameters
+    ----------
+    study
+        The result.
+    truth
+        True parameters of the hand with what it carries, where they are known.
+    """
+    rounds, verdict = study.calibration.rounds, verdict_on(study.estimate)
+    last, log = rounds[-1].recalibration, rounds[-1].logs[0]
+    units = {name: unit_of(name, log.input_kind, JointKind.HINGE) for name in TERMS}
+    ratios = {name: f"{units[name]}/({units['p1']})" for name in last.names if last.is_ratio(name)}
+    record = OrbitRecord.of(study).numbers()
+    known = {} if truth is None else {"truth": lumped_numbers(truth, units)}
+    return Told(
+        kind="orbit",
+        title=f"{study.name!r} re-calibrated next to its orbit",
+        verdict=verdict,
+        summary=(verdict.sentence, *orbit_sentences(study)),
+        content={
+            **{key: each for key, each in record.items() if key != "verdict"},
+            "data": _data(study, log.input_kind),
+            **estimate_numbers(study.estimate, log.input_kind, JointKind.HINGE, unit=ratios),
+            "ratios_to_p1": [*ratios],
+            "carried": str(log.added_mass),
+            **known,
+        },
+        units={"free_run_rms_rad": "rad", "amplitudes_rad": "rad", "target_rad": "rad"},
+    )
+
+
+def _data(study: OrbitStudy, kind: InputKind) -> dict[str, str]:
+    return {"name": study.name, "description": study.description, "input": str(kind)}
+
+
+def orbit_sentences(study: OrbitStudy) -> list[str]:
+    """Say in plain words what was found, but for the verdict."""
+    rounds, generic = study.calibration.rounds, study.errors["generic"]
+    last, wanted = rounds[-1], rounds[-1].wanted
+    better = generic / max(study.errors["re-calibrated"], 1e-12)
+    recalibration = last.recalibration
+    rejected = ", ".join(recalibration.rejected) or "none"
+    begun = study.small_swings
+    return [
+        f"The hand was to swing {math.degrees(wanted):.2f}° and swung "
+        + ", ".join(degrees_said(each.amplitude) for each in rounds)
+        + f"° in {len(rounds)} rounds; {study.calibration.ending}.",
+        f"Next to the orbit the re-calibrated model's free run is off by "
+        f"{degrees_said(study.errors['re-calibrated'])}° rms, the model it began with by "
+        f"{degrees_said(generic)}°: {better:.3g} times less.",
+        f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
+        f"terms that did not help on held-out data: {rejected}.",
+        *sentences(study.estimate)[1:],
+        *([] if begun is None else [f"What it began with: {verdict_on(begun).sentence}"]),
+    ]
+
+
+def degrees_said(angle: float) -> str:
+    """Return an angle in degrees as it is said."""
+    return "turned over" if math.isnan(angle) else f"{math.degrees(angle):.4g}"

@@ -1,0 +1,209 @@
+"""Answers that are a table and rest on an estimate, as numbers for programs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from butterfly.identify.identification import held_out_fits
+from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.report.numbers.document import Told
+from butterfly.report.numbers.estimate_numbers import (
+    chosen_numbers,
+    data_numbers,
+    estimate_numbers,
+    left_out_numbers,
+)
+from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
+from butterfly.report.words import fit_said, held_out_sentences, verdict_on
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from butterfly.identify.data import DataSet
+    from butterfly.identify.design import Candidate
+    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identify.estimators import Estimator
+    from butterfly.identify.judgement.bootstrap import Bootstrap
+    from butterfly.identify.judgement.findings import Finding
+    from butterfly.identify.judgement.misfit import Misfit
+    from butterfly.identify.judgement.term_selection import Structure
+    from butterfly.identify.judgement.validation import HeldOut
+    from butterfly.logs.log import Log
+
+_FIT_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"}
+
+
+def rests_on(
+    data: DataSet,
+    estimate: ParameterEstimate,
+    estimator: Estimator | None = None,
+    *,
+    more: Sequence[Finding] = (),
+) -> dict[str, Any]:
+    """Return what every answer says of the data and the estimate that it rests on."""
+    return {
+        "data": data_numbers(data),
+        "chosen": chosen_numbers(estimator, estimate),
+        **estimate_numbers(estimate, data.input_kind, data.joint, more=more),
+    }
+
+
+def told_validation(
+    data: DataSet,
+    estimator: Estimator,
+    held: HeldOut,
+    whole: ParameterEstimate,
+    drawn: Bootstrap | None = None,
+) -> Told:
+    """Tell what was held out, beside an estimate from all logs, and intervals by bootstrap."""
+    predictor = Predictor(data)
+    seen = predictor.fits(whole)
+    rows = [
+        {**about(log), "FIT seen in %": float(inside), "FIT left out in %": float(outside)}
+        for log, inside, outside in zip(data.logs, seen, held.fits, strict=True)
+    ]
+    within = FitSummary.of(seen, predictor.horizon(whole))
+    without, judged = held.summary, verdict_on(whole)
+    unused = held_out_fits(data, whole)
+    return Told(
+        kind="validation",
+        title=f"{estimator.label} of {data.name!r}, {held.division.left_out} at a time",
+        verdict=judged,
+        summary=(
+            judged.sentence,
+            held.division.said,
+            f"What was left out is followed with a median FIT{without.over} of "
+            f"{fit_said(without.median)} % (mean {fit_said(without.mean)} %, worst "
+            f"{fit_said(without.worst)} %); those that were seen, {fit_said(within.median)} %.",
+            *held_out_sentences(unused),
+        ),
+        content={
+            **rests_on(data, whole, estimator),
+            "left_out": _refits(held),
+            "fit": {"seen": within.numbers(), "left_out": without.numbers()},
+            "held_out": unused,
+            "bootstrap": drawn and _intervals(whole, drawn),
+            "rows": rows,
+        },
+        units=_FIT_UNITS,
+    )
+
+
+def _refits(held: HeldOut) -> list[dict[str, Any]]:
+    return [
+        part
+        for name, found in held.estimates.items()
+        for part in left_out_numbers(found.names, {name: found.values})
+    ]
+
+
+def _intervals(whole: ParameterEstimate, drawn: Bootstrap) -> dict[str, Any]:
+    rows = zip(whole.names, drawn.lower.tolist(), drawn.upper.tolist(), strict=True)
+    return {name: {"lower": lower, "upper": upper} for name, lower, upper in rows}
+
+
+def told_residual(
+    data: DataSet,
+    estimator: Estimator,
+    found: ParameterEstimate,
+    misfit: Misfit,
+    said: Sequence[str],
+) -> Told:
+    """Tell what an estimate leaves over of the logs.
+
+    Parameters
+    ----------
+    data, estimator, found
+        The logs, and the estimate from them.
+    misfit
+        What it leaves over.
+    said
+        The same in words.
+    """
+    judged = verdict_on(found)
+    about_estimate = rests_on(data, found, estimator, more=misfit.findings)
+    return Told(
+        kind="residual",
+        title=f"What {found.method} leaves over of {data.name!r}",
+        verdict=judged,
+        summary=(judged.sentence, *said),
+        content={**about_estimate, **misfit_numbers(misfit)},
+        units=misfit_units(data.joint, ""),
+    )
+
+
+def told_design(
+    data: DataSet,
+    estimator: Estimator | None,
+    found: ParameterEstimate,
+    ranked: Sequence[Candidate],
+) -> Told:
+    """Tell candidates: standard errors after each, over those now."""
+    rows = [
+        {
+            "added mass": str(each.added_mass),
+            "input": each.what,
+            f"swing in {data.joint.way}": each.swing,
+            "mean": each.score,
+            **dict(zip(found.names, map(float, each.errors), strict=True)),
+            "warning": each.warning,
+        }
+        for each in ranked
+    ]
+    best, judged = ranked[0], verdict_on(found)
+    return Told(
+        kind="design",
+        title=f"Next experiments after {data.name!r}: standard errors over those now",
+        verdict=judged,
+        summary=(
+            judged.sentence,
+            f"Most telling next: {best.what} with {best.added_mass}, which leaves "
+            f"{100 * best.score:.0f} % of the standard errors on average"
+            + (f"; but: {best.warning}." if best.warning else "."),
+        ),
+        content={**rests_on(data, found, estimator), "rows": rows},
+        units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
+    )
+
+
+def told_selection(
+    data: DataSet,
+    estimator: Estimator,
+    candidates: Sequence[str],
+    passed: Sequence[Structure],
+    found: ParameterEstimate,
+) -> Told:
+    """Tell the sets of terms that were passed through, the last being the one that is chosen."""
+    terms, judged = passed[-1].terms, verdict_on(found)
+    rows = [
+        {
+            "terms": list(each.terms),
+            "in_sample": each.in_sample.numbers(),
+            "left_out": {str(split): fit.numbers() for split, fit in each.held_out.items()},
+        }
+        for each in passed
+    ]
+    return Told(
+        kind="selection",
+        title=f"Terms chosen for {data.name!r} by {estimator.method}",
+        verdict=judged,
+        summary=(judged.sentence, f"Chosen: --terms {','.join(terms) or '(none)'}"),
+        content={
+            **rests_on(data, found, estimator),
+            "candidates": list(candidates),
+            "rows": rows,
+        },
+        units={"rows.in_sample": "%", "rows.left_out": "%"},
+    )
+
+
+def about(log: Log) -> dict[str, Any]:
+    """Name a log and what was done in it."""
+    sine = log.excitation
+    return {
+        "log": log.name,
+        "added mass in kg": log.added_mass.mass,
+        "frequency in rad/s": sine.omega if sine else np.nan,
+    }
