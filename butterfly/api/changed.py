@@ -25,7 +25,7 @@ from butterfly.report.change import (
     shown_changes,
     untested_sentences,
 )
-from butterfly.report.figures import PALETTE
+from butterfly.report.figures import GREY, PALETTE
 
 if TYPE_CHECKING:
     from butterfly.api.sources import Named
@@ -63,7 +63,7 @@ class Changed(Tabulated):
             marker={"color": PALETTE[0], "size": 9},
         )
         figure = Figure(drawn)
-        figure.add_hline(y=0, line={"color": "#888888", "width": 1, "dash": "dash"})
+        figure.add_hline(y=0, line={"color": GREY, "width": 1, "dash": "dash"})
         figure.update_yaxes(title="change in %, with 95 % intervals")
         figure.update_layout(height=380)
         return {"changes": figure}

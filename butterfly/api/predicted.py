@@ -12,7 +12,7 @@ from butterfly.identify.judgement.verdict import Standing
 from butterfly.identify.predict import FitSummary
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
 from butterfly.report.page import Section
-from butterfly.report.prediction import band_figures, share_figure
+from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
 from butterfly.report.words import fit_said, sentences, verdict_on
 
 if TYPE_CHECKING:
@@ -110,14 +110,22 @@ class Predicted(Tabulated):
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:
             return plain
+        drawn = drawn_predictions(self.predictions)
+        left_out = len(self.predictions) - len(drawn)
+        some = f"{len(drawn)} logs from all over the list. " if left_out else ""
         courses = Section(
             title="In time",
-            text="Up to twelve logs from all over the list. Blue: what a new log would show, at "
+            text=f"{some}Blue: what a new log would show, at "
             "each instant with 95 %; orange: what the model does with the parameters that the "
             "estimate leaves open. Below, all less the free run.",
-            figures=band_figures(self.predictions, measured=self.measured),
+            series={"bands": band_series(drawn, measured=self.measured)},
         )
-        return replace(plain, sections=[*plain.sections, courses])
+        return replace(
+            plain,
+            sections=[courses, *plain.sections],
+            logs=[each.run.log.label for each in drawn],
+            stills={"bands": band_figure(drawn[0], measured=self.measured)},
+        )
 
 
 def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:

@@ -130,7 +130,7 @@ class Result(ABC):
 
     def page(self) -> Page:
         """Put together the page of `report`."""
-        rows = self.shown_rows()
+        rows, figures = self.shown_rows(), self.figures()
         headers = tuple(rows[0]) if rows else ()
         table = Table(headers=headers, rows=[tuple(row.values()) for row in rows])
         return Page(
@@ -139,10 +139,8 @@ class Result(ABC):
             kind=self.kind,
             summary=list(self.summary[1:] if self.judged else self.summary),
             verdict=self.judged,
-            sections=[
-                Section(title="At a glance", figures=self.figures()),
-                Section(title="In numbers", tables=(table,)),
-            ],
+            lead=Section(title="At a glance", figures=figures) if figures else None,
+            sections=[Section(title="In numbers", tables=(table,))],
             numbers=self.to_dict(),
         )
 

@@ -14,7 +14,8 @@ from butterfly.orbit.study import PERIODS
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import interval, with_error
 from butterfly.report.numbers.orbit_numbers import degrees_said, orbit_sentences, told_orbit
-from butterfly.report.page import Page, Section, Table
+from butterfly.report.page import Fact, Page, Section, Table
+from butterfly.report.whisker import Whisker
 from butterfly.report.words import sentences
 
 if TYPE_CHECKING:
@@ -90,11 +91,23 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         name=study.name,
         description=study.description,
         kind="orbit re-calibration",
+        facts=_facts(study),
         summary=orbit_sentences(study),
         sections=sections,
         numbers=told.document(),
         verdict=told.verdict,
     )
+
+
+def _facts(study: OrbitStudy) -> list[Fact]:
+    last = study.calibration.rounds[-1]
+    before, after = (degrees_said(study.errors[name]) for name in ("generic", "re-calibrated"))
+    wanted = f"of {math.degrees(last.wanted):.4g}°"
+    return [
+        Fact("amplitude reached", f"{degrees_said(last.amplitude)}°", wanted),
+        Fact("rounds", str(len(study.calibration.rounds))),
+        Fact("error of a free run next to it", f"{after}°", f"rms; before, {before}°"),
+    ]
 
 
 def _rounds_table(rounds: tuple[Round, ...]) -> Table:
@@ -127,14 +140,19 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Tabl
         ratio = found.is_ratio(name)
         scale = generic.p1 if ratio else 1.0
         symbol = _RATIOS.get(name, f"{name}/p₁") if ratio else name
-        true = "" if truth is None else f"{getattr(truth, name) / (truth.p1 if ratio else 1):.6g}"
+        told = None if truth is None else float(getattr(truth, name)) / (truth.p1 if ratio else 1)
+        true = "" if told is None else f"{told:.6g}"
         limits = interval(float(estimate.lower[k]), float(estimate.upper[k]))
         before = f"{getattr(generic, name) / scale:.5g}" if ratio else "–"
-        rows.append((symbol, with_error(value, error), f"{error:.2g}", limits, before, true))
+        ends = (float(estimate.lower[k]), float(estimate.upper[k]))
+        whisker = Whisker(value=value, limits=ends, true=told)
+        row = (symbol, with_error(value, error), whisker, limits, f"{error:.2g}", before, true)
+        rows.append(row)
     return Table(
-        headers=("", "value", "standard error", "95 % interval", "at first", "true"),
+        headers=("", "value", "", "95 % interval", "std error", "at first", "true"),
         rows=rows,
-        caption="SI units; ratios where no known mass was changed. Intervals are widened to hold "
+        caption="Blue: 95 % interval, the estimate its dark mark; orange: the truth, where it is "
+        "known. SI units; ratios where no known mass was changed. Intervals are widened to hold "
         "the estimates that leave one run out.",
     )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +9,8 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
-from butterfly.report.figures import PALETTE
+from butterfly.report.figures import GREY, PALETTE
+from butterfly.report.series import Series
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,15 +39,22 @@ def share_figure(predictions: Sequence[Prediction]) -> Figure:
             if name in predictions[0].bands
         ]
     )
-    figure.add_hline(y=95, line={"color": "#888888", "width": 1, "dash": "dash"})
+    figure.add_hline(y=95, line={"color": GREY, "width": 1, "dash": "dash"})
     figure.update_xaxes(title="number of the log")
     figure.update_yaxes(title="measured samples inside, %", range=[0, 102])
     figure.update_layout(height=380)
     return figure
 
 
-def band_figures(predictions: Sequence[Prediction], *, measured: bool) -> dict[str, Figure]:
-    """Draw predictions in time, by the numbers of their logs: all, or some from all over the list.
+def drawn_predictions(predictions: Sequence[Prediction]) -> list[Prediction]:
+    """Return those that a page draws in time: all, or some from all over the list."""
+    count = len(predictions)
+    picked = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).round().astype(int))
+    return [predictions[number] for number in picked]
+
+
+def band_series(predictions: Sequence[Prediction], *, measured: bool) -> Series:
+    """Return what a page needs to draw each prediction in time.
 
     Parameters
     ----------
@@ -56,16 +63,19 @@ def band_figures(predictions: Sequence[Prediction], *, measured: bool) -> dict[s
     measured
         Whether their logs were measured.
     """
-    count = len(predictions)
-    picked = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).round().astype(int))
-    return {
-        f"band-{number}": _band_figure(predictions[number], measured=measured)
-        for number in picked.tolist()
-    }
+    return Series.of_figures([band_figure(each, measured=measured) for each in predictions])
 
 
-def _band_figure(prediction: Prediction, *, measured: bool) -> Figure:
-    """Angle and bands against time, and below both less the free run."""
+def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
+    """Draw angle and bands against time, and below both less the free run.
+
+    Parameters
+    ----------
+    prediction
+        With bands.
+    measured
+        Whether its log was measured.
+    """
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.55, 0.45]
     )
@@ -104,7 +114,7 @@ def _band_figure(prediction: Prediction, *, measured: bool) -> Figure:
                 **shown,
             )
             figure.add_trace(drawn, row=row, col=1)
-    figure.update_yaxes(title=f"{escape(prediction.run.log.label)}<br>angle in {way}", row=1)
+    figure.update_yaxes(title=f"angle in {way}", row=1)
     figure.update_yaxes(title=f"less free run, {way}", row=2)
     figure.update_xaxes(title="time in s", row=2)
     figure.update_layout(height=460)
