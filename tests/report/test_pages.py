@@ -216,7 +216,8 @@ def test_a_report_is_written_with_its_numbers_and_pictures(pages, written, kind)
     markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", markup)
     assert json.loads((folder / "r.json").read_text())
-    names = [name for section in page.sections for name in section.figures]
+    names = {*page.figures, *page.stills}
+    assert set(page.series) <= {*page.stills}
     assert names
     for name in names:
         for suffix in ("png", "svg"):
@@ -230,8 +231,9 @@ def test_a_browser_draws_every_figure_without_error_or_request(pages, written, k
     command.append((written / kind / "r.html").as_uri())
     seen = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)  # noqa: S603 - our own page
     assert "CONSOLE" not in seen.stderr
-    figures = sum(len(section.figures) for section in pages[kind].sections)
-    assert len(re.findall(r'class="figure js-plotly-plot"', seen.stdout)) == figures
+    page = pages[kind]
+    assert len(re.findall(r'class="figure js-plotly-plot"', seen.stdout)) == len(page.figures)
+    assert len(re.findall(r'class="series js-plotly-plot"', seen.stdout)) == len(page.series)
 
 
 def test_texts_of_a_page_are_shown_and_not_obeyed(tmp_path):
