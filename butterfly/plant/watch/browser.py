@@ -44,7 +44,7 @@ def serve(
         If the port is taken.
     """
     config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
-    with _guarded(_bound(port)), launch_web.launch(config, plugins=[_Front()]) as handle:
+    with _guarded(_bound(port)), launch_web.launch(config, plugins=[Front()]) as handle:
         handle.sync(model, data)
         while handle.is_running():
             advance()
@@ -59,7 +59,7 @@ class _Viewer(web_viewer.WebViewer):  # type: ignore[misc] # MuJoCo's, without t
         self._update_model()
 
 
-class _Front(plugin.ViewerPlugin):  # type: ignore[misc] # MuJoCo's, without types
+class Front(plugin.ViewerPlugin):  # type: ignore[misc] # MuJoCo's, without types
     """Looks at the hand from the front, and tells time and angle."""
 
     @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
