@@ -82,7 +82,10 @@ def compile_model(
 
 
 def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
-    """Put a point mass on the compiled model of a robot, in place of the one it carries."""
+    """Put a point mass on the compiled model of a robot, in place of the one it carries.
+
+    What is drawn of it keeps its size.
+    """
     body = model.body("added_mass").id
     model.body_mass[body] = added.mass
     model.body_pos[body] = [0, 0, -added.arm]
