@@ -16,7 +16,7 @@ from butterfly.model.kernel import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
 from butterfly.plant.armature import Armature
 from butterfly.plant.held_commands import angles_under, steps_of
-from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Assistance
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class MujocoJoint(_DrivenJoint):
     angle
         In rad, at which it starts, at rest.
     scene
-        Whether the model has light and camera, for a viewer.
+        Whether the model has looks, light and camera, for a viewer.
     """
 
     def __init__(
@@ -95,8 +95,7 @@ class MujocoJoint(_DrivenJoint):
         scene: bool = False,
     ) -> None:
         super().__init__(robot, added, angle=angle)
-        self._model = compile_model(robot, scene=scene)
-        mount(self._model, robot, added)
+        self._model = compile_model(robot, added, scene=scene)
         self._data = mujoco.MjData(self._model)
         self._options = self._model.opt
         data = self._data  # looking a column up costs as much as reading it

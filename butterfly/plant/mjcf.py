@@ -17,6 +17,7 @@ from butterfly.model.parameters import (
     Hand,
     VoltageDrive,
 )
+from butterfly.plant.looks import dress, undress
 from butterfly.plant.robot import Assistance, Clutch, Robot
 from butterfly.resources import shipped
 
@@ -29,7 +30,7 @@ MODEL = "models/butterfly_hand/hand.xml"
 """The shipped mechanism."""
 
 SCENE = "models/butterfly_hand/scene.xml"
-"""Light, background and camera for pictures of it."""
+"""Its stand, a scale, light, background and a camera, for pictures of it."""
 
 
 NO_CONSTANT = 1e-12
@@ -42,7 +43,6 @@ def mjcf(
     added: AddedMass = NO_ADDED_MASS,
     *,
     scene: bool = False,
-    assisted: bool = False,
 ) -> str:
     """Return the MJCF text of a robot, which loads in plain MuJoCo.
 
@@ -55,16 +55,58 @@ def mjcf(
     added
         What it carries.
     scene
-        Whether to add light, background and camera.
-    assisted
-        Whether `butterfly.plant.joints.MujocoJoint` is to run it (see `Assistance`). The motor's
-        command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off at
-        1 ms.
+        Whether to add stand, scale, light, background and camera.
 
     Raises
     ------
     InputError
         If MuJoCo alone cannot run the robot.
+    """
+    return _text(_built(robot, added, scene=scene, assisted=False))
+
+
+def compile_model(
+    robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False
+) -> mujoco.MjModel:
+    """Compile the MuJoCo model of a robot, as `butterfly.plant.joints.MujocoJoint` runs it.
+
+    Parameters
+    ----------
+    robot, added, scene
+        See `mjcf`; `mount` changes what it carries. Without a scene nothing can be seen.
+    """
+    root = _built(robot, added, scene=scene, assisted=True)
+    if not scene:
+        undress(root)
+    return mujoco.MjModel.from_xml_string(_text(root))
+
+
+def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
+    """Put a point mass on the compiled model of a robot, in place of the one it carries.
+
+    What is drawn of it keeps its size.
+    """
+    body = model.body("added_mass").id
+    model.body_mass[body] = added.mass
+    model.body_pos[body] = [0, 0, -added.arm]
+    loaded = robot.loaded(added)
+    if loaded.bristle_stiffness:
+        model.actuator("bristles").biasprm[3:5] = loaded.coulomb, loaded.holding
+    else:
+        model.joint("hinge").frictionloss[0] = loaded.coulomb
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _text(root: ElementTree.Element) -> str:
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _built(robot: Robot, added: AddedMass, *, scene: bool, assisted: bool) -> ElementTree.Element:
+    """Fill in the shipped model.
+
+    ``assisted``: whether `butterfly.plant.joints.MujocoJoint` is to run it (see `Assistance`). The
+    motor's command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off at
+    1 ms.
     """
     friction = robot.loaded(added)
     if Assistance.STICKING in robot.assistance and not assisted:
@@ -91,33 +133,8 @@ def mjcf(
     actuators.extend(_pulls(friction))
     if scene:
         _merge(root, _parse(shipped(SCENE)))
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def compile_model(
-    robot: Robot, added: AddedMass = NO_ADDED_MASS, *, scene: bool = False
-) -> mujoco.MjModel:
-    """Compile the MuJoCo model of a robot, as `butterfly.plant.joints.MujocoJoint` runs it.
-
-    Parameters
-    ----------
-    robot, added, scene
-        See `mjcf`; `mount` changes what it carries.
-    """
-    return mujoco.MjModel.from_xml_string(mjcf(robot, added, scene=scene, assisted=True))
-
-
-def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
-    """Put a point mass on the compiled model of a robot, in place of the one it carries."""
-    body = model.body("added_mass").id
-    model.body_mass[body] = added.mass
-    model.body_pos[body] = [0, 0, -added.arm]
-    loaded = robot.loaded(added)
-    if loaded.bristle_stiffness:
-        model.actuator("bristles").biasprm[3:5] = loaded.coulomb, loaded.holding
-    else:
-        model.joint("hinge").frictionloss[0] = loaded.coulomb
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    dress(root, added)
+    return root
 
 
 def _parse(path: Path) -> ElementTree.Element:

@@ -46,6 +46,17 @@ def test_an_exported_model_loads_in_plain_mujoco_and_moves_alike(tmp_path):
     assert np.ptp(_trajectory(model)[:, 0]) > 0.1
 
 
+def test_what_is_drawn_changes_no_bit_of_what_moves():
+    drawn, bare = (compile_model(ROBOT, ADDED, scene=scene) for scene in (True, False))
+    assert drawn.ngeom > 40
+    assert bare.ngeom == bare.nmesh == 0
+    assert not drawn.geom_contype.any()
+    assert not drawn.geom_conaffinity.any()
+    for name in ("body_mass", "body_inertia", "body_ipos", "dof_M0", "dof_damping"):
+        np.testing.assert_array_equal(getattr(drawn, name), getattr(bare, name))
+    np.testing.assert_array_equal(_trajectory(drawn), _trajectory(bare))
+
+
 def _delayed(attributes):
     """Angle of an exported robot in plain MuJoCo, with a delay, under a sine."""
     smooth = replace(ROBOT, friction=Friction(viscous=1e-3))
@@ -108,30 +119,57 @@ def test_the_sensors_read_state_and_motor_torque():
     assert data.sensor("torque").data[0] == pytest.approx(torque, rel=1e-12)
 
 
-def test_a_picture_shows_the_hand_turned_and_its_mass(tmp_path):
+@pytest.fixture(scope="module", name="frame")
+def _frame():
+    """Draw ROBOT with an added mass at an angle, as an array."""
     try:
-        painter = Painter(ROBOT, ADDED, 200)
+        Painter(ROBOT, ADDED, 32).__exit__()
     except RenderingError as error:
         pytest.skip(str(error))
-    with painter:
-        down, turned = painter.frame(0.0), painter.frame(1.5)
-    with Painter(ROBOT, AddedMass(), 200) as bare:
-        without = bare.frame(0.0)
 
-    def pixels(image, colour):
-        """Rows of the pixels in which one channel stands out."""
-        red, blue = image[..., 0].astype(int), image[..., 2].astype(int)
-        return np.argwhere(blue - red > 50 if colour == "blue" else red - blue > 80)
+    def draw(added, angle):
+        with Painter(ROBOT, added, 200) as painter:
+            return np.asarray(painter.frame(angle)).astype(int)
 
-    height, width = np.ptp(pixels(down, "blue"), axis=0)
+    return draw
+
+
+def _pixels(image, colour):
+    """Rows and columns of the pixels of the plates, or of the added mass."""
+    excess = image[..., 2] - image[..., 0]
+    return np.argwhere(excess > 50 if colour == "blue" else excess < -80)
+
+
+def test_a_picture_shows_the_hand_turned_and_its_mass(frame, tmp_path):
+    height, width = np.ptp(_pixels(frame(ADDED, 0.0), "blue"), axis=0)
     assert height > 1.5 * width
-    height, width = np.ptp(pixels(turned, "blue"), axis=0)
+    height, width = np.ptp(_pixels(frame(ADDED, 1.5), "blue"), axis=0)
     assert width > 1.3 * height
-    assert pixels(down, "orange")[:, 0].mean() > 110
-    assert pixels(without, "orange").size == 0
+    assert _pixels(frame(ADDED, 0.0), "orange")[:, 0].mean() > 110
     render(ROBOT, ADDED, 0.5, tmp_path / "hand.png", 100)
     with Image.open(tmp_path / "hand.png") as picture:
         assert picture.size == (100, 100)
+
+
+def test_up_and_down_look_different_without_an_added_mass(frame):
+    down, up = frame(AddedMass(), 0.0), frame(AddedMass(), np.pi)
+    differs = np.abs(up - down).max(axis=2) > 60
+    assert differs.mean() > 0.003
+
+
+def test_a_larger_added_mass_looks_larger(frame):
+    masses = (AddedMass(mass=mass, arm=0.104) for mass in (0.0, 0.052, 0.154))
+    none, small, large = (len(_pixels(frame(added, 0.0), "orange")) for added in masses)
+    assert none == 0
+    assert 30 < small < 0.6 * large
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.5, 3.0, -1.5])
+def test_an_added_mass_far_beyond_the_plate_stays_in_the_picture(frame, angle):
+    seen = _pixels(frame(AddedMass(mass=2.0, arm=0.6), angle), "orange")
+    assert len(seen) > 30
+    assert seen.min() > 0
+    assert seen.max() < 199
 
 
 def test_a_picture_of_an_unknown_format_is_refused(tmp_path):

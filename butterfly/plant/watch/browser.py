@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from mujoco.studio import launch_web, viewer_protocol, web_viewer
+import mujoco
+from mujoco.studio import launch_web, messages, plugin, viewer_protocol, web_viewer
+from mujoco.studio.dear_imgui import dear_imgui
 from mujoco.studio.web import web_server
 
 from butterfly.errors import InputError
+from butterfly.plant.watch.caption import told
 from butterfly.plant.watch.guard import LOOPBACK, Guard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-    import mujoco
 
 
 def serve(
@@ -42,11 +44,37 @@ def serve(
         If the port is taken.
     """
     config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
-    with _guarded(_bound(port)), launch_web.launch(config) as handle:
+    with _guarded(_bound(port)), launch_web.launch(config, plugins=[Front()]) as handle:
         handle.sync(model, data)
         while handle.is_running():
             advance()
             handle.sync()
+
+
+class _Viewer(web_viewer.WebViewer):  # type: ignore[misc] # MuJoCo's, without types
+    """MuJoCo's, which says nothing of its own."""
+
+    @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
+    def _on_post_model(self, event: messages.PostModelEvent) -> None:  # noqa: ARG002 - MuJoCo's
+        self._update_model()
+
+
+class Front(plugin.ViewerPlugin):  # type: ignore[misc] # MuJoCo's, without types
+    """Looks at the hand from the front, and tells time and angle."""
+
+    @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
+    def look(self, event: messages.PostModelEvent) -> None:
+        """Put the camera where the model says."""
+        mujoco.mjv_defaultFreeCamera(event.model, self.viewer.camera)
+
+    @messages.handler(priority=messages.Priority.INTERNAL)  # type: ignore[untyped-decorator]
+    def tell(self, event: messages.BuildGuiEvent) -> None:  # noqa: ARG002 - MuJoCo's
+        """Write time and angle into a window of their own."""
+        data = self.viewer.data
+        if data.qpos.size:
+            dear_imgui.Begin("Hand", None, int(dear_imgui.WindowFlags.AlwaysAutoResize))
+            dear_imgui.Text(told(data.time, data.qpos[0], "angle"))
+            dear_imgui.End()
 
 
 def _bound(port: int) -> socket.socket:
@@ -98,13 +126,18 @@ def _guarded(bound: socket.socket) -> Iterator[None]:
         (web_server, "bind_public_socket", bind),
         (web_server, "serve", serve_known),
         (web_viewer, "_print_url_banner", announce),
+        (web_viewer, "WebViewer", _Viewer),
     )
     originals = [(module, name, getattr(module, name)) for module, name, _ in replacements]
     for module, name, replacement in replacements:
         setattr(module, name, replacement)
+    log = logging.getLogger("WebServer")  # of who comes and goes
+    level = log.level
+    log.setLevel(logging.WARNING)
     try:
         yield
     finally:
+        log.setLevel(level)
         for module, name, original in originals:
             setattr(module, name, original)
         bound.close()

@@ -14,14 +14,14 @@ from butterfly.plant.mjcf import compile_model
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.robot import Robot
 
 CAMERA = "bench"
 """Camera of the shipped scene."""
+
+_FINER = 2  # drawn, either way, than the picture, whose edges are then smooth
+_LARGE = 1024  # pixels of a picture that is fine enough; a finer one might not fit the card
 
 
 class RenderingError(ButterflyError):
@@ -46,12 +46,13 @@ class Painter:
 
     def __init__(self, robot: Robot, added: AddedMass, size: int = 640) -> None:
         model = compile_model(robot, added, scene=True)
-        if added.mass == 0:
-            model.geom("added_mass").rgba[3] = 0.0
-        model.vis.global_.offwidth = model.vis.global_.offheight = size
+        self._finer = _FINER if size <= _LARGE else 1
+        drawn = self._finer * size
+        model.vis.global_.offwidth = model.vis.global_.offheight = drawn
+        model.vis.quality.offsamples = 4 if self._finer == 1 else 0
         self._model, self._data = model, mujoco.MjData(model)
         try:
-            self._renderer = mujoco.Renderer(model, size, size)
+            self._renderer = mujoco.Renderer(model, drawn, drawn)
         except Exception as error:  # whatever the OpenGL platform at hand raises
             raise RenderingError(
                 f"cannot draw on this machine ({error}): install EGL (libegl1) or set MUJOCO_GL"
@@ -63,12 +64,12 @@ class Painter:
     def __exit__(self, *_: object) -> None:
         self._renderer.close()
 
-    def frame(self, angle: float) -> NDArray[np.uint8]:
-        """Return the (size, size, 3) picture of the robot turned by ``angle`` rad."""
+    def frame(self, angle: float) -> Image.Image:
+        """Return the picture of the robot turned by ``angle`` rad."""
         self._data.qpos[0] = angle
         mujoco.mj_forward(self._model, self._data)
         self._renderer.update_scene(self._data, CAMERA)
-        return self._renderer.render()  # type: ignore[no-any-return]
+        return Image.fromarray(self._renderer.render()).reduce(self._finer)
 
 
 def render(robot: Robot, added: AddedMass, angle: float, path: Path, size: int = 640) -> None:
@@ -84,6 +85,6 @@ def render(robot: Robot, added: AddedMass, angle: float, path: Path, size: int =
     if path.suffix.lower() not in Image.registered_extensions():
         raise InputError(path, "file name", path.suffix or "no ending", ".png, .jpg or .webp")
     with Painter(robot, added, size) as painter:
-        picture = Image.fromarray(painter.frame(angle))
+        picture = painter.frame(angle)
     with replacing(path) as draft:
         picture.save(draft)

@@ -7,11 +7,11 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
 from butterfly.plant import has_display
+from butterfly.plant.watch.caption import Caption
 from butterfly.plant.watch.live import LiveRun, RealTime
 from butterfly.plant.watch.picture import Painter, RenderingError
 from butterfly.progress import Track, untracked
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+    from PIL import Image
 
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.excitations import Excitation
@@ -85,7 +86,7 @@ def film(
     size: int = 480,
     track: Track = untracked,
 ) -> None:
-    """Draw a recorded motion as a film, in the format of the file's ending.
+    """Draw a recorded motion as a film with time and angle, in the format of the file's ending.
 
     Parameters
     ----------
@@ -108,17 +109,19 @@ def film(
         If MuJoCo finds no way to draw.
     """
     save = _saver(path)
+    caption = Caption(size)
     instants = np.arange(times[0], times[-1], 1 / fps)
+    shown = list(zip(instants.tolist(), np.interp(instants, times, angles).tolist(), strict=True))
     with Painter(robot, added, size) as painter:
         frames = [
-            painter.frame(float(angle))
-            for angle in track(np.interp(instants, times, angles).tolist(), "Drawing frames")
+            caption.write(painter.frame(angle), instant, angle)
+            for instant, angle in track(shown, "Drawing frames")
         ]
     with replacing(path) as draft:
         save(draft, frames, fps)
 
 
-def _saver(path: Path) -> Callable[[Path, list[NDArray[np.uint8]], int], None]:
+def _saver(path: Path) -> Callable[[Path, list[Image.Image], int], None]:
     ending = path.suffix.lower()
     if ending in _PILLOW:
         return _save_with_pillow
@@ -129,15 +132,17 @@ def _saver(path: Path) -> Callable[[Path, list[NDArray[np.uint8]], int], None]:
     return _save_with_ffmpeg
 
 
-def _save_with_pillow(path: Path, frames: list[NDArray[np.uint8]], fps: int) -> None:
-    first, *rest = [Image.fromarray(frame) for frame in frames]
+def _save_with_pillow(path: Path, frames: list[Image.Image], fps: int) -> None:
+    first, *rest = frames
     first.save(path, save_all=True, append_images=rest, duration=1000 / fps, loop=0)
 
 
-def _save_with_ffmpeg(path: Path, frames: list[NDArray[np.uint8]], fps: int) -> None:
+def _save_with_ffmpeg(path: Path, frames: list[Image.Image], fps: int) -> None:
     import imageio.v3 as iio  # noqa: PLC0415 - an extra, which need not be there
 
-    iio.imwrite(path, np.stack(frames), fps=fps, macro_block_size=None)
+    iio.imwrite(
+        path, np.stack([np.asarray(frame) for frame in frames]), fps=fps, macro_block_size=None
+    )
 
 
 def _run_in_window(run: LiveRun, pace: RealTime) -> None:

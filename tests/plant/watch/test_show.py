@@ -7,6 +7,7 @@ import time
 from contextlib import contextmanager
 from functools import partial
 from http.client import HTTPConnection
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,10 +51,14 @@ def test_a_film_shows_the_motion_at_the_frames_per_second_asked_for(tmp_path, en
     path = tmp_path / f"hand{ending}"
     film(ROBOT, ADDED, TIMES, np.array([-0.8, 0.8]), path, fps=10, size=120)
     with Image.open(path) as picture:
-        columns = [_mass_column(frame) for frame in ImageSequence.Iterator(picture)]
+        frames = [frame.copy() for frame in ImageSequence.Iterator(picture)]
+        columns = [_mass_column(frame) for frame in frames]
         assert picture.info["duration"] == 100
+        corners = [np.asarray(frame.convert("L"))[:20, 79:] for frame in frames]
     assert len(columns) == 10
     assert np.all(np.diff(columns) > 0)
+    assert all((corner < 128).sum() > 20 for corner in corners)  # time and angle
+    assert all((one != other).any() for one, other in pairwise(corners))
 
 
 # imageio-ffmpeg leaves the pipes to its encoder to be closed by the garbage collector.
@@ -128,7 +133,9 @@ HANDSHAKE = {
 }
 
 
-def test_the_browser_s_viewer_asks_who_comes_and_is_served_on_loopback_alone(tmp_path):
+def test_the_browser_s_viewer_asks_who_comes_is_served_on_loopback_alone_and_prints_one_line(
+    tmp_path,
+):
     with _viewer(tmp_path) as viewer:
         line = viewer.stdout.readline()
         port, token = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line).groups()
@@ -148,6 +155,8 @@ def test_the_browser_s_viewer_asks_who_comes_and_is_served_on_loopback_alone(tmp
         assert _status(int(port), "/drop", Origin=own, **HANDSHAKE)[0] == 403
         if Path("/proc/net/tcp").exists():
             assert _listening(int(port)) == [f"0100007F:{int(port):04X}"]
+        viewer.terminate()
+        assert viewer.stdout.read() == ""
 
 
 def _listening(port):
