@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from butterfly.identify.identification import Identification
     from butterfly.report.parameter_rows import ParameterRow
 
-_ROW = 62  # pixels of a panel
+_ROW = 64  # pixels of a panel and what is below it
+_GAP = 0.6  # of a panel and what is below it, that is below
 _FEWEST = 2  # parameters that can hang together
 _CELL = 44  # pixels of a cell of the map
 _MOST_NUMBERED = 12  # parameters, up to which the cells of the map have numbers
@@ -30,44 +31,28 @@ def parameter_figure(rows: Sequence[ParameterRow]) -> Figure:
     Thick: 95 %; thin: what leaving one added mass out would give; a diamond: the truth, where it is
     known.
     """
-    figure = make_subplots(rows=len(rows), cols=1, vertical_spacing=0.3 / max(len(rows), 1))
+    count = len(rows)
+    figure = make_subplots(rows=count, cols=1, vertical_spacing=_GAP / max(count, 1))
     for number, row in enumerate(rows, start=1):
         whisker, named = row.whisker, number == 1
-        wide = {"mode": "lines", "hoverinfo": "x"}
-        for limits, colour, width, name in (
-            (whisker.left_out, GREY, 2, "one mass left out"),
-            (whisker.limits, PALETTE[0], 6, "95 % interval"),
+        wide = {"mode": "lines", "hoverinfo": "x", "showlegend": named}
+        marks = {"mode": "markers", "showlegend": named}
+        for limits, height, colour, width, name in (
+            (whisker.limits, 0.0, PALETTE[0], 6, "95 % interval"),
+            (whisker.left_out, -0.6, GREY, 3, "one mass left out"),
         ):
             if limits is not None:
                 line = {"color": colour, "width": width}
-                add(figure, number, limits, [0, 0], name=name, line=line, showlegend=named, **wide)
-        dot = {"color": PALETTE[0], "size": 11, "symbol": "circle"}
-        add(
-            figure,
-            number,
-            [whisker.value],
-            [0],
-            name="estimate",
-            mode="markers",
-            marker=dot,
-            showlegend=named,
-        )
+                add(figure, number, limits, [height] * 2, name=name, line=line, **wide)
+        dot = {"color": PALETTE[5], "size": 9, "symbol": "circle"}
+        add(figure, number, [whisker.value], [0], name="estimate", marker=dot, **marks)
         if whisker.true is not None:
-            diamond = {"color": PALETTE[5], "size": 10, "symbol": "diamond"}
-            add(
-                figure,
-                number,
-                [whisker.true],
-                [0.4],
-                name="truth",
-                mode="markers",
-                marker=diamond,
-                showlegend=named,
-            )
-        title = f"{row.symbol}<br>{row.unit}"
-        figure.update_yaxes(row=number, title=title, showticklabels=False, range=[-1, 1])
+            diamond = {"color": PALETTE[2], "size": 9, "symbol": "diamond"}
+            add(figure, number, [whisker.true], [0.6], name="truth", marker=diamond, **marks)
+        label = f"{row.symbol} in {row.unit}"
+        figure.update_yaxes(row=number, tickvals=[0], ticktext=[label], range=[-1, 1])
         figure.update_xaxes(row=number, range=list(whisker.scale), nticks=6)
-    figure.update_layout(height=_ROW * len(rows) + 80)
+    figure.update_layout(height=_ROW * count + 80)
     return figure
 
 

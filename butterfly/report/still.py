@@ -12,6 +12,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Still
 
 from butterfly.files import replacing
+from butterfly.report.figures import GREY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,6 +25,9 @@ _INCH = 100  # plotly's pixels
 _WIDTH = 900  # pixels
 _MARGIN = 0.1  # inches
 _BAR = 0.35  # width of a bar
+_ACROSS = 4  # names in a line of the legend
+_SHADE = 0.22  # of a band, from clear to opaque
+_PALE = 0.6  # size from which a cell between -1 and 1 is dark
 _DASHES = {"dot": ":", "dash": "--", "dashdot": "-."}
 _MARKERS = {
     "circle": "o",
@@ -67,15 +71,24 @@ def draw(figure: Figure) -> Still:
         if key not in panels:
             panels[key] = _panel(still, layout, key)
         _DRAWN[trace.type](panels[key], trace)
-    for note in layout.get("annotations", []):  # subplot titles
-        if note.get("xref") == "paper":
-            still.text(
-                0.08 + 0.84 * note["x"], 0.08 + 0.84 * note["y"], _plain(note["text"]), ha="center"
-            )
-    for axes in panels.values():
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize="x-small", framealpha=0.6)
+    for note in layout.get("annotations", []):
+        if note.get("xref", "x") == "x" and ("x", "y") in panels:
+            axes = panels["x", "y"]
+            axes.text(note["x"], note["y"], f" {_plain(note['text'])}", fontsize="x-small")
+    _explain(list(panels.values()))
     return still
+
+
+def _explain(panels: list[Axes]) -> None:
+    """Put one legend above all panels."""
+    named: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            named.setdefault(label, handle)
+    if named:
+        top = max(panels, key=lambda axes: axes.get_position().y1)
+        place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": _ACROSS}
+        top.legend(named.values(), named.keys(), fontsize="x-small", frameon=False, **place)
 
 
 def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
@@ -91,7 +104,17 @@ def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
         if axis.get("type") == "log":
             setter("log")
         label(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
+    for axis, mark in ((across, axes.set_xticks), (up, axes.set_yticks)):
+        if axis.get("ticktext"):
+            texts = [_lines(text) for text in axis["ticktext"]]
+            mark(axis["tickvals"], texts, fontsize="x-small")
+    for axis, limit in ((across, axes.set_xlim), (up, axes.set_ylim)):
+        if axis.get("range"):
+            limit(*axis["range"])
+    if up.get("visible") is False:
+        axes.yaxis.set_visible(False)
     axes.tick_params(
+        which="both",
         labelbottom=across.get("showticklabels") is not False,
         labelleft=up.get("showticklabels") is not False,
     )
@@ -106,7 +129,8 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     style: dict[str, Any] = {
         "color": colour,
         "linestyle": _DASHES.get(line.dash, "-") if "lines" in mode else "none",
-        "linewidth": line.width or 1.5,
+        "linewidth": 1.5 if line.width is None else line.width,
+        "alpha": trace.opacity,
         "marker": _MARKERS.get(symbol.removesuffix("-open"), "o") if "markers" in mode else None,
         "markersize": 0.7 * (marker.size if isinstance(marker.size, int | float) else 6),
         "markerfacecolor": "none" if symbol.endswith("-open") else colour,
@@ -116,6 +140,12 @@ def _scatter(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     if trace.fill == "toself":
         axes.fill(x, y, color=trace.fillcolor, alpha=trace.opacity, label=_label(trace), zorder=1)
         return
+    if trace.fill == "tonexty":
+        before = axes.lines[-1]
+        shade: dict[str, Any] = {"color": GREY, "alpha": _SHADE, "linewidth": 0}
+        shade["label"] = _label(trace)
+        axes.fill_between(x, before.get_ydata(), y, zorder=1, **shade)
+        style["label"] = None
     if x.dtype.kind in "UO":
         x = np.array([_lines(label) for label in x])
         axes.tick_params(axis="x", labelsize="x-small")
@@ -139,7 +169,11 @@ def _bar(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
 
 def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     values = np.asarray(trace.z, dtype=float)
-    shown = axes.imshow(values, origin="lower", aspect="auto", cmap="cividis")
+    limits: dict[str, Any] = {"vmin": trace.zmin, "vmax": trace.zmax}
+    diverging = trace.zmin is not None
+    scale = "RdBu" if diverging else "cividis"
+    shown = axes.imshow(values, origin="lower", aspect="auto", cmap=scale, **limits)
+    axes.grid(visible=False)
     for position, labels in ((axes.set_xticks, trace.x), (axes.set_yticks, trace.y)):
         if labels is not None:
             texts = [_lines(label) for label in labels]
@@ -147,8 +181,12 @@ def _heatmap(axes: Axes, trace: Any) -> None:  # noqa: ANN401 - plotly's
     if trace.texttemplate:
         middle = (np.nanmin(values) + np.nanmax(values)) / 2
         for (row, column), value in np.ndenumerate(values):
-            colour = "black" if value > middle else "white"
-            axes.text(column, row, f"{value:.3g}", ha="center", va="center", color=colour)
+            light = abs(value) < _PALE if diverging else value > middle
+            text = f"{value:.2f}" if diverging else f"{value:.3g}"
+            colour = "black" if light else "white"
+            axes.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
+    if trace.showscale is False:
+        return
     title = trace.colorbar.title.text
     axes.figure.colorbar(shown, ax=axes, label=_plain(title or ""))
 

@@ -12,8 +12,10 @@ from butterfly.experiment.record import OK
 from butterfly.identify.judgement.findings import Ending
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.model.terms import TERMS
+from butterfly.report.field_names import said_name
 from butterfly.report.numbers.record_numbers import told_sweep
-from butterfly.report.page import Link, Page, Section, Table
+from butterfly.report.page import Fact, Link, Page, Section, Table
+from butterfly.report.parallel_figure import parallel_figure
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
 
 if TYPE_CHECKING:
@@ -59,19 +61,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     if len(table.distinct("estimator")) > 1:
         ranked = _ranking_table(table)
         sections.insert(0, Section(title="Estimators, the best first", tables=(ranked,)))
-    for number, field in enumerate(fields):
-        figure = axis_figure(deviating, field)
-        if figure is not None:
-            section = Section(
-                title=f"Against {field}",
-                text="Median deviation, with the middle half of the runs.",
-                figures={f"axis-{number}": figure},
-            )
-            sections.append(section)
-    maps = heat_maps(deviating, fields)
-    if maps:
-        text = "Median of the parameters' mean absolute deviation in %, over the other fields."
-        sections.append(Section(title="Two fields at a time", text=text, figures=maps))
+    sections += _against_fields(deviating, fields)
     worst = _worst_table(table, fields, sweep.worst)
     if worst.rows:
         sections.append(Section(title="Worst runs", tables=(worst,)))
@@ -88,10 +78,49 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         name=sweep.name,
         description=sweep.description,
         kind="sweep",
+        facts=_facts(table, status),
         summary=said,
         sections=sections,
         numbers=told_sweep(sweep, said, _numbers(table, status)).document(),
     )
+
+
+def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section]:
+    """Show how estimates deviate by what was varied: all at once, one by one, in pairs."""
+    sections = []
+    together = parallel_figure(deviating, fields)
+    if together is not None:
+        text = "A line is an estimate, through what was varied and what came of it."
+        section = Section(title="All fields at once", text=text, figures={"together": together})
+        sections.append(section)
+    for number, field in enumerate(fields):
+        figure = axis_figure(deviating, field)
+        if figure is not None:
+            section = Section(
+                title=f"Against {said_name(field)}",
+                text="Median deviation, with the middle half of the runs.",
+                figures={f"axis-{number}": figure},
+            )
+            sections.append(section)
+    maps = heat_maps(deviating, fields)
+    if maps:
+        text = "Median of the parameters' mean absolute deviation in %, over the other fields."
+        sections.append(Section(title="Two fields at a time", text=text, figures=maps))
+    return sections
+
+
+def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
+    """Return the numbers that matter most, as far as there are any."""
+    facts = [Fact("runs with a result", f"{int((status == OK).sum())}", f"of {status.size}")]
+    size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
+    if size.size:
+        known = np.isfinite(table["lower"])
+        facts += [
+            Fact("deviation from the truth", f"{100 * np.median(size):.2g} %", "median"),
+            Fact("95 % intervals hold the truth", f"{100 * table.inside[known].mean():.1f} %"),
+            Fact("FIT", f"{np.median(table['fit_median']):.2f} %", "median"),
+        ]
+    return facts
 
 
 def _verdicts(table: Estimates) -> dict[str, dict[str, int]]:
@@ -184,7 +213,11 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         values = (short(main[field][k]) for field in fields)
         rows.append((link, run[1], deviation, f"{main['fit_median'][k]:.1f}", *values))
     headers = ("run", "estimator", "deviation in %", "median FIT in %", *fields)
-    return Table(headers=headers, rows=rows, caption="The number leads to the run's record.")
+    caption = (
+        "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
+        "it in words."
+    )
+    return Table(headers=headers, rows=rows, caption=caption)
 
 
 def _endings(table: Estimates) -> dict[tuple[float, str], str]:

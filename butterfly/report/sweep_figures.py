@@ -11,6 +11,7 @@ from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.model.terms import TERMS
+from butterfly.report.field_names import said_field
 from butterfly.report.figures import PALETTE
 
 if TYPE_CHECKING:
@@ -100,8 +101,8 @@ def axis_figure(table: Estimates, field: str) -> Figure | None:
                 col=1,
             )
             figure.update_yaxes(title=f"{TERMS[name].symbol} in %", row=row)
-    figure.update_xaxes(title=field, row=len(names))
-    if _spans_decades(table[field]):
+    figure.update_xaxes(title=escape(said_field(field)), row=len(names))
+    if spans_decades(table[field]):
         figure.update_xaxes(type="log")
     figure.update_layout(height=_ROW * len(names) + 90)
     return figure
@@ -126,7 +127,8 @@ def _wrapped(text: str) -> str:
     return escape(text).replace(", ", "<br>")
 
 
-def _spans_decades(values: NDArray[Any]) -> bool:
+def spans_decades(values: NDArray[Any]) -> bool:
+    """Whether values ask for a logarithmic axis."""
     if values.dtype == object or not (values > 0).all():
         return False
     return bool(values.max() > 30 * values.min())
@@ -160,8 +162,8 @@ def _heat_map(group: Estimates, across: str, up: str) -> Figure:
             colorbar={"title": {"text": "%"}},
         )
     )
-    figure.update_xaxes(title=across, type="category")
-    figure.update_yaxes(title=up, type="category")
+    figure.update_xaxes(title=escape(said_field(across)), type="category")
+    figure.update_yaxes(title=escape(said_field(up)), type="category")
     figure.update_layout(height=420)
     return figure
 

@@ -262,6 +262,32 @@ def test_the_report_of_a_sweep_names_worst_and_missing_runs(pages):
     assert page.numbers["ok"] == 58
 
 
+def test_a_line_of_all_fields_at_once_is_an_estimate(pages):
+    (section,) = [each for each in pages["sweep"].sections if each.title == "All fields at once"]
+    figure = section.figures["together"]
+    lines = [trace for trace in figure.data if trace.name]
+    ends = [np.isnan(np.asarray(trace.y, dtype=float)).sum() for trace in lines]
+    assert sum(ends) == 58
+    assert max(ends) - min(ends) <= 1  # quarters
+    assert np.nanmin([np.nanmin(t.y) for t in lines]) == 0
+    assert np.nanmax([np.nanmax(t.y) for t in lines]) == 1
+    axes = list(figure.layout.xaxis.ticktext)
+    assert axes[:3] == ["hand mass<br>in kg", "encoder noise<br>in rad", "method"]
+    assert {"a", "b", "99"} <= {note.text for note in figure.layout.annotations}
+
+
+def test_a_band_is_filled_and_a_map_of_correlations_has_its_own_scale():
+    lower = Scatter(x=[0, 1], y=[-1, -2], line={"width": 0})
+    upper = Scatter(x=[0, 1], y=[1, 2], line={"width": 0}, fill="tonexty", name="band")
+    (axes,) = draw(Figure([lower, upper])).axes
+    assert len(axes.collections) == 1
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["band"]
+    cells = Heatmap(z=[[1.0, -0.2]], x=["a", "b"], y=["c"], zmin=-1, zmax=1, showscale=False)
+    still = draw(Figure(cells))
+    assert len(still.axes) == 1
+    assert still.axes[0].images[0].get_clim() == (-1, 1)
+
+
 def test_every_kind_of_trace_has_its_picture():
     bars = Figure([Bar(x=["a", "b"], y=[1, 2], name="one"), Bar(x=["a", "b"], y=[2, 1])])
     assert len(draw(bars).axes[0].patches) == 4
