@@ -55,7 +55,7 @@ WITHOUT = {  # commands whose answer is a file, a window, or JSON already
 SLOW = {"calibrate-orbit", "reproduce"}
 ON_AN_ESTIMATE = {
     *("identify", "select", "validate", "residual", "compare", "design", "model show"),
-    "calibrate-orbit",
+    *("predict", "calibrate-orbit"),
 }
 
 
