@@ -9,6 +9,7 @@ import pytest
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.model.terms import TERMS, FrictionTerms, offered
+from butterfly.report.numbers.document import HEAD
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -52,6 +53,12 @@ def test_every_page_is_listed_in_the_readme():
         assert f"(docs/{page.name})" in readme
 
 
+def test_the_keys_that_every_document_in_json_has_stand_in_the_docs():
+    page = (DOCS / "commands.md").read_text(encoding="utf-8")
+    for key in HEAD:
+        assert f"`{key}`" in page
+
+
 def test_the_exit_codes_stand_in_the_docs_with_their_meaning():
-    rows = [row for row in _rows("commands.md") if row.startswith("| `")]
+    rows = [row for row in _rows("commands.md") if re.match(r"\| `\d", row)]
     assert rows == [f"| `{code:d}` | {code.meaning} |" for code in ExitCode]

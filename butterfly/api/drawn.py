@@ -37,10 +37,12 @@ class Drawn(Tabulated):
         estimate, count = draws.estimate, len(draws.values)
         columns = [*estimate.names, *(key for key in estimate.held if key not in estimate.names)]
         rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
+        units = {row["parameter"]: row["unit"] for row in found.rows()}
         return cls(
             title=f"{count} draws of the parameters of {found.title}",
             summary=(found.judged.sentence, *said, *found.verdict[1:]),
             judged=found.judged,
+            units={f"rows.{name}": unit for name, unit in units.items()},
             table=tuple(
                 {**{key: getattr(each, key) for key in columns}, WEIGHT: count * weight}
                 for each, weight in rows

@@ -11,6 +11,7 @@ from butterfly.api.tabulated import Tabulated
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.identify.predict import FitSummary
 from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Section
 from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
 from butterfly.report.words import fit_said, sentences, verdict_on
@@ -78,7 +79,7 @@ class Predicted(Tabulated):
         measured
             Whether somebody recorded these logs.
         """
-        verdict = verdict_on(estimate)
+        verdict, log = verdict_on(estimate), predictions[0].run.log
         return cls(
             title=f"{name!r} predicted",
             summary=(
@@ -89,6 +90,10 @@ class Predicted(Tabulated):
             ),
             judged=verdict,
             table=tuple(_row(each, measured=measured) for each in predictions),
+            besides={
+                "data": {"name": name, "input": str(log.input_kind), "logs": len(predictions)},
+                **estimate_numbers(estimate, log.input_kind, log.added_mass.joint),
+            },
             predictions=tuple(predictions),
             drawn=drawn,
             measured=measured,

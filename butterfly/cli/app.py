@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from contextlib import suppress
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -16,7 +16,7 @@ from butterfly import __version__
 from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.lazy import MARKUP, QUIETLY, LazyGroup
-from butterfly.cli.loudness import be_quiet, one_command
+from butterfly.cli.loudness import be_quiet, one_command, standard_output
 from butterfly.cli.show_progress import tell_no_more
 from butterfly.errors import ButterflyError, StoppedError, UnusableError
 from butterfly.sizes import memory, said
@@ -26,6 +26,14 @@ _PANEL_OF_MODELS, _PANEL_OF_RESULTS = "Simulate", "Results"
 
 class _Commands(LazyGroup):
     table = COMMANDS
+
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - typer's
+        """Call a command; end without a word where nobody reads on, as after `| head`."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            _leave_stdout()
+            raise typer.Exit(ExitCode.UNREAD) from None
 
 
 class _ModelCommands(LazyGroup):
@@ -89,7 +97,7 @@ def main() -> None:
         _end(str(error), ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)
     except MemoryError:
         _end(f"more memory is needed than there is ({said(memory())})", ExitCode.BAD_INPUT)
-    except BrokenPipeError:  # whoever reads, as `head` does, has read enough
+    except BrokenPipeError:
         _leave_stdout()
         sys.exit(ExitCode.UNREAD)
     except OSError as error:
@@ -105,6 +113,6 @@ def _end(why: str, code: ExitCode) -> NoReturn:
 
 
 def _leave_stdout() -> None:
-    """Write no more where nothing can be written, as to a full disk: the end would try again."""
+    """Write no more where nothing can be written, or nobody reads: the end would try again."""
     with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), standard_output().fileno())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -16,7 +16,14 @@ if TYPE_CHECKING:
 
     from butterfly.report.page import Page
 
-CONSOLE = Console(markup=False, emoji=False)
+
+class _Console(Console):
+    def on_broken_pipe(self) -> NoReturn:
+        """Leave it to the program how it ends where nobody reads on."""
+        raise BrokenPipeError
+
+
+CONSOLE = _Console(markup=False, emoji=False)
 """Where tables go; brackets in names are brackets."""
 
 if not CONSOLE.is_terminal:

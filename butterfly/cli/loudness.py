@@ -67,18 +67,23 @@ def is_quiet() -> bool:
     return _now.quiet
 
 
+def standard_output() -> TextIO:
+    """Return where documents and verdicts go."""
+    return _now.kept or sys.stdout
+
+
 def say_verdict(sentence: str) -> None:
     """Print the verdict, which is what remains of an answer that is quiet."""
     if not _now.document_alone:
-        typer.echo(sentence, file=_now.kept)
+        typer.echo(sentence, file=standard_output())
 
 
 def print_document(text: str) -> None:
     """Print a document that was asked for, however quiet the command is."""
-    typer.echo(text, file=_now.kept, nl=False)
+    typer.echo(text, file=standard_output(), nl=False)
 
 
 def writes_any_letter() -> bool:
     """Whether standard output takes all letters, or ASCII's for sure only."""
-    encoding = getattr(_now.kept or sys.stdout, "encoding", None) or ""
+    encoding = getattr(standard_output(), "encoding", None) or ""
     return encoding.lower().startswith("utf")

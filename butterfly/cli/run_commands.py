@@ -185,8 +185,8 @@ def _run_here(
         asked.answer.write(json.loads((folder / RESULT).read_text(encoding="utf-8")))
         end_with(record.standing)
         return
-    store.begin()
     kept = keep_experiment(asked.source, folder)
+    store.begin()
     result = perform(experiment, threads=jobs, track=show_progress)
     logs = _written(experiment, result.logs, folder)
     outcome = outcome_of(task, experiment, result)

@@ -159,7 +159,7 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
         (("table", "ONE", "--filter", "nois=1"), "an unknown column"),
         (("table", "ONE", "--table", "runz"), "'runs'"),
         (("table", "ONE", "--filter", "logs=x"), "a number"),
-        (("show", "ONE", "99"), "a number from 0 to 5"),
+        (("show", "ONE", "9999"), "a number from 0 to 5"),
         (("export", "ONE", "--out", "x.xls"), ".csv or .parquet"),
         (("show", "NOWHERE", "0"), "a folder of results"),
     ],
