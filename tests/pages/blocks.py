@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +15,19 @@ PAGES = sorted(
     if path.name != "CHANGELOG.md"
 )
 
-_FENCE = re.compile(r"```(\w*)")
+QUOTATION = "quotation"
+_BLOCK = re.compile(
+    r"^```(?P<language>\w*)\n(?P<fenced>(?:(?!```).*\n)*)```$"
+    r"|(?<=\n\n)(?P<indented>(?:    .*\n|\n(?=    ))+)"
+    r"|(?<=\n\n)(?P<quoted>(?:>.*\n)+)",
+    re.MULTILINE,
+)
 _SPANS = re.compile(r"`(butterfly [a-z][^`]*)`")
 
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced or indented block of code: its language (none of an indented one) and its text."""
+    """A block of code, or a quotation: its language (none of an indented one) and its text."""
 
     language: str
     text: str
@@ -46,25 +53,15 @@ class Block:
 
 def blocks_of(page: str) -> list[Block]:
     """Return the blocks of a page, in order."""
-    found, lines, fence, before = [], [], None, ""
-    for line in (*_text(page).splitlines(), ""):
-        if fence is not None:
-            if line.startswith("```"):
-                found.append(Block(fence, "\n".join(lines)))
-                fence, lines = None, []
-            else:
-                lines.append(line)
-        elif opened := _FENCE.match(line):
-            fence = opened[1]
-        elif line.startswith("    ") and (lines or not before.strip()):
-            lines.append(line[4:])
-        elif lines and not line.strip():
-            lines.append("")
-        elif lines:
-            found.append(Block("", "\n".join(lines).strip()))
-            lines = []
-        before = line
-    return [*found, *([Block("", "\n".join(lines).strip())] if lines else [])]
+    return [_block(match) for match in _BLOCK.finditer(_text(page))]
+
+
+def _block(match: re.Match[str]) -> Block:
+    if match["indented"]:
+        return Block("", textwrap.dedent(match["indented"]))
+    if match["quoted"]:
+        return Block(QUOTATION, re.sub(r"^> ?", "", match["quoted"], flags=re.MULTILINE))
+    return Block(match["language"], match["fenced"])
 
 
 def commands_of(page: str) -> list[str]:

@@ -12,7 +12,7 @@ import pytest
 import butterfly as bf
 from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.resources import shipped
-from tests.pages.blocks import PAGES, blocks_of, commands_of
+from tests.pages.blocks import PAGES, QUOTATION, blocks_of, commands_of
 
 GROUPS = {"model": MODEL_COMMANDS, "results": RESULTS_COMMANDS}
 
@@ -54,6 +54,14 @@ def _exit_code(shown):
     return {"Do not": 3, "error:": 2}.get(shown[0][:6], 0) if shown else 0
 
 
+def _with_answers(page):
+    """Return each block of a page with the lines that are quoted after it."""
+    blocks = blocks_of(page)
+    for block, after in zip(blocks, [*blocks[1:], None], strict=True):
+        quoted = after is not None and after.language == QUOTATION
+        yield block, [line for line in after.text.splitlines() if line] if quoted else []
+
+
 class _Reader:
     """Somebody who does what a page says, with a brief quick start in the place of the shipped."""
 
@@ -64,11 +72,11 @@ class _Reader:
         self.said = ""
 
     def follow(self, page):
-        for block in blocks_of(page):
+        for block, shown in _with_answers(page):
             if block.language == "python":
                 exec(compile(block.text, page, "exec"), self._names)  # noqa: S102 - our own page
-            for command, shown in block.answered:
-                self._do(command, _exit_code(shown))
+            for command, answer in block.answered:
+                self._do(command, _exit_code(answer or shown))
 
     def _do(self, command, wanted):
         if _not_run(command):
@@ -111,7 +119,12 @@ def test_ten_minutes_says_what_the_program_says(butterfly, tmp_path, monkeypatch
     page = "docs/ten-minutes.md"
     reader.follow(page)
     said = {_without_numbers(line) for line in reader.said.splitlines()}
-    shown = [line for each in blocks_of(page) for _, lines in each.answered for line in lines]
+    shown = [
+        line
+        for block, quoted in _with_answers(page)
+        for lines in (*(lines for _, lines in block.answered), quoted)
+        for line in lines
+    ]
     assert any(line.startswith("Good:") for line in shown)
     for line in shown:
         assert _without_numbers(line) in said, line
