@@ -6,6 +6,7 @@ import re
 
 import yaml
 
+import butterfly as bf
 from tests.pages.blocks import PAGES, ROOT
 
 LARGEST = 150_000  # bytes of a picture
@@ -42,6 +43,12 @@ def test_the_readme_leads_to_the_site_s_start_and_every_page_is_linked_from_anot
         assert page == "README.md" or any(re.search(rf"\([./\w]*{name}[)#]", t) for t in others), (
             page
         )
+
+
+def test_every_public_name_stands_in_the_reference():
+    page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    for name in bf.__all__:
+        assert re.search(rf"[. \[]{name}[\n,\]]", page), name
 
 
 def test_pictures_are_shown_somewhere_and_small():
