@@ -31,7 +31,8 @@ def _listed(entries):
 def test_every_page_stands_in_the_site_s_navigation():
     site = yaml.load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"), _Reader)  # noqa: S506
     pages = {page.removeprefix("docs/") for page in PAGES} - {"README.md"}
-    assert set(_listed(site["nav"])) == pages | {"CHANGELOG.md"}
+    notebooks = {f"examples/{path.stem}.md" for path in (ROOT / "examples").glob("*.ipynb")}
+    assert set(_listed(site["nav"])) == pages | notebooks | {"CHANGELOG.md"}
 
 
 def test_the_readme_leads_to_the_site_s_start_and_every_page_is_linked_from_another():
