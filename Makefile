@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint types bench bench-short coverage kinds fuzz wheel clean
+.PHONY: demo docs pictures test test-slow lint types bench bench-short coverage kinds fuzz wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -18,6 +18,14 @@ test: $(VENV)/.development
 # Repeated experiments, killed workers, reproductions, browsers: as long again.
 test-slow: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/pytest -n auto --ignore=tests/benchmarks -m slow
+
+# The documentation as a site in build/site; what its pages lack or link to in vain fails it.
+docs: $(VENV)/.development
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# The pictures of docs/, drawn anew by the program and by the system's Chromium.
+pictures: $(VENV)/.development
+	$(BIN)/python docs/site/pictures.py
 
 lint: $(VENV)/.development
 	$(BIN)/ruff check .

@@ -1,0 +1,81 @@
+"""Draw the pictures of docs/ anew: `make pictures`, after pages or figures have changed.
+
+All come from the quick start, as docs/ten-minutes.md tells to run it: the figures from the program,
+the first screens of its pages from the system's Chromium.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+PICTURES = Path(__file__).parents[1] / "pictures"
+PROGRAM = shutil.which("butterfly", path=str(Path(sys.executable).parent))
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+SCREEN = (1000, 760)
+"""Of a page's first screen, in pixels."""
+COLOURS = 96
+"""Enough for drawings; a picture then takes some tens of kB."""
+
+
+def main() -> None:
+    """Run the quick start, tell it a wrong mass, and keep the pictures."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        _butterfly("run", "quickstart", "--figures", folder=folder)
+        results = folder / "results/quickstart"
+        text = (results / "manifest.yaml").read_text(encoding="utf-8")
+        wrong = text.replace("added_mass: 0.12", "added_mass: 0.13")
+        (results / "wrong.yaml").write_text(wrong, encoding="utf-8")
+        told = ("identify", "results/quickstart/wrong.yaml", "--report", "wrong.html")
+        _butterfly(*told, folder=folder, ends=3)
+        for figure in ("frequency-response", "time"):
+            _keep(results / f"report-figures/{figure}.png", figure)
+        _keep(_first_screen(results / "report.html"), "report")
+        _keep(_first_screen(folder / "wrong.html"), "wrong-mass")
+
+
+def _butterfly(*command: str, folder: Path, ends: int = 0) -> None:
+    if PROGRAM is None:
+        sys.exit("butterfly is not installed beside this Python")
+    ended = subprocess.run([PROGRAM, *command], cwd=folder, check=False)  # noqa: S603 - our own
+    if ended.returncode != ends:
+        sys.exit(f"butterfly {' '.join(command)} ended with {ended.returncode}")
+
+
+def _first_screen(page: Path) -> Path:
+    """Return a picture of what a page shows before anybody scrolls."""
+    if CHROMIUM is None:
+        sys.exit("neither chromium nor google-chrome is installed")
+    taken = page.with_suffix(".png")
+    options = (
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--virtual-time-budget=10000",
+        f"--user-data-dir={page.parent / 'browser'}",
+        f"--window-size={SCREEN[0]},{SCREEN[1]}",
+        f"--screenshot={taken}",
+    )
+    command = [CHROMIUM, *options, page.as_uri()]
+    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)  # noqa: S603 - found above
+    return taken
+
+
+def _keep(drawn: Path, name: str) -> None:
+    PICTURES.mkdir(exist_ok=True)
+    with Image.open(drawn) as picture:
+        few = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        few.save(PICTURES / f"{name}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""All code on the pages runs, or it is said here why not."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+from importlib import import_module
+
+import pytest
+
+import butterfly as bf
+from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
+from butterfly.resources import shipped
+from tests.pages.blocks import PAGES, QUOTATION, blocks_of, commands_of
+
+GROUPS = {"model": MODEL_COMMANDS, "results": RESULTS_COMMANDS}
+
+ELSEWHERE = {
+    "README.md": "tests/api/test_docs_python.py",
+    "docs/another-robot.md": "tests/examples/test_another_robot_page.py, where the logs are",
+    "docs/cluster.md": "tests/experiment/test_workers.py, on a cluster of this machine",
+    "docs/hardware.md": "tests/plant/test_bench.py, with a drive on loopback",
+    "docs/python.md": "tests/api/test_docs_python.py",
+    "docs/ten-minutes.md": "below, word by word",
+    "docs/torque-joint.md": "tests/examples/test_torque_joint_page.py; to record takes minutes",
+}
+"""Pages whose code is run by tests of their own."""
+
+NOT_RUN = {
+    "butterfly calibrate-orbit experiments/orbit-recalibration.yaml": "20 s; test_orbit_commands",
+    "butterfly identify real-logs": "the real logs are not shipped; test_identify_commands",
+    "butterfly identify run7.csv": "a file of somebody; test_refusals has its like",
+    "butterfly logs fetch": "asks the network",
+    "butterfly results compare result.json next-year.json": "next year; test_change",
+}
+"""Beginnings of commands that are not run, and why."""
+
+SLOW = {f"docs/{name}.md" for name in ("next-experiment", "orbit", "your-robot")}
+WITH_CODE = [
+    page
+    for page in PAGES
+    if page not in ELSEWHERE
+    and any(block.commands or block.language == "python" for block in blocks_of(page))
+]
+
+
+def _not_run(command):
+    return any(command.startswith(beginning) for beginning in NOT_RUN)
+
+
+def _exit_code(shown):
+    """Return how a command ends, by what the page shows of its answer."""
+    return {"Do not": 3, "error:": 2}.get(shown[0][:6], 0) if shown else 0
+
+
+def _with_answers(page):
+    """Return each block of a page with the lines that are quoted after it."""
+    blocks = blocks_of(page)
+    for block, after in zip(blocks, [*blocks[1:], None], strict=True):
+        quoted = after is not None and after.language == QUOTATION
+        yield block, [line for line in after.text.splitlines() if line] if quoted else []
+
+
+class _Reader:
+    """Somebody who does what a page says, with a brief quick start in the place of the shipped."""
+
+    def __init__(self, butterfly, quickstart):
+        self._butterfly = butterfly
+        self._quickstart = str(quickstart)
+        self.names = {}
+        self.said = ""
+
+    def follow(self, page):
+        for block, shown in _with_answers(page):
+            if block.language == "python":
+                exec(compile(block.text, page, "exec"), self.names)  # noqa: S102 - our own page
+            for command, answer in block.answered:
+                self._do(command, _exit_code(answer or shown))
+
+    def _do(self, command, wanted):
+        if _not_run(command):
+            return
+        if command.startswith("sed "):
+            subprocess.run(command, shell=True, check=True)  # noqa: S602 - our own page
+            return
+        words = shlex.split(command)[1:]
+        words = [self._quickstart if word == "quickstart" else word for word in words]
+        code, out, err = self._butterfly(*words)
+        assert code == wanted, f"{command}: {err}"
+        self.said += out
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.slow if page in SLOW else ()) for page in WITH_CODE],
+)
+def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, quick, quick_data, monkeypatch):
+    monkeypatch.chdir(quick.parent)
+    if page != "docs/your-robot.md":  # which makes it
+        (quick.parent / "my-robot").symlink_to(quick_data)
+    reader = _Reader(butterfly, quick)
+    reader.names.update(logs=bf.read(quick_data).logs)
+    reader.follow(page)
+    assert reader.names.get("error", 0.0) < 0.05  # of the twin that "Your own robot" makes
+
+
+@pytest.mark.slow
+def test_ten_minutes_says_what_the_program_says(butterfly, tmp_path, monkeypatch):
+    """Word by word; of numbers that there are some, as digits differ from machine to machine."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    text = shipped("experiments/quickstart.yaml").read_text(encoding="utf-8")
+    quickstart = tmp_path / "quickstart.yaml"
+    quickstart.write_text(text.replace("plant:", "plant:\n  simulator: grey-box", 1))
+    reader = _Reader(butterfly, quickstart)
+    page = "docs/ten-minutes.md"
+    reader.follow(page)
+    said = {_without_numbers(line) for line in reader.said.splitlines()}
+    shown = [
+        line
+        for block, quoted in _with_answers(page)
+        for lines in (*(lines for _, lines in block.answered), quoted)
+        for line in lines
+    ]
+    assert any(line.startswith("Good:") for line in shown)
+    for line in shown:
+        assert _without_numbers(line) in said, line
+
+
+def _without_numbers(line):
+    return " ".join(re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", line).replace("─", "").split())
+
+
+def _options_of(words):
+    """Return the options of the command that words begin with."""
+    import typer  # noqa: PLC0415 - slow
+
+    table, name = COMMANDS, words[0]
+    if name in GROUPS:
+        table, name = GROUPS[name], words[1]
+    command = table[name]
+    app = typer.Typer(add_completion=False)
+    app.command(name)(getattr(import_module(f"butterfly.cli.{command.module}"), command.function))
+    made = typer.main.get_command(app)
+    return {each for option in made.params for each in (*option.opts, *option.secondary_opts)}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_option_that_a_page_names_is_one_of_its_command(page):
+    for command in commands_of(page):
+        if "--" not in command or "COMMAND" in command or _not_run(command):
+            continue
+        words = re.sub(r"[\[\]]", " ", command).split()[1:]
+        if words[0].startswith("-"):
+            continue
+        named = {word.split("=")[0] for word in words if word.startswith("--")} - {"--help"}
+        first = [each.split("|")[0] for each in words]
+        assert named <= _options_of(first), command
+
+
+def test_what_is_not_run_still_stands_on_a_page():
+    commands = [command for page in PAGES for command in commands_of(page)]
+    for beginning in NOT_RUN:
+        assert any(command.startswith(beginning) for command in commands), beginning

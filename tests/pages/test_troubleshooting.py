@@ -1,0 +1,102 @@
+"""docs/troubleshooting.md quotes what the program says, and leaves nothing of a verdict out."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identify.judgement.slips.names import Slip
+from butterfly.identify.judgement.verdict import Verdict
+from butterfly.report.words import sentences_of
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
+QUOTED = re.findall(r"^\| `([^`]+)` \|", PAGE, re.MULTILINE)
+GAP = "\N{HORIZONTAL ELLIPSIS}"
+VALUES = {"p1": 0.003, "p4": 0.02}
+
+
+def _parts(quoted):
+    return [part for part in (" ".join(each.split()) for each in quoted.split(GAP)) if part]
+
+
+def _holds(text, quoted):
+    pattern = ".*".join(re.escape(part) for part in _parts(quoted))
+    return re.search(pattern, text) is not None
+
+
+def _said(finding):
+    verdict = Verdict.of(Ending.CONVERGED, [finding])
+    return " ".join(sentences_of(verdict, [finding], VALUES))
+
+
+KINDS = [kind for kind in FindingKind if kind is not FindingKind.SLIP]
+_PRECISION = {FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO}
+_CONCERNED = {FindingKind.CONTRADICTED: ("inertia",), FindingKind.LEFT_OVER: ("drag",)}
+_NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
+
+
+def _examples(kind):
+    """Return findings of a kind, of each severity and with numbers that make a difference."""
+    severities = (Severity.NOTE,) if kind in _PRECISION else tuple(Severity)
+    return [
+        Finding(
+            kind=kind,
+            parameters=_CONCERNED.get(kind, ("stribeck_velocity", "p1")),
+            number=number,
+            severity=severity,
+            logs=("a.mat", "b.mat"),
+        )
+        for severity in severities
+        for number in _NUMBERS.get(kind, (2.0, 3.0))
+    ]
+
+
+def _example_of_slip(slip):
+    parameters = ("mass", "50 g", "3") if slip is Slip.MASS else (str(slip),)
+    return Finding(
+        kind=FindingKind.SLIP,
+        parameters=parameters,
+        number=0.001,
+        severity=Severity.WARNING,
+        logs=("a.mat",),
+    )
+
+
+@cache
+def _sentences():
+    """Return what the program says of findings, by their kind or slip."""
+    said = {kind: [_said(each) for each in _examples(kind)] for kind in KINDS}
+    return said | {slip: [_said(_example_of_slip(slip))] for slip in Slip}
+
+
+@cache
+def _written():
+    """Return every text that stands in the package's sources, without what it is filled with."""
+    texts = []
+    for path in (ROOT / "butterfly").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (
+                    each.value if isinstance(each, ast.Constant) else "" for each in node.values
+                )
+                texts.append("".join(parts))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return [" ".join(text.split()) for text in texts]
+
+
+@pytest.mark.parametrize("quoted", QUOTED)
+def test_every_message_on_the_page_is_one_of_the_program_s(quoted):
+    texts = (*(text for said in _sentences().values() for text in said), *_written())
+    assert any(_holds(text, quoted) for text in texts)
+
+
+@pytest.mark.parametrize("what", [*KINDS, *Slip], ids=str)
+def test_whatever_a_verdict_may_say_stands_on_the_page(what):
+    assert any(_holds(text, quoted) for text in _sentences()[what] for quoted in QUOTED)
