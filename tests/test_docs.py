@@ -1,5 +1,6 @@
 """The tables in docs/ that list terms and options say what the program has."""
 
+import re
 from dataclasses import fields
 from pathlib import Path
 

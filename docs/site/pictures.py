@@ -12,6 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from front_page import draw_front_page
 from PIL import Image
 
 PICTURES = Path(__file__).parents[1] / "pictures"
@@ -36,6 +37,7 @@ def main() -> None:
         _butterfly(*told, folder=folder, ends=3)
         for figure in ("frequency-response", "time"):
             _keep(results / f"report-figures/{figure}.png", figure)
+        draw_front_page(results, PICTURES)
         _keep(_first_screen(results / "report.html"), "report")
         _keep(_first_screen(folder / "wrong.html"), "wrong-mass")
 

@@ -1,9 +1,7 @@
-"""Draw the pictures that README.md shows: ``python docs/pictures/draw.py [DATA]``.
+"""The two pictures at the head of README.md: the hand, and a log beside the model found from it."""
 
-DATA is what `butterfly run quickstart` has written (results/quickstart).
-"""
+from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
@@ -15,7 +13,6 @@ from butterfly.experiment.reading import read_experiment
 from butterfly.plant.watch.picture import render
 from butterfly.resources import locate
 
-PICTURES = Path(__file__).parent
 ADDED = bf.AddedMass(mass=0.12, arm=0.104)
 PAPER, INK, MEASURED, MODEL = "#f5f5f6", "#33383f", "#8fa3b8", "#c2710c"
 SHOWN = 12.0  # s
@@ -33,7 +30,22 @@ STYLE = {
 }
 
 
-def draw_fit(data: Path, name: str, path: Path) -> None:
+def draw_front_page(data: Path, folder: Path) -> None:
+    """Write hand.png and quickstart.png to a folder.
+
+    Parameters
+    ----------
+    data
+        What `butterfly run quickstart` has written.
+    folder
+        Where to.
+    """
+    robot = read_experiment(locate(Path("quickstart"))).plant.robot
+    render(robot, ADDED, 0.6, folder / "hand.png", 800)
+    _draw_fit(data, "120g_6rads", folder / "quickstart.png")
+
+
+def _draw_fit(data: Path, name: str, path: Path) -> None:
     """Draw a log of a data set beside the free run of the model identified from all of them."""
     result = bf.identify(bf.read(data))
     log = next(each for each in result.data.logs if name in each.name)
@@ -56,13 +68,3 @@ def draw_fit(data: Path, name: str, path: Path) -> None:
         figure.get_layout_engine().set(w_pad=0.15, h_pad=0.12)
         figure.savefig(path)
     Image.open(path).convert("RGB").quantize(64).save(path, optimize=True)
-
-
-if __name__ == "__main__":
-    robot = read_experiment(locate(Path("quickstart"))).plant.robot
-    render(robot, ADDED, 0.6, PICTURES / "hand.png", 800)
-    draw_fit(
-        Path(sys.argv[1] if len(sys.argv) > 1 else "results/quickstart"),
-        "120g_6rads",
-        PICTURES / "quickstart.png",
-    )
