@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
+from butterfly.api.tabulated import Designed
 from butterfly.api.usable import require_possible
-from butterfly.cli.console import CONSOLE, new_table
+from butterfly.cli.console import say, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
@@ -43,20 +44,25 @@ def design_command(
     """
     logs = options.read(data)
     found = judged(logs, estimator)
-    typer.echo(require_possible(found).sentence)
+    say(require_possible(found).sentence)
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
-    table = new_table(
+    _, *next_steps = Designed.of(logs, found, ranked).summary
+    for sentence in next_steps:
+        say(sentence)
+    show_table(
         f"{logs.name}: standard errors after one more run, over those now",
-        *("added mass", "input", f"swing in {logs.joint.way}", "mean", *found.names, "warning"),
+        ("", "added mass", "input", f"swing in {logs.joint.way}", "mean", *found.names, "warning"),
+        [
+            (
+                str(rank),
+                str(candidate.added_mass),
+                candidate.what,
+                f"{candidate.swing:.2f}",
+                f"{candidate.score:.2f}",
+                *(f"{error:.2f}" for error in candidate.errors),
+                candidate.warning,
+            )
+            for rank, candidate in enumerate(ranked[:count], start=1)
+        ],
     )
-    for candidate in ranked[:count]:
-        table.add_row(
-            str(candidate.added_mass),
-            candidate.what,
-            f"{candidate.swing:.2f}",
-            f"{candidate.score:.2f}",
-            *(f"{error:.2f}" for error in candidate.errors),
-            candidate.warning,
-        )
-    CONSOLE.print(table)
     end_with(found.verdict.standing)

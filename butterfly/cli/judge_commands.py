@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
-from butterfly.cli.console import CONSOLE, new_table
+from butterfly.cli.console import say, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
@@ -34,6 +34,13 @@ from butterfly.identify.judgement.validation import hold_out
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
 from butterfly.report.words import held_out_sentences, verdict_on
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from butterfly.identify.estimate import ParameterEstimate
+
+_WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
 
 @takes_data_options
@@ -65,34 +72,36 @@ def validate_command(
     logs = options.read(data).holding_out(parse_names(holdout))
     quick = estimator.suited(logs).unchecked()
     whole = judged(logs, quick)
-    typer.echo(verdict_on(whole).sentence)
+    say(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
-    typer.echo(held.division.said)
+    say(held.division.said)
     predictor = Predictor(logs)
     seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
     unused = held_out_fits(logs, whole)
-    table = new_table(f"{logs.name}: FIT in %{seen.over}", "", "median", "mean", "worst")
-    for name, fit in (("in sample", seen), (held.division.left_out, held.summary)):
-        table.add_row(name, *_fit(fit))
-    if unused:
-        table.add_row("held out by name", *_fit(FitSummary.of(np.array(list(unused.values())))))
-    CONSOLE.print(table)
-    for sentence in held_out_sentences(unused):
-        typer.echo(sentence)
     counted = held.fits[~np.isnan(held.fits)]
-    typer.echo(f"{int(np.sum(counted > 90))} of {counted.size} logs left out are above 90 %.")  # noqa: PLR2004
-    for name, found in held.estimates.items():
-        values = ", ".join(
-            f"{key} {value:.4g}" for key, value in zip(found.names, found.values, strict=True)
-        )
-        typer.echo(f"Without {name}: {values}")
+    say(
+        f"{int(np.sum(counted > _WELL))} of {counted.size} logs left out are followed with a FIT "
+        f"above {_WELL} %."
+    )
+    for sentence in held_out_sentences(unused):
+        say(sentence)
+    fits = {"in sample": seen, held.division.left_out: held.summary}
+    if unused:
+        fits["held out by name"] = FitSummary.of(np.array(list(unused.values())))
+    show_table(
+        f"{logs.name}: FIT in %{seen.over}",
+        ("", "median", "mean", "worst"),
+        [(name, *_fit(fit)) for name, fit in fits.items()],
+    )
+    _show_estimates({"nothing": whole, **held.estimates})
     if repetitions:
         drawn = bootstrap(logs, quick, whole, repetitions=repetitions, track=show_progress)
-        table = new_table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
         rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
-        for name, *numbers in rows:
-            table.add_row(str(name), *(f"{number:.4g}" for number in numbers))
-        CONSOLE.print(table)
+        show_table(
+            "95 % intervals by bootstrap over logs",
+            ("", "estimate", "lower", "upper"),
+            [(name, *(f"{number:.4g}" for number in numbers)) for name, *numbers in rows],
+        )
     end_with(whole.verdict.standing)
 
 
@@ -116,16 +125,21 @@ def select_command(
     terms, quick = parse_terms(candidates) or (), estimator.unchecked()
     passed = select_terms(logs, quick, terms, track=show_progress)
     found = judged(logs, quick.with_terms(passed[-1].terms))
-    typer.echo(verdict_on(found).sentence)
+    say(verdict_on(found).sentence)
+    helped = ",".join(passed[-1].terms)
+    say(f"Chosen: --terms {helped}" if helped else "Chosen: none of them (--terms '')")
     splits = tuple(passed[0].held_out)
-    headers = [f"{kind} {what}" for kind in ("in sample", *splits) for what in ("median", "mean")]
-    table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
+    kinds = ("in sample", *(f"{split} left out" for split in splits))
+    rows = []
     for structure in passed:
         fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
         cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
-        table.add_row(", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells)
-    CONSOLE.print(table)
-    typer.echo(f"Chosen: --terms {','.join(passed[-1].terms) or '(none)'}")
+        rows.append((", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells))
+    show_table(
+        f"{logs.name}: FIT in %, in sample and left out",
+        ("terms", *(f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))),
+        rows,
+    )
     end_with(found.verdict.standing)
 
 
@@ -168,21 +182,20 @@ def residual_command(
         raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
     estimate = judged(logs, estimator.unchecked())
     verdict = verdict_on(estimate)
-    typer.echo(verdict.sentence)
+    say(verdict.sentence)
     misfit = judge_misfit(logs, estimate)
     shown = misfit.logs if number is None else misfit.logs[number : number + 1]
-    table = new_table(f"{logs.name}: what {estimate.method} leaves over", *HEADERS)
-    for row in misfit_table(shown).rows:
-        table.add_row(*map(str, row))
-    CONSOLE.print(table)
     for sentence in misfit_sentences(misfit):
-        typer.echo(sentence)
+        say(sentence)
+    show_table(
+        f"{logs.name}: what {estimate.method} leaves over", HEADERS, misfit_table(shown).rows
+    )
     if number is not None or plot is not None:
         worst = int(np.argmax([log.relative for log in misfit.logs]))
         chosen = worst if number is None else number
         residual = residual_torques(logs, estimate).logs[chosen]
         looks = residual.left_over.words("the motor's torque")
-        typer.echo(f"{residual.label}: the torque left over looks like {looks}")
+        say(f"{residual.label}: the torque left over looks like {looks}.")
         _show_shares(residual.left_over)
         if plot is not None:
             from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow
@@ -196,11 +209,29 @@ def residual_command(
 
 
 def _show_shares(left_over: LeftOver) -> None:
-    table = new_table("Share of its variance that each missing term alone explains", "term", "%")
-    for name, share in left_over.shares.items():
-        table.add_row(TERMS[name].looks_like, f"{100 * share:.1f}")
     if left_over.shares:
-        CONSOLE.print(table)
+        show_table(
+            "Share of its variance that each missing term alone explains",
+            ("term", "%"),
+            [
+                (TERMS[name].looks_like, f"{100 * each:.1f}")
+                for name, each in left_over.shares.items()
+            ],
+        )
+
+
+def _show_estimates(estimates: Mapping[str, ParameterEstimate]) -> None:
+    """Print what each estimate found, by what was left out of it."""
+    names = dict.fromkeys(name for each in estimates.values() for name in each.names)
+    found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
+    show_table(
+        "Estimates, by what was left out",
+        ("left out", *names),
+        [
+            (without, *(f"{own[name]:.4g}" if name in own else "–" for name in names))
+            for without, own in zip(estimates, found, strict=True)
+        ],
+    )
 
 
 def _fit(fit: FitSummary) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from butterfly.cli.console import CONSOLE, new_table, show_pairs
+from butterfly.cli.console import say, show_pairs, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.options import (
     ColumnsOption,
@@ -29,7 +29,13 @@ from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME, write_manifest
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
 from butterfly.logs.remarks import Condition
-from butterfly.report.inspection import health_rows, hints, inspect_logs, write_inspection
+from butterfly.report.inspection import (
+    conditions_said,
+    health_rows,
+    hints,
+    inspect_logs,
+    write_inspection,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -82,9 +88,10 @@ def inspect_command(
             _refuse_unusable(data, seen)
             return
     if several:
-        _show_all(data, seen)
-        _say_zeros([each.log for each in seen if each.log is not None], manifest)
+        say(conditions_said([each.condition for each in seen]))
         _show_hints(remark for each in seen for remark in each.remarks)
+        _say_zeros([each.log for each in seen if each.log is not None], manifest)
+        _show_all(data, seen)
         _refuse_unusable(data, seen)
         return
     ((log, health),) = (
@@ -94,9 +101,10 @@ def inspect_command(
     )
     is_log = data.suffix.lower() in FORMATS
     typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(chosen[0]))
-    show_pairs(health_rows(log, health))
-    _say_zeros([log], manifest)
+    say(conditions_said([Condition.worst(each.condition for each in health.remarks)]))
     _show_hints(health.remarks)
+    _say_zeros([log], manifest)
+    show_pairs(health_rows(log, health))
     if plot is not None:
         write_inspection(log, health, plot)
         typer.echo(f"Plot: {plot}")
@@ -156,28 +164,26 @@ def manifest_command(
 
 def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
     """Print a line for each log."""
-    table = new_table(str(data), "log", "state", "samples", "s", "ms")
-    table.columns[1].justify = "left"
-    table.add_column("findings", overflow="fold")
+    rows = []
     for each in seen:
         health = each.health
         numbers = ("–", "–", "–")
         if health is not None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        table.add_row(each.name, each.condition, *numbers, each.findings)
-    CONSOLE.print(table)
+        rows.append((each.name, each.condition, *numbers, each.findings))
+    show_table(str(data), ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 
 def _say_zeros(logs: list[Log], manifest: Manifest) -> None:
     from butterfly.report.zeros import zeros_said  # noqa: PLC0415 - slow to import
 
     for said in zeros_said(logs, manifest.knowledge):
-        typer.echo(said)
+        say(said)
 
 
 def _show_hints(remarks: Iterable[Remark]) -> None:
     for hint in hints(remarks):
-        typer.echo(hint)
+        say(hint)
 
 
 def _write_json(seen: Sequence[Inspected], path: Path) -> None:

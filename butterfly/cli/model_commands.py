@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from butterfly.api.usable import require_possible
-from butterfly.cli.console import show_pairs
+from butterfly.cli.console import say, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import DATA, MassOption
@@ -143,7 +143,7 @@ def _named(
         raise InputError(str(source), "joint", logs.joint, "a hinge, which the model in MuJoCo has")
     found = judged(logs, Suitable(check=False))
     verdict = require_possible(found)
-    typer.echo(verdict.sentence)
+    say(verdict.sentence)
     gravity = logs.logs[0].added_mass.gravity
     twin, rest = carrying_twin(found.parameters, replace(carried, gravity=gravity), mass)
     return twin, rest, verdict.standing

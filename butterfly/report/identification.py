@@ -63,6 +63,7 @@ def write_report(
     """
     estimate, rows = identification.estimate, parameter_rows(identification, truth)
     parameters = estimate.parameters
+    estimated = [name for name in estimate.names if name not in estimate.unestimated]
     runs, data, misfit = identification.free_runs, identification.data, identification.misfit
     response = frequency_response_figure(identification)
     middle = int(np.argsort(identification.fits)[len(runs) // 2])
@@ -74,7 +75,7 @@ def write_report(
         verdict=verdict_on(estimate),
         summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
         parameters=rows,
-        own={name: row.value for name, row in zip(estimate.names, rows, strict=False)},
+        own={name: row.value for name, row in zip(estimated, rows, strict=False)},
         with_truth=truth is not None,
         resonances=[
             {

@@ -62,7 +62,7 @@ class Inspected:
     @property
     def findings(self) -> str:
         """The remarks in words."""
-        return "; ".join(remark.text for remark in self.remarks) or "none"
+        return "; ".join(remark.text for remark in self.remarks)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as plain values, for JSON."""
@@ -83,6 +83,22 @@ def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected
     """Look at every log of a data set; the worst come first."""
     seen = _apart([_inspected(manifest, entry) for entry in track(manifest.logs, _LOOKING)])
     return sorted(seen, key=lambda each: -list(Condition).index(each.condition))
+
+
+def conditions_said(conditions: Sequence[Condition]) -> str:
+    """Say how many logs are in which condition."""
+    logs = f"{len(conditions)} log{'s' * (len(conditions) != 1)}"
+    counts = {each: conditions.count(each) for each in Condition}
+    if counts[Condition.OK] == len(conditions):
+        return f"{logs}: ok." if len(conditions) == 1 else f"{logs}: all ok."
+    told = [
+        f"{counts[Condition.OK]} ok",
+        f"{counts[Condition.NOTE]} with a note, which does no harm",
+        f"{counts[Condition.CARE]} to take care of",
+    ]
+    if counts[Condition.UNUSABLE]:
+        told.append(f"{counts[Condition.UNUSABLE]} that cannot be used")
+    return f"{logs}: {', '.join(told)}."
 
 
 def hints(remarks: Iterable[Remark]) -> list[str]:
@@ -143,8 +159,8 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ("input", f"{log.input.min():.5g} … {log.input.max():.5g}"),
         ("angle", f"{log.angle.min():.5g} … {log.angle.max():.5g} {way}"),
         (
-            "amplitude (71)",
-            f"{rms_amplitude(swing):.4g} {way} about the mean {log.angle.mean():.4g} {way}",
+            "amplitude",
+            f"{rms_amplitude(swing):.4g} {way} (√2 rms), mean {log.angle.mean():.4g} {way}",
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),
