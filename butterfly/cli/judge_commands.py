@@ -127,7 +127,7 @@ def select_command(
     found = judged(logs, quick.with_terms(passed[-1].terms))
     say(verdict_on(found).sentence)
     helped = ",".join(passed[-1].terms)
-    say(f"Chosen: --terms {helped}" if helped else "Chosen: none of them (--terms '')")
+    say(f"Chosen: --terms {helped}" if helped else "Chosen: --terms '' (none of them helps)")
     splits = tuple(passed[0].held_out)
     kinds = ("in sample", *(f"{split} left out" for split in splits))
     rows = []

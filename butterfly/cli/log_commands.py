@@ -101,10 +101,9 @@ def inspect_command(
     )
     is_log = data.suffix.lower() in FORMATS
     typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(chosen[0]))
-    say(conditions_said([Condition.worst(each.condition for each in health.remarks)]))
+    show_pairs(health_rows(log, health))
     _show_hints(health.remarks)
     _say_zeros([log], manifest)
-    show_pairs(health_rows(log, health))
     if plot is not None:
         write_inspection(log, health, plot)
         typer.echo(f"Plot: {plot}")

@@ -29,6 +29,12 @@ if TYPE_CHECKING:
     from butterfly.logs.manifest import LogEntry, Manifest
 
 _LOOKING = "Looking at logs"
+_TOLD = {
+    Condition.OK: "ok",
+    Condition.NOTE: "with a note",
+    Condition.CARE: "to take care of",
+    Condition.UNUSABLE: "that cannot be used",
+}
 _TURN = 2 * math.pi
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
@@ -90,14 +96,10 @@ def conditions_said(conditions: Sequence[Condition]) -> str:
     logs = f"{len(conditions)} log{'s' * (len(conditions) != 1)}"
     counts = {each: conditions.count(each) for each in Condition}
     if counts[Condition.OK] == len(conditions):
-        return f"{logs}: ok." if len(conditions) == 1 else f"{logs}: all ok."
-    told = [
-        f"{counts[Condition.OK]} ok",
-        f"{counts[Condition.NOTE]} with a note, which does no harm",
-        f"{counts[Condition.CARE]} to take care of",
-    ]
-    if counts[Condition.UNUSABLE]:
-        told.append(f"{counts[Condition.UNUSABLE]} that cannot be used")
+        return f"{logs}: {'all ' * (len(conditions) > 1)}ok."
+    told = [f"{count} {_TOLD[each]}" for each, count in counts.items() if count]
+    if Condition.worst(conditions) is Condition.NOTE:
+        told.append(f"none {_TOLD[Condition.CARE]}")
     return f"{logs}: {', '.join(told)}."
 
 
@@ -149,6 +151,8 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     omega, power = periodogram(swing, grid[1] - grid[0])
     bin_width, way = omega[0], log.added_mass.joint.way
     return [
+        ("state", Condition.worst(remark.condition for remark in health.remarks)),
+        ("findings", "; ".join(health.findings) or "none"),
         ("samples", f"{health.samples}"),
         ("duration", f"{health.duration:.3f} s"),
         (
@@ -164,8 +168,6 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),
-        ("state", Condition.worst(remark.condition for remark in health.remarks)),
-        ("findings", "; ".join(health.findings) or "none"),
     ]
 
 
