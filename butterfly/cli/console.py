@@ -7,7 +7,6 @@ each sentence in one line, which `grep` finds whole.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
@@ -27,16 +26,6 @@ _PIPED = 80  # columns, where nobody says how many there are
 _READABLE = 100  # characters in a line of a sentence, however wide a terminal is
 
 
-@dataclass
-class _Lines:
-    """What stands last: a table keeps a line from the sentences before it."""
-
-    spoken: bool = False
-
-
-_LAST = _Lines()
-
-
 def width() -> int:
     """Return how many characters a line has."""
     if CONSOLE.is_terminal:
@@ -49,14 +38,12 @@ def say(sentence: str) -> None:
     """Print a sentence: folded between words on a terminal, in one line elsewhere."""
     lines = folded(sentence, min(width(), _READABLE)) if CONSOLE.is_terminal else [sentence]
     typer.echo("\n".join(lines))
-    _LAST.spoken = True
 
 
 def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
     """Print names and texts as a table without header."""
     (block,) = laid_out((), list(pairs), width(), lead=2).blocks
-    _begin()
-    typer.echo("\n".join([*block.lines, ""]))
+    typer.echo("\n".join(["", *block.lines, ""]))
 
 
 def show_table(
@@ -64,7 +51,7 @@ def show_table(
 ) -> None:
     """Print a table as it fits (see `laid_out`), headers and title bold on a terminal."""
     layout = laid_out(headers, [[str(cell) for cell in row] for row in rows], width(), lead=lead)
-    _begin()
+    _print("")
     _print(title, "bold")
     for block in layout.blocks:
         _print("")
@@ -88,12 +75,6 @@ def show_page(page: Page) -> None:
     for section in page.sections:
         for part in section.tables:
             show_table(section.title, part.headers, part.rows)
-
-
-def _begin() -> None:
-    if _LAST.spoken:
-        typer.echo()
-    _LAST.spoken = False
 
 
 def _print(line: str, style: str = "") -> None:

@@ -12,7 +12,7 @@ from butterfly.cli.console import say, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
-from butterfly.cli.options import DataArgument
+from butterfly.cli.options import DataArgument, HoldoutOption, LimitOption, parse_names
 from butterfly.cli.show_progress import show_progress
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.estimators import Estimator
@@ -33,7 +33,8 @@ def design_command(
             show_default=f"{LARGEST_SWING:g}, or what a slide's logs have shown",
         ),
     ] = None,
-    count: Annotated[int, typer.Option(min=1, help="How many candidates to print.")] = 12,
+    limit: LimitOption = 12,
+    holdout: HoldoutOption = None,
     options: DataOptions,
 ) -> None:
     """Rank candidate next experiments by how much they would tell.
@@ -42,7 +43,7 @@ def design_command(
     simulated with the estimate, of which the verdict stands first. Values that no joint has are
     refused.
     """
-    logs = options.read(data)
+    logs = options.read(data).holding_out(parse_names(holdout))
     found = judged(logs, estimator)
     say(require_possible(found).sentence)
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
@@ -62,7 +63,7 @@ def design_command(
                 *(f"{error:.2f}" for error in candidate.errors),
                 candidate.warning,
             )
-            for rank, candidate in enumerate(ranked[:count], start=1)
+            for rank, candidate in enumerate(ranked[:limit], start=1)
         ],
     )
     end_with(found.verdict.standing)

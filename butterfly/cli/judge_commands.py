@@ -16,12 +16,13 @@ from butterfly.cli.options import (
     SPLITS,
     DataArgument,
     HoldoutOption,
+    LogOption,
     PlotOption,
     parse_names,
     parse_terms,
+    picked,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.errors import InputError
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import held_out_fits, judged
 from butterfly.identify.judgement.bootstrap import bootstrap
@@ -112,8 +113,9 @@ def select_command(
     data: DataArgument,
     estimator: Estimator,
     candidates: Annotated[
-        str, typer.Option(help="Terms to choose from, separated by commas.")
+        str, typer.Option(help="Terms to choose from, by commas.")
     ] = "drag,load,bias,p3_offset,stribeck",
+    holdout: HoldoutOption = None,
     options: DataOptions,
 ) -> None:
     """Choose friction terms by how well they predict what was left out: added masses, or logs.
@@ -121,7 +123,7 @@ def select_command(
     Terms are added one by one, the most helpful first, until none helps. With output-error and
     forty logs this takes minutes. The verdict is on the estimate with the terms chosen.
     """
-    logs = options.read(data)
+    logs = options.read(data).holding_out(parse_names(holdout))
     terms, quick = parse_terms(candidates) or (), estimator.unchecked()
     passed = select_terms(logs, quick, terms, track=show_progress)
     found = judged(logs, quick.with_terms(passed[-1].terms))
@@ -149,10 +151,8 @@ def residual_command(
     *,
     data: DataArgument,
     estimator: Estimator,
-    number: Annotated[
-        int | None,
-        typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
-    ] = None,
+    which: LogOption = None,
+    holdout: HoldoutOption = None,
     plot: PlotOption = None,
     numbers: Annotated[
         Path | None,
@@ -164,8 +164,7 @@ def residual_command(
 
     Errors of the free runs, beside what encoder and noise explain; whether their correlations stay
     inside the bands that such sensors allow; and the missing term that they look like. With --log
-    also the torque that is left over in that log. --plot draws that log, or the one with the
-    largest error.
+    also the torque that is left over in those logs. --plot draws the one with the largest error.
 
     Example: `butterfly residual results/quickstart --method output-error --log 2 --plot left.html`
     """
@@ -177,30 +176,29 @@ def residual_command(
     )
     from butterfly.report.page import write_numbers  # noqa: PLC0415 - slow to import
 
-    logs = options.read(data)
-    if number is not None and number >= len(logs.logs):
-        raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
+    logs = options.read(data).holding_out(parse_names(holdout))
+    chosen = picked(which, len(logs.logs))
     estimate = judged(logs, estimator.unchecked())
     verdict = verdict_on(estimate)
     say(verdict.sentence)
     misfit = judge_misfit(logs, estimate)
-    shown = misfit.logs if number is None else misfit.logs[number : number + 1]
+    shown = [misfit.logs[k] for k in chosen]
     for sentence in misfit_sentences(misfit):
         say(sentence)
     show_table(
         f"{logs.name}: what {estimate.method} leaves over", HEADERS, misfit_table(shown).rows
     )
-    if number is not None or plot is not None:
-        worst = int(np.argmax([log.relative for log in misfit.logs]))
-        chosen = worst if number is None else number
-        residual = residual_torques(logs, estimate).logs[chosen]
-        looks = residual.left_over.words("the motor's torque")
-        say(f"{residual.label}: the torque left over looks like {looks}.")
-        _show_shares(residual.left_over)
+    if which is not None or plot is not None:
+        torques = residual_torques(logs, estimate).logs
+        worst = max(chosen, key=lambda k: misfit.logs[k].relative)
+        for k in [worst] if which is None else chosen:
+            looks = torques[k].left_over.words("the motor's torque")
+            say(f"{torques[k].label}: the torque left over looks like {looks}.")
+            _show_shares(torques[k].left_over)
         if plot is not None:
             from butterfly.report.residual_torque import write_residual  # noqa: PLC0415 - slow
 
-            write_residual(residual, misfit.logs[chosen], verdict, plot, joint=logs.joint)
+            write_residual(torques[worst], misfit.logs[worst], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")
     if numbers is not None:
         write_numbers(verdict.numbers() | misfit_numbers(misfit), numbers)

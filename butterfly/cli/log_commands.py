@@ -15,10 +15,12 @@ from butterfly.cli.options import (
     DataArgument,
     InputOption,
     IntersampleOption,
+    LogOption,
     PlotOption,
     RepairOption,
     UnitsOption,
     parse_pairs,
+    picked,
 )
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
@@ -52,10 +54,7 @@ _STDOUT = Path("-")
 def inspect_command(
     *,
     data: DataArgument,
-    number: Annotated[
-        int | None,
-        typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
-    ] = None,
+    which: LogOption = None,
     plot: PlotOption = None,
     json_file: Annotated[
         Path | None,
@@ -74,11 +73,9 @@ def inspect_command(
     """
     manifest = with_parts(options.manifest(data, loose=True))
     count = len(manifest.logs)
-    if number is not None and number >= count:
-        raise InputError(data, "--log", number, f"less than {count}")
-    chosen = manifest.logs if number is None else [manifest.logs[number]]
+    chosen = [manifest.logs[number] for number in picked(which, count)]
     if plot is not None and len(chosen) > 1:
-        raise InputError(data, "--plot", f"{count} logs", "one log (--log N)")
+        raise InputError(data, "--plot", f"{len(chosen)} logs", "one log (--log N)")
     part = manifest.model_copy(update={"logs": chosen})
     several = len(chosen) > 1
     seen = inspect_logs(part, show_progress) if several or json_file is not None else []

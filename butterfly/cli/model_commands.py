@@ -12,7 +12,7 @@ from butterfly.api.usable import require_possible
 from butterfly.cli.console import say, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
-from butterfly.cli.options import DATA, MassOption
+from butterfly.cli.options import DATA, HandMassOption
 from butterfly.errors import InputError
 from butterfly.experiment.named_robot import export, is_data
 from butterfly.experiment.reading import read_experiment
@@ -43,15 +43,15 @@ _ARM = 0.104  # m
 def show_command(
     *,
     source: SourceArgument,
-    mass: MassOption = MASS,
-    added: AddedOption = 0.0,
+    hand_mass: HandMassOption = MASS,
+    added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
     """Print the robot's physical and lumped parameters.
 
     Example: `butterfly model show quickstart --added-mass 0.05`
     """
-    robot, carried, standing = _named(source, mass, added, options)
+    robot, carried, standing = _named(source, hand_mass, added_mass, options)
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
         "hand": _numbers(robot.hand),
@@ -85,15 +85,15 @@ def render_command(
     out: Annotated[Path, typer.Option(help="Picture to write: .png, .jpg or .webp.")],
     angle: Annotated[float, typer.Option(help="Angle of the hand in rad.")] = 0.5,
     size: Annotated[int, typer.Option(min=16, max=4096, help="Width and height in pixels.")] = 640,
-    mass: MassOption = MASS,
-    added: AddedOption = 0.0,
+    hand_mass: HandMassOption = MASS,
+    added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
     """Draw the robot; needs no display where EGL is installed.
 
     Example: `butterfly model render quickstart --added-mass 0.05 --out hand.png`
     """
-    robot, carried, standing = _named(source, mass, added, options)
+    robot, carried, standing = _named(source, hand_mass, added_mass, options)
     render(robot, carried, angle, out, size)
     typer.echo(f"Picture: {out}")
     end_with(standing)
@@ -104,8 +104,8 @@ def export_command(
     *,
     source: SourceArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
-    mass: MassOption = MASS,
-    added: AddedOption = 0.0,
+    hand_mass: HandMassOption = MASS,
+    added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
     """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
@@ -115,7 +115,7 @@ def export_command(
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
-    robot, carried, standing = _named(source, mass, added, options)
+    robot, carried, standing = _named(source, hand_mass, added_mass, options)
     export(robot, carried, out)
     typer.echo(f"Model: {out}")
     end_with(standing)

@@ -14,7 +14,7 @@ import typer
 from pyarrow import csv, parquet
 
 from butterfly.cli.console import say, show_pairs, show_table
-from butterfly.cli.options import ReportOption, parse_pairs
+from butterfly.cli.options import LimitOption, ReportOption, parse_pairs
 from butterfly.cli.shown_rows import matching, show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
@@ -40,7 +40,8 @@ FilterOption = Annotated[
     ),
 ]
 ColumnsOption = Annotated[
-    str | None, typer.Option(help="Columns, separated by commas.", show_default="all")
+    str | None,
+    typer.Option("--columns", help="Columns of the table, by commas.", show_default="all"),
 ]
 TableOption = Annotated[str, typer.Option(help="Which table: runs or estimates.")]
 
@@ -106,20 +107,20 @@ def table_command(
     folder: FolderArgument,
     table: TableOption = RUNS,
     where: FilterOption = None,
-    columns: ColumnsOption = None,
-    limit: Annotated[int, typer.Option(min=1, help="Rows to print.")] = 50,
+    chosen_columns: ColumnsOption = None,
+    limit: LimitOption = 50,
 ) -> None:
     """Print rows of a table.
 
     Example: `butterfly results table results/large-sweep --table estimates --filter parameter=p1`
     """
-    found = _filtered(_table(folder, table), where, columns)
+    found = _filtered(_table(folder, table), where, chosen_columns)
     if found.num_rows > limit:
         say(
             f"{limit} of {found.num_rows} rows; --limit shows more, butterfly results export "
             "writes all."
         )
-    show_rows(f"{folder}: {table}", found, limit, asked=columns is not None)
+    show_rows(f"{folder}: {table}", found, limit, asked=chosen_columns is not None)
 
 
 def without_formulas(table: pa.Table) -> pa.Table:
@@ -139,14 +140,14 @@ def export_command(
     out: Annotated[Path, typer.Option(help="File to write: .csv or .parquet.")],
     table: TableOption = ESTIMATES,
     where: FilterOption = None,
-    columns: ColumnsOption = None,
+    chosen_columns: ColumnsOption = None,
 ) -> None:
     """Write rows of a table to a CSV or Parquet file.
 
     In CSV, texts that a spreadsheet would take for a formula (they begin with =, +, - or @) begin
     with an apostrophe.
     """
-    found = _filtered(_table(folder, table), where, columns)
+    found = _filtered(_table(folder, table), where, chosen_columns)
     if out.suffix not in {".csv", ".parquet"}:
         raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
     with replacing(out) as draft:
@@ -171,9 +172,11 @@ def compare_command(
     other: Annotated[
         str | None, typer.Argument(help="Another run of the sweep.", show_default=False)
     ] = None,
-    against: Annotated[
+    other_results: Annotated[
         Path | None,
-        typer.Option(help="Results that hold the other run, if not the same ones."),
+        typer.Option(
+            help="Results that hold the other run, if not the same ones.", show_default=False
+        ),
     ] = None,
     *,
     numbers: Annotated[
@@ -197,7 +200,7 @@ def compare_command(
         _compare_identifications(folder, Path(one), numbers, report)
         return
     first = _record(ResultStore(folder), one)
-    second = _record(ResultStore(against or folder), other)
+    second = _record(ResultStore(other_results or folder), other)
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
     show_table(

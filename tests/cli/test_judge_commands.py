@@ -62,7 +62,7 @@ def test_what_is_left_over_is_told_of_all_logs_and_drawn_of_one(butterfly, quick
     assert "autocorrelation" in text
     code, _, err = butterfly("residual", quick_data, "--log", 99)
     assert code == 2
-    assert "less than 12" in err
+    assert "numbers from 0 to 11" in err
 
 
 def test_logs_are_held_out_by_name(butterfly, quick_data, tmp_path):

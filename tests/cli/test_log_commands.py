@@ -71,7 +71,7 @@ def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, qu
     assert plot.stat().st_size > 1e6
     assert butterfly("inspect", file)[1] in out
     assert_one_line_error(butterfly("inspect", quick_data, "--plot", plot), "12 logs", "--log N")
-    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "--log", "less than 12")
+    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "--log", "from 0 to 11")
 
 
 def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_data, tmp_path):
