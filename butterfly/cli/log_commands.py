@@ -13,8 +13,6 @@ from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.options import (
     ColumnsOption,
     DataArgument,
-    InputOption,
-    IntersampleOption,
     LogOption,
     PlotOption,
     RepairOption,
@@ -24,11 +22,18 @@ from butterfly.cli.options import (
 )
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
-from butterfly.logs.drafted import has_thesis_names, manifest_from_names, manifest_of_files
+from butterfly.files import replacing
+from butterfly.logs.drafted import (
+    draft_text,
+    has_thesis_names,
+    manifest_from_names,
+    manifest_of_files,
+    open_questions,
+)
 from butterfly.logs.formats import FORMATS
 from butterfly.logs.health import DEFAULT_REPAIRS, examine
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import MANIFEST_NAME, write_manifest
+from butterfly.logs.manifest import MANIFEST_NAME
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
 from butterfly.logs.remarks import Condition
 from butterfly.report.inspection import (
@@ -116,8 +121,19 @@ def manifest_command(
             show_default=False,
         ),
     ] = None,
-    input_kind: InputOption = InputKind.VOLTAGE,
-    intersample: IntersampleOption = Intersample.ZERO_ORDER_HOLD,
+    input_kind: Annotated[
+        InputKind | None,
+        typer.Option(
+            "--input", help="What the input commands, voltage or torque; asked if not said."
+        ),
+    ] = None,
+    intersample: Annotated[
+        Intersample | None,
+        typer.Option(
+            help="How the input goes between samples: zero_order_hold or first_order_hold; asked "
+            "if not said.",
+        ),
+    ] = None,
     columns: ColumnsOption = None,
     units: UnitsOption = None,
     repair: RepairOption = None,
@@ -130,15 +146,16 @@ def manifest_command(
 ) -> None:
     """Draft a data-set manifest of the logs in a folder, to edit and keep.
 
-    File names like Data_52__8__002.mat tell added mass, frequency and amplitude.
+    File names like Data_52__8__002.mat tell added mass, frequency and amplitude. What no file
+    tells stands in the draft as a question, "To settle", above the value that was taken for it.
 
     Example: `butterfly manifest logs --units time=ms,angle=deg`
     """
     path = out or folder / MANIFEST_NAME
     said: dict[str, Any] = {
         "arm": arm,
-        "input_kind": input_kind,
-        "intersample": intersample,
+        "input_kind": input_kind or InputKind.VOLTAGE,
+        "intersample": intersample or Intersample.ZERO_ORDER_HOLD,
         "columns": None if columns is None else parse_pairs(columns, "--columns"),
         "units": {} if units is None else parse_pairs(units, "--units"),
         "repair": DEFAULT_REPAIRS | frozenset(repair or ()),
@@ -149,13 +166,16 @@ def manifest_command(
     manifest = (manifest_from_names if named else manifest_of_files)(folder, **said)
     if out is None:
         manifest = manifest.model_copy(update={"root": "."})
-    write_manifest(manifest, path)
+    told = {"input": input_kind, "intersample": intersample}
+    asked = open_questions({key for key, value in told.items() if value is not None}, named=named)
+    with replacing(path) as draft:
+        draft.write_text(draft_text(manifest, asked), encoding="utf-8")
     typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")
-    if not named:
-        typer.echo(
-            "The file names tell nothing: say in it what was added (added_mass, arm), and the "
-            "omega and amplitude of sines."
-        )
+    if asked:
+        say("Settle in it, before it is used:")
+    for key, question in asked.items():
+        taken = getattr(manifest, key)
+        say(f"- {key}: {question}" + (f" Taken for {taken}." if isinstance(taken, str) else ""))
 
 
 def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
