@@ -13,6 +13,7 @@ from butterfly.api.result import Result, text, texts
 from butterfly.identify.identification import held_out_fits
 from butterfly.identify.predict import FitSummary, Predictor
 from butterfly.report.figures import PALETTE
+from butterfly.report.next_experiment import most_telling
 from butterfly.report.three_way import three_way_page
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import fit_said, held_out_sentences, verdict_on
@@ -138,14 +139,12 @@ class Designed(Tabulated):
             }
             for each in ranked
         )
-        best, judged = ranked[0], verdict_on(found)
+        judged = verdict_on(found)
         return cls(
             title=f"Next experiments after {data.name!r}: standard errors over those now",
             summary=(
                 judged.sentence,
-                f"Most telling next: {best.what} with {best.added_mass}, which leaves "
-                f"{100 * best.score:.0f} % of the standard errors on average"
-                + (f"; but: {best.warning}." if best.warning else "."),
+                most_telling(ranked[0]),
             ),
             table=rows,
             judged=judged,

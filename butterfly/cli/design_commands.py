@@ -6,17 +6,25 @@ from typing import Annotated
 
 import typer
 
-from butterfly.api.tabulated import Designed
 from butterfly.api.usable import require_possible
 from butterfly.cli.console import say, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
-from butterfly.cli.options import DataArgument, HoldoutOption, LimitOption, parse_names
+from butterfly.cli.options import (
+    DataArgument,
+    FiguresOption,
+    HoldoutOption,
+    LimitOption,
+    ReportOption,
+    parse_names,
+    require_report,
+)
 from butterfly.cli.show_progress import show_progress
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import judged
+from butterfly.report.next_experiment import most_telling
 
 
 @takes_data_options
@@ -35,6 +43,8 @@ def design_command(
     ] = None,
     limit: LimitOption = 12,
     holdout: HoldoutOption = None,
+    report: ReportOption = None,
+    figures: FiguresOption = False,
     options: DataOptions,
 ) -> None:
     """Rank candidate next experiments by how much they would tell.
@@ -43,13 +53,12 @@ def design_command(
     simulated with the estimate, of which the verdict stands first. Values that no joint has are
     refused.
     """
+    require_report(figures, report)
     logs = options.read(data).holding_out(parse_names(holdout))
     found = judged(logs, estimator)
     say(require_possible(found).sentence)
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
-    _, *next_steps = Designed.of(logs, found, ranked).summary
-    for sentence in next_steps:
-        say(sentence)
+    say(most_telling(ranked[0]))
     show_table(
         f"{logs.name}: standard errors after one more run, over those now",
         ("", "added mass", "input", f"swing in {logs.joint.way}", "mean", *found.names, "warning"),
@@ -66,4 +75,9 @@ def design_command(
             for rank, candidate in enumerate(ranked[:limit], start=1)
         ],
     )
+    if report is not None:
+        from butterfly.api.tabulated import Designed  # noqa: PLC0415 - slow to import
+
+        Designed.of(logs, found, ranked).report(report, figures=figures)
+        typer.echo(f"Report: {report}")
     end_with(found.verdict.standing)

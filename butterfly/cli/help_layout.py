@@ -84,7 +84,7 @@ class ArrangedCommand(TyperCommand):
         own = {name for each in self.params for name in each.opts}
         for said in (text.partition("=")[0] for text in args):
             if said not in own and _RENAMED.get(said) in own:
-                raise InputError("butterfly", said, "a name of before", _RENAMED[said])
+                raise InputError("butterfly", said, "its former name", _RENAMED[said])
         parsed: list[str] = super().parse_args(ctx, args)
         return parsed
 

@@ -15,12 +15,15 @@ from butterfly.cli.exit_codes import end_with
 from butterfly.cli.options import (
     SPLITS,
     DataArgument,
+    FiguresOption,
     HoldoutOption,
     LogOption,
     PlotOption,
+    ReportOption,
     parse_names,
     parse_terms,
     picked,
+    require_report,
 )
 from butterfly.cli.show_progress import show_progress
 from butterfly.identify.estimators import Estimator
@@ -64,12 +67,15 @@ def validate_command(
             "--bootstrap", min=0, help="Also estimate so often from logs drawn with replacement."
         ),
     ] = 0,
+    report: ReportOption = None,
+    figures: FiguresOption = False,
     options: DataOptions,
 ) -> None:
     """Predict logs that the estimator has not seen, and compare with those it has.
 
     Example: `butterfly validate results/quickstart --method output-error`
     """
+    require_report(figures, report)
     logs = options.read(data).holding_out(parse_names(holdout))
     quick = estimator.suited(logs).unchecked()
     whole = judged(logs, quick)
@@ -103,6 +109,11 @@ def validate_command(
             ("", "estimate", "lower", "upper"),
             [(name, *(f"{number:.4g}" for number in numbers)) for name, *numbers in rows],
         )
+    if report is not None:
+        from butterfly.api.tabulated import Validated  # noqa: PLC0415 - slow to import
+
+        Validated.of(logs, quick.label, held, whole).report(report, figures=figures)
+        typer.echo(f"Report: {report}")
     end_with(whole.verdict.standing)
 
 
@@ -114,8 +125,9 @@ def select_command(
     estimator: Estimator,
     candidates: Annotated[
         str, typer.Option(help="Terms to choose from, by commas.")
-    ] = "drag,load,bias,p3_offset,stribeck",
+    ] = "drag, load, bias, p3_offset, stribeck",
     holdout: HoldoutOption = None,
+    report: ReportOption = None,
     options: DataOptions,
 ) -> None:
     """Choose friction terms by how well they predict what was left out: added masses, or logs.
@@ -123,25 +135,25 @@ def select_command(
     Terms are added one by one, the most helpful first, until none helps. With output-error and
     forty logs this takes minutes. The verdict is on the estimate with the terms chosen.
     """
+    from butterfly.report.chosen_terms import (  # noqa: PLC0415 - slow to import
+        chosen_said,
+        selection_page,
+        structures_table,
+    )
+    from butterfly.report.page import write_page  # noqa: PLC0415 - slow to import
+
     logs = options.read(data).holding_out(parse_names(holdout))
     terms, quick = parse_terms(candidates) or (), estimator.unchecked()
     passed = select_terms(logs, quick, terms, track=show_progress)
     found = judged(logs, quick.with_terms(passed[-1].terms))
-    say(verdict_on(found).sentence)
-    helped = ",".join(passed[-1].terms)
-    say(f"Chosen: --terms {helped}" if helped else "Chosen: --terms '' (none of them helps)")
-    splits = tuple(passed[0].held_out)
-    kinds = ("in sample", *(f"{split} left out" for split in splits))
-    rows = []
-    for structure in passed:
-        fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
-        cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
-        rows.append((", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells))
-    show_table(
-        f"{logs.name}: FIT in %, in sample and left out",
-        ("terms", *(f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))),
-        rows,
-    )
+    verdict = verdict_on(found)
+    for sentence in (verdict.sentence, chosen_said(passed)):
+        say(sentence)
+    table = structures_table(passed)
+    show_table(f"{logs.name}: FIT in %, in sample and left out", table.headers, table.rows)
+    if report is not None:
+        write_page(selection_page(logs, passed, verdict), report)
+        typer.echo(f"Report: {report}")
     end_with(found.verdict.standing)
 
 

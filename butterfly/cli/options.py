@@ -44,16 +44,16 @@ IntersampleOption = Annotated[
 ColumnsOption = Annotated[
     str | None,
     typer.Option(
-        help="Columns or variables that hold time, input and angle (time=X,input=Y,angle=Z), by "
-        "name or number.",
+        help="What holds time, input and angle (time=X, input=Y, angle=Z; by commas): columns or "
+        "variables, by name or number.",
         show_default=False,
     ),
 ]
 UnitsOption = Annotated[
     str | None,
     typer.Option(
-        help="Units: time=ms,angle=deg; counts/4096, or a factor; a minus turns the sign. Also of "
-        "arm, mass and omega.",
+        help="Units, by commas (time=ms, angle=deg): also counts/4096, or a factor; a minus turns "
+        "the sign. Of arm, mass and omega, too.",
         show_default=False,
     ),
 ]
@@ -85,8 +85,8 @@ GravityOption = Annotated[
 KnownOption = Annotated[
     str | None,
     typer.Option(
-        help="What is known of the robot: p4=1,p3=0.05+-0.001 (a standard uncertainty), or of "
-        "motor and hand: resistance, torque_constant, hand_mass and others.",
+        help="What is known of the robot, by commas: p4=1, or p3=0.05+-0.001 (a standard "
+        "uncertainty); or of motor and hand: resistance, torque_constant, hand_mass and others.",
         show_default=False,
     ),
 ]

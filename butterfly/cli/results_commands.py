@@ -14,7 +14,13 @@ import typer
 from pyarrow import csv, parquet
 
 from butterfly.cli.console import say, show_pairs, show_table
-from butterfly.cli.options import LimitOption, ReportOption, parse_pairs
+from butterfly.cli.options import (
+    FiguresOption,
+    LimitOption,
+    ReportOption,
+    parse_pairs,
+    require_report,
+)
 from butterfly.cli.shown_rows import matching, show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
@@ -186,6 +192,7 @@ def compare_command(
         ),
     ] = None,
     report: ReportOption = None,
+    figures: FiguresOption = False,
 ) -> None:
     """Tell whether a robot has changed between two identifications, or compare two runs.
 
@@ -197,7 +204,8 @@ def compare_command(
     `butterfly results compare results/large-sweep 0 1`
     """
     if other is None:
-        _compare_identifications(folder, Path(one), numbers, report)
+        require_report(figures, report)
+        _compare_identifications(folder, Path(one), numbers, report, figures=figures)
         return
     first = _record(ResultStore(folder), one)
     second = _record(ResultStore(other_results or folder), other)
@@ -228,7 +236,7 @@ def compare_command(
 
 
 def _compare_identifications(
-    before: Path, after: Path, numbers: Path | None, report: Path | None
+    before: Path, after: Path, numbers: Path | None, report: Path | None, *, figures: bool
 ) -> None:
     """Print whether a robot has changed, first in words."""
     from butterfly.api.changed import changed  # noqa: PLC0415 - slow to import
@@ -246,7 +254,7 @@ def _compare_identifications(
         found.save(numbers)
         typer.echo(f"Numbers: {numbers}")
     if report is not None:
-        found.report(report)
+        found.report(report, figures=figures)
         typer.echo(f"Report: {report}")
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _INDENT, _GAP = 2, 2  # spaces before a line, and between columns
 _PROSE = 24  # characters beyond which a cell of words may be folded at its spaces
 _FOLDED = 3  # lines at most, into which it is
-_HEADER = 2  # lines of a header, where a table is split anyhow
+_EASY, _HEADER = 40, 3  # characters of words, lines of a header, where a table is split anyhow
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
 _GLUE = "\N{NO-BREAK SPACE}"
 
@@ -124,7 +124,7 @@ class _Column:
             least = max(least, self._width_of_few_lines(least))
         self.least = max(least, _longest_word([header]))
         self.most = max(longest, cell_len(header))
-        self.easy = self.least
+        self.easy = max(self.least, min(self.most, _EASY)) if self.prose else self.least
         while len(folded(header, self.easy)) > _HEADER:
             self.easy += 1
         self.width = self.most
@@ -200,6 +200,6 @@ def _notes(names: _Column, texts: _Column) -> list[str]:
             about.setdefault(text, []).append(name)
     count = len(names.cells)
     return [
-        f"{'all' if len(rows) == count > 1 else ', '.join(rows)}: {text}"
+        f"{'all' if len(rows) == count > 1 else '; '.join(rows)}: {text}"
         for text, rows in about.items()
     ]

@@ -59,10 +59,9 @@ def three_way_page(
         Section(title="Every log", tables=(_table(compared),)),
         Section(
             title="What the model leaves over",
-            text="Errors of the grey box, judged in all logs of the data set, and their "
-            "correlations in the drawn logs of this page: where encoder and noise explain them, "
-            "both curves stay inside the bands.",
-            tables=(misfit_table(misfit.logs),),
+            text="Errors of the grey box, and their correlations in the drawn logs of this page: "
+            "where encoder and noise explain them, both curves stay inside the bands.",
+            tables=(misfit_table(judged[each.log.name] for each in compared),),
             figures={
                 f"left-over-{k}": correlation_figure(judged[each.log.name])
                 for k, each in enumerate(drawn)
