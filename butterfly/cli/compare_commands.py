@@ -19,8 +19,12 @@ from butterfly.cli.options import (
     SPLITS,
     DataArgument,
     FiguresOption,
-    MassOption,
+    HandMassOption,
+    HoldoutOption,
+    LogOption,
     ReportOption,
+    parse_names,
+    picked,
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
@@ -47,11 +51,9 @@ def compare_command(
     *,
     data: DataArgument,
     estimator: Estimator,
-    logs: Annotated[
-        str | None,
-        typer.Option(help="Numbers of the logs, from 0 on, by commas.", show_default="all"),
-    ] = None,
-    mass: MassOption = MASS,
+    which: LogOption = None,
+    hand_mass: HandMassOption = MASS,
+    holdout: HoldoutOption = None,
     report: ReportOption = None,
     figures: FiguresOption = False,
     answer: JsonAnswer,
@@ -66,12 +68,12 @@ def compare_command(
     Example: `butterfly compare real-logs --root LOGS --report compare.html`
     """
     require_report(figures, report)
-    read = options.read(data)
-    numbers = range(len(read.logs)) if logs is None else _numbers(logs, len(read.logs))
+    read = options.read(data).holding_out(parse_names(holdout))
+    logs = picked(which, len(read.logs))
     chosen = estimator.suited(read)
     found = judged(read, chosen.unchecked())
     require_possible(found)
-    compared = compare_three(read, found, list(numbers), mass=mass, track=show_progress)
+    compared = compare_three(read, found, logs, mass=hand_mass, track=show_progress)
     misfit = judge_misfit(read, found)
     told = told_comparison(read, chosen, compared, misfit, found)
     _show(three_way_page(read, compared, misfit, told), report, figures, answer)
@@ -83,9 +85,10 @@ def leaderboard_command(
     *,
     data: Annotated[list[Path], typer.Argument(help=f"The data, each {DATA}.")],
     methods: Annotated[
-        str, typer.Option(help="Estimators, separated by commas.")
+        str, typer.Option("--method", help="Estimators, by commas.")
     ] = "harmonic-balance, weak-form, output-error, linear, thesis",
     split: Annotated[Split, typer.Option(help=SPLITS)] = Split.AUTO,
+    holdout: HoldoutOption = None,
     report: ReportOption = None,
     figures: FiguresOption = False,
     answer: JsonAnswer,
@@ -99,8 +102,9 @@ def leaderboard_command(
     names = [part.strip() for part in methods.split(",")]
     for name in names:
         if name not in ESTIMATORS:
-            raise InputError("butterfly leaderboard", "--methods", name, nearest(name, ESTIMATORS))
-    sets = [_own_root(options, path).read(path) for path in data]
+            raise InputError("butterfly leaderboard", "--method", name, nearest(name, ESTIMATORS))
+    out = parse_names(holdout)
+    sets = [_own_root(options, path).read(path).holding_out(out) for path in data]
     entries = leaderboard(
         sets, [ESTIMATORS[name]() for name in names], split=split, track=show_progress
     )
@@ -114,15 +118,6 @@ def _show(page: Page, report: Path | None, figures: bool, answer: JsonAnswer) ->
         typer.echo(f"Report: {report}")
     answer.write(page.numbers)
     end_with(None if page.verdict is None else page.verdict.standing)
-
-
-def _numbers(text: str, count: int) -> list[int]:
-    numbers = []
-    for part in text.split(","):
-        if not (part.strip().isdigit() and int(part) < count):
-            raise InputError("butterfly compare", "--logs", part, f"numbers from 0 to {count - 1}")
-        numbers.append(int(part))
-    return numbers
 
 
 def _own_root(options: DataOptions, data: Path) -> DataOptions:

@@ -7,18 +7,26 @@ from typing import Annotated
 import typer
 
 from butterfly.api.usable import require_possible
-from butterfly.cli.console import CONSOLE, new_table
+from butterfly.cli.console import say, say_verdict, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
-from butterfly.cli.loudness import say_verdict
-from butterfly.cli.options import DataArgument
+from butterfly.cli.options import (
+    DataArgument,
+    FiguresOption,
+    HoldoutOption,
+    LimitOption,
+    ReportOption,
+    parse_names,
+    require_report,
+)
 from butterfly.cli.show_progress import show_progress
 from butterfly.identify.design import LARGEST_SWING, next_experiments
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import judged
 from butterfly.report.numbers.table_numbers import told_design
+from butterfly.report.recommendations import most_telling
 
 
 @answers_in_json("design")
@@ -36,7 +44,10 @@ def design_command(
             show_default=f"{LARGEST_SWING:g}, or what a slide's logs have shown",
         ),
     ] = None,
-    count: Annotated[int, typer.Option(min=1, help="How many candidates to print.")] = 12,
+    limit: LimitOption = 12,
+    holdout: HoldoutOption = None,
+    report: ReportOption = None,
+    figures: FiguresOption = False,
     answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
@@ -46,24 +57,34 @@ def design_command(
     simulated with the estimate, of which the verdict stands first. Values that no joint has are
     refused.
     """
-    logs = options.read(data)
+    require_report(figures, report)
+    logs = options.read(data).holding_out(parse_names(holdout))
     chosen = estimator.suited(logs)
     found = judged(logs, chosen)
     say_verdict(require_possible(found).sentence)
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
-    table = new_table(
+    say(most_telling(ranked[0]))
+    show_table(
         f"{logs.name}: standard errors after one more run, over those now",
-        *("added mass", "input", f"swing in {logs.joint.way}", "mean", *found.names, "warning"),
+        ("", "added mass", "input", f"swing in {logs.joint.way}", "mean", *found.names, "warning"),
+        [
+            (
+                str(rank),
+                str(candidate.added_mass),
+                candidate.what,
+                f"{candidate.swing:.2f}",
+                f"{candidate.score:.2f}",
+                *(f"{error:.2f}" for error in candidate.errors),
+                candidate.warning,
+            )
+            for rank, candidate in enumerate(ranked[:limit], start=1)
+        ],
     )
-    for candidate in ranked[:count]:
-        table.add_row(
-            str(candidate.added_mass),
-            candidate.what,
-            f"{candidate.swing:.2f}",
-            f"{candidate.score:.2f}",
-            *(f"{error:.2f}" for error in candidate.errors),
-            candidate.warning,
-        )
-    CONSOLE.print(table)
+    if report is not None:
+        from butterfly.api.tabulated import Designed  # noqa: PLC0415 - slow to import
+
+        told = told_design(logs, chosen, found, ranked)
+        Designed.of_told(told).report(report, figures=figures)
+        typer.echo(f"Report: {report}")
     answer.give(lambda: told_design(logs, chosen, found, ranked))
     end_with(found.verdict.standing)

@@ -6,6 +6,7 @@ import inspect
 import re
 from dataclasses import MISSING, fields
 from enum import Enum, StrEnum
+from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
@@ -16,11 +17,13 @@ from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of, op
 from butterfly.model.terms import offered
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from butterfly.identify.estimators import Estimator
 
 _NAMES = {name.replace("-", "_").upper(): name for name in ESTIMATORS}
+
+_FEW = 2  # methods that are named beside an option of theirs
 
 _NAMES_BY_COMMAS = (tuple[str, ...], tuple[str, ...] | None)
 
@@ -42,7 +45,7 @@ def takes_estimator(
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        listing = " ".join(f"{name}: {each.summary}." for name, each in ESTIMATORS.items())
+        listing = "\n".join(f"- {name}: {each.summary}." for name, each in ESTIMATORS.items())
         declared = Annotated[Method, typer.Option(help=listing)]
         method = option("method", declared, Method(default))
         chosen = [method, *_options(leave_out)]
@@ -86,14 +89,31 @@ def _options(leave_out: tuple[str, ...]) -> list[inspect.Parameter]:
 
 def _option(name: str, kind: type[Estimator], owners: list[str]) -> inspect.Parameter:
     annotation = get_type_hints(kind)[name]
-    text = f"{described(kind)[name]} Of {', '.join(owners)}."
+    text = _first_sentence(described(kind)[name])
+    if len(owners) <= _FEW:
+        text += f" Of {' and '.join(owners)}."
     if name == "terms":
-        pairs = [(method, offered(method)) for method in owners]
-        valid = "; ".join(f"{method}: {', '.join(names)}" for method, names in pairs if names)
-        text += f" Separated by commas, an empty text means none; {valid}."
-    declared = typer.Option(help=text, show_default=_default_text(name, owners))
+        text += f" By commas, an empty text for none: {_offers(owners)}."
+    text += f" Default: {_default_text(name, owners)}."
+    declared = typer.Option(help=text, show_default=False)
     wanted = str if annotation in _NAMES_BY_COMMAS else annotation
     return option(name, Annotated[wanted | None, declared], None)
+
+
+def _first_sentence(text: str) -> str:
+    return re.split(r"(?<=\.) ", text, maxsplit=1)[0]
+
+
+def _offers(methods: Sequence[str]) -> str:
+    """List the terms that methods offer, and which methods do, where not all of them."""
+    told = {method: offered(method) for method in methods if offered(method)}
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name in dict.fromkeys(chain(*told.values())):
+        groups.setdefault(tuple(each for each in told if name in told[each]), []).append(name)
+    return "; ".join(
+        ", ".join(names) + ("" if len(own) == len(told) else f" ({' and '.join(own)})")
+        for own, names in groups.items()
+    )
 
 
 def _default_text(name: str, owners: list[str]) -> str:

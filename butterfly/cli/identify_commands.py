@@ -40,8 +40,8 @@ def identify_command(
     against: Annotated[
         list[str] | None,
         typer.Option(
-            help="Other parameters to simulate the same logs with: p1=…,p2=…,p3=… and, if wanted, "
-            "p4=…,coulomb=…,delay=…; without p4 the best one is used. May be repeated.",
+            help="Other parameters to simulate the same logs with: p1=…, p2=…, p3=…, by commas, "
+            "and more if wanted; without p4 the best one is taken. May be repeated.",
             show_default=False,
         ),
     ] = None,

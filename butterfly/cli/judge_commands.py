@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
-from butterfly.cli.console import CONSOLE, new_table
+from butterfly.cli.console import say, say_verdict, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
-from butterfly.cli.loudness import say_verdict
 from butterfly.cli.options import (
     SPLITS,
     DataArgument,
+    FiguresOption,
     HoldoutOption,
+    LogOption,
     PlotOption,
+    ReportOption,
     parse_names,
     parse_terms,
+    picked,
+    require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.errors import InputError
 from butterfly.identify.estimators import Estimator
 from butterfly.identify.identification import held_out_fits, judged
 from butterfly.identify.judgement.bootstrap import bootstrap
@@ -39,7 +42,15 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
+from butterfly.report.recommendations import chosen_said
 from butterfly.report.words import held_out_sentences, verdict_on
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from butterfly.identify.estimate import ParameterEstimate
+
+_WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
 
 @answers_in_json("validation")
@@ -63,6 +74,8 @@ def validate_command(
             "--bootstrap", min=0, help="Also estimate so often from logs drawn with replacement."
         ),
     ] = 0,
+    report: ReportOption = None,
+    figures: FiguresOption = False,
     answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
@@ -70,39 +83,48 @@ def validate_command(
 
     Example: `butterfly validate results/quickstart --method output-error`
     """
+    require_report(figures, report)
     logs = options.read(data).holding_out(parse_names(holdout))
     chosen = estimator.suited(logs)
     quick = chosen.unchecked()
     whole = judged(logs, quick)
     say_verdict(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
-    typer.echo(held.division.said)
+    say(held.division.said)
     predictor = Predictor(logs)
     seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
     unused = held_out_fits(logs, whole)
-    table = new_table(f"{logs.name}: FIT in %{seen.over}", "", "median", "mean", "worst")
-    for name, fit in (("in sample", seen), (held.division.left_out, held.summary)):
-        table.add_row(name, *_fit(fit))
-    if unused:
-        table.add_row("held out by name", *_fit(FitSummary.of(np.array(list(unused.values())))))
-    CONSOLE.print(table)
-    for sentence in held_out_sentences(unused):
-        typer.echo(sentence)
     counted = held.fits[~np.isnan(held.fits)]
-    typer.echo(f"{int(np.sum(counted > 90))} of {counted.size} logs left out are above 90 %.")  # noqa: PLR2004
-    for name, found in held.estimates.items():
-        values = ", ".join(
-            f"{key} {value:.4g}" for key, value in zip(found.names, found.values, strict=True)
-        )
-        typer.echo(f"Without {name}: {values}")
+    say(
+        f"{int(np.sum(counted > _WELL))} of {counted.size} logs left out are followed with a FIT "
+        f"above {_WELL} %."
+    )
+    for sentence in held_out_sentences(unused):
+        say(sentence)
+    fits = {"in sample": seen, held.division.left_out: held.summary}
+    if unused:
+        fits["held out by name"] = FitSummary.of(np.array(list(unused.values())))
+    show_table(
+        f"{logs.name}: FIT in %{seen.over}",
+        ("", "median", "mean", "worst"),
+        [(name, *_fit(fit)) for name, fit in fits.items()],
+    )
+    _show_estimates({"nothing": whole, **held.estimates})
     drawn = None
     if repetitions:
         drawn = bootstrap(logs, quick, whole, repetitions=repetitions, track=show_progress)
-        table = new_table("95 % intervals by bootstrap over logs", "", "estimate", "lower", "upper")
         rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
-        for name, *numbers in rows:
-            table.add_row(str(name), *(f"{number:.4g}" for number in numbers))
-        CONSOLE.print(table)
+        show_table(
+            "95 % intervals by bootstrap over logs",
+            ("", "estimate", "lower", "upper"),
+            [(name, *(f"{number:.4g}" for number in numbers)) for name, *numbers in rows],
+        )
+    if report is not None:
+        from butterfly.api.tabulated import Validated  # noqa: PLC0415 - slow to import
+
+        told = told_validation(logs, chosen, held, whole, drawn)
+        Validated.of_told(told).report(report, figures=figures)
+        typer.echo(f"Report: {report}")
     answer.give(lambda: told_validation(logs, chosen, held, whole, drawn))
     end_with(whole.verdict.standing)
 
@@ -115,8 +137,11 @@ def select_command(
     data: DataArgument,
     estimator: Estimator,
     candidates: Annotated[
-        str, typer.Option(help="Terms to choose from, separated by commas.")
-    ] = "drag,load,bias,p3_offset,stribeck",
+        str, typer.Option(help="Terms to choose from, by commas.")
+    ] = "drag, load, bias, p3_offset, stribeck",
+    holdout: HoldoutOption = None,
+    report: ReportOption = None,
+    figures: FiguresOption = False,
     answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
@@ -125,21 +150,27 @@ def select_command(
     Terms are added one by one, the most helpful first, until none helps. With output-error and
     forty logs this takes minutes. The verdict is on the estimate with the terms chosen.
     """
-    logs = options.read(data)
+    from butterfly.report.chosen_terms import (  # noqa: PLC0415 - slow to import
+        selection_page,
+        structures_table,
+    )
+
+    require_report(figures, report)
+    logs = options.read(data).holding_out(parse_names(holdout))
     terms, quick = parse_terms(candidates) or (), estimator.unchecked()
     passed = select_terms(logs, quick, terms, track=show_progress)
     chosen = quick.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
     say_verdict(verdict_on(found).sentence)
-    splits = tuple(passed[0].held_out)
-    headers = [f"{kind} {what}" for kind in ("in sample", *splits) for what in ("median", "mean")]
-    table = new_table(f"{logs.name}: FIT in %, in sample and left out", "terms", *headers)
-    for structure in passed:
-        fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
-        cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
-        table.add_row(", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells)
-    CONSOLE.print(table)
-    typer.echo(f"Chosen: --terms {','.join(passed[-1].terms) or '(none)'}")
+    say(chosen_said(passed))
+    table = structures_table(passed)
+    show_table(f"{logs.name}: FIT in %, in sample and left out", table.headers, table.rows)
+    if report is not None:
+        from butterfly.report.page import write_page  # noqa: PLC0415 - slow to import
+
+        told = told_selection(logs, chosen, terms, passed, found)
+        write_page(selection_page(logs, passed, told), report, figures=figures)
+        typer.echo(f"Report: {report}")
     answer.give(lambda: told_selection(logs, chosen, terms, passed, found))
     end_with(found.verdict.standing)
 
@@ -151,10 +182,8 @@ def residual_command(
     *,
     data: DataArgument,
     estimator: Estimator,
-    number: Annotated[
-        int | None,
-        typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
-    ] = None,
+    which: LogOption = None,
+    holdout: HoldoutOption = None,
     plot: PlotOption = None,
     answer: JsonAnswer,
     options: DataOptions,
@@ -163,8 +192,7 @@ def residual_command(
 
     Errors of the free runs, beside what encoder and noise explain; whether their correlations stay
     inside the bands that such sensors allow; and the missing term that they look like. With --log
-    also the torque that is left over in that log. --plot draws that log, or the one with the
-    largest error.
+    also the torque that is left over in those logs. --plot draws the one with the largest error.
 
     Example: `butterfly residual results/quickstart --method output-error --log 2 --plot left.html`
     """
@@ -174,43 +202,59 @@ def residual_command(
         misfit_table,
     )
 
-    logs = options.read(data)
-    if number is not None and number >= len(logs.logs):
-        raise InputError(data, "--log", number, f"less than {len(logs.logs)}")
+    logs = options.read(data).holding_out(parse_names(holdout))
+    chosen = picked(which, len(logs.logs))
     suited = estimator.suited(logs)
     estimate = judged(logs, suited.unchecked())
     verdict = verdict_on(estimate)
     say_verdict(verdict.sentence)
     misfit = judge_misfit(logs, estimate)
-    shown = misfit.logs if number is None else misfit.logs[number : number + 1]
-    table = new_table(f"{logs.name}: what {estimate.method} leaves over", *HEADERS)
-    for row in misfit_table(shown).rows:
-        table.add_row(*map(str, row))
-    CONSOLE.print(table)
+    shown = [misfit.logs[k] for k in chosen]
     for sentence in misfit_sentences(misfit):
-        typer.echo(sentence)
-    if number is not None or plot is not None:
-        worst = int(np.argmax([log.relative for log in misfit.logs]))
-        chosen = worst if number is None else number
-        residual = residual_torques(logs, estimate).logs[chosen]
-        looks = residual.left_over.words("the motor's torque")
-        typer.echo(f"{residual.label}: the torque left over looks like {looks}")
-        _show_shares(residual.left_over)
+        say(sentence)
+    show_table(
+        f"{logs.name}: what {estimate.method} leaves over", HEADERS, misfit_table(shown).rows
+    )
+    if which is not None or plot is not None:
+        torques = residual_torques(logs, estimate).logs
+        worst = max(chosen, key=lambda k: misfit.logs[k].relative)
+        for k in [worst] if which is None else chosen:
+            looks = torques[k].left_over.words("the motor's torque")
+            say(f"{torques[k].label}: the torque left over looks like {looks}.")
+            _show_shares(torques[k].left_over)
         if plot is not None:
             from butterfly.report.residual_page import write_residual  # noqa: PLC0415 - slow
 
-            write_residual(residual, misfit.logs[chosen], verdict, plot, joint=logs.joint)
+            write_residual(torques[worst], misfit.logs[worst], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")
     answer.give(lambda: told_residual(logs, suited, estimate, misfit, misfit_sentences(misfit)))
     end_with(verdict.standing)
 
 
 def _show_shares(left_over: LeftOver) -> None:
-    table = new_table("Share of its variance that each missing term alone explains", "term", "%")
-    for name, share in left_over.shares.items():
-        table.add_row(TERMS[name].looks_like, f"{100 * share:.1f}")
     if left_over.shares:
-        CONSOLE.print(table)
+        show_table(
+            "Share of its variance that each missing term alone explains",
+            ("term", "%"),
+            [
+                (TERMS[name].looks_like, f"{100 * each:.1f}")
+                for name, each in left_over.shares.items()
+            ],
+        )
+
+
+def _show_estimates(estimates: Mapping[str, ParameterEstimate]) -> None:
+    """Print what each estimate found, by what was left out of it."""
+    names = dict.fromkeys(name for each in estimates.values() for name in each.names)
+    found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
+    show_table(
+        "Estimates, by what was left out",
+        ("left out", *names),
+        [
+            (without, *(f"{own[name]:.4g}" if name in own else "–" for name in names))
+            for without, own in zip(estimates, found, strict=True)
+        ],
+    )
 
 
 def _fit(fit: FitSummary) -> list[str]:

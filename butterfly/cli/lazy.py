@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from butterfly.cli.help_layout import ArrangedCommand, arranged
 from butterfly.cli.loudness import be_quiet
 
 if TYPE_CHECKING:
@@ -89,6 +90,10 @@ class LazyGroup(TyperGroup):
         }
         self.commands = {**listed, **self.commands}
 
+    def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - typer's
+        """Return its own options."""
+        return arranged(super().get_params(ctx))
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - typer's
         """Find the command that is called, and import it."""
         name, listed, rest = super().resolve_command(ctx, args)
@@ -99,7 +104,7 @@ class LazyGroup(TyperGroup):
 
 def _made(name: str, command: Command) -> Any:  # noqa: ANN401 - typer's
     app = typer.Typer(add_completion=False, rich_markup_mode=MARKUP)
-    app.command(name)(_with_quiet(command.load()))
+    app.command(name, cls=ArrangedCommand)(_with_quiet(command.load()))
     return typer.main.get_command(app)
 
 

@@ -7,29 +7,41 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from butterfly.cli.console import CONSOLE, new_table, show_pairs
+from butterfly.cli.console import say, show_pairs, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import (
     ColumnsOption,
     DataArgument,
-    InputOption,
-    IntersampleOption,
+    LogOption,
     PlotOption,
     RepairOption,
     UnitsOption,
     parse_pairs,
+    picked,
 )
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
-from butterfly.logs.drafted import has_thesis_names, manifest_from_names, manifest_of_files
+from butterfly.files import replacing
+from butterfly.logs.drafted import (
+    draft_text,
+    has_thesis_names,
+    manifest_from_names,
+    manifest_of_files,
+    open_questions,
+)
 from butterfly.logs.formats import FORMATS
 from butterfly.logs.health import DEFAULT_REPAIRS, examine
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import MANIFEST_NAME, write_manifest
+from butterfly.logs.manifest import MANIFEST_NAME
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
 from butterfly.logs.remarks import Condition
-from butterfly.report.inspection import health_rows, hints, inspect_logs
+from butterfly.report.inspection import (
+    conditions_said,
+    health_rows,
+    hints,
+    inspect_logs,
+)
 from butterfly.report.numbers.other_numbers import told_inspection
 
 if TYPE_CHECKING:
@@ -45,10 +57,7 @@ if TYPE_CHECKING:
 def inspect_command(
     *,
     data: DataArgument,
-    number: Annotated[
-        int | None,
-        typer.Option("--log", min=0, help="Which log, from 0 on.", show_default="all"),
-    ] = None,
+    which: LogOption = None,
     plot: PlotOption = None,
     answer: JsonAnswer,
     options: DataOptions,
@@ -62,11 +71,9 @@ def inspect_command(
     """
     manifest = with_parts(options.manifest(data, loose=True))
     count = len(manifest.logs)
-    if number is not None and number >= count:
-        raise InputError(data, "--log", number, f"less than {count}")
-    chosen = manifest.logs if number is None else [manifest.logs[number]]
+    chosen = [manifest.logs[number] for number in picked(which, count)]
     if plot is not None and len(chosen) > 1:
-        raise InputError(data, "--plot", f"{count} logs", "one log (--log N)")
+        raise InputError(data, "--plot", f"{len(chosen)} logs", "one log (--log N)")
     part = manifest.model_copy(update={"logs": chosen})
     several = len(chosen) > 1
     seen = inspect_logs(part, show_progress) if several or answer.wanted else []
@@ -74,9 +81,9 @@ def inspect_command(
         answer.give(lambda: told_inspection(part, seen, _said(seen, manifest)))
         _refuse_unusable(data, seen)
     if several:
-        _show_all(data, seen)
         for sentence in _said(seen, manifest):
-            typer.echo(sentence)
+            say(sentence)
+        _show_all(data, seen)
         _refuse_unusable(data, seen)
         return
     ((log, health),) = (
@@ -87,8 +94,8 @@ def inspect_command(
     is_log = data.suffix.lower() in FORMATS
     typer.echo(data if is_log and count == 1 else Path(manifest.root) / piece_name(chosen[0]))
     show_pairs(health_rows(log, health))
-    for sentence in (*_zeros_said([log], manifest), *hints(health.remarks)):
-        typer.echo(sentence)
+    for sentence in (*hints(health.remarks), *_zeros_said([log], manifest)):
+        say(sentence)
     if plot is not None:
         from butterfly.report.inspection_page import write_inspection  # noqa: PLC0415 - slow
 
@@ -106,8 +113,19 @@ def manifest_command(
             show_default=False,
         ),
     ] = None,
-    input_kind: InputOption = InputKind.VOLTAGE,
-    intersample: IntersampleOption = Intersample.ZERO_ORDER_HOLD,
+    input_kind: Annotated[
+        InputKind | None,
+        typer.Option(
+            "--input", help="What the input commands, voltage or torque; asked if not said."
+        ),
+    ] = None,
+    intersample: Annotated[
+        Intersample | None,
+        typer.Option(
+            help="How the input goes between samples: zero_order_hold or first_order_hold; asked "
+            "if not said.",
+        ),
+    ] = None,
     columns: ColumnsOption = None,
     units: UnitsOption = None,
     repair: RepairOption = None,
@@ -120,15 +138,16 @@ def manifest_command(
 ) -> None:
     """Draft a data-set manifest of the logs in a folder, to edit and keep.
 
-    File names like Data_52__8__002.mat tell added mass, frequency and amplitude.
+    File names like Data_52__8__002.mat tell added mass, frequency and amplitude. What no file
+    tells stands in the draft as a question, "To settle", above the value that was taken for it.
 
     Example: `butterfly manifest logs --units time=ms,angle=deg`
     """
     path = out or folder / MANIFEST_NAME
     said: dict[str, Any] = {
         "arm": arm,
-        "input_kind": input_kind,
-        "intersample": intersample,
+        "input_kind": input_kind or InputKind.VOLTAGE,
+        "intersample": intersample or Intersample.ZERO_ORDER_HOLD,
         "columns": None if columns is None else parse_pairs(columns, "--columns"),
         "units": {} if units is None else parse_pairs(units, "--units"),
         "repair": DEFAULT_REPAIRS | frozenset(repair or ()),
@@ -139,35 +158,37 @@ def manifest_command(
     manifest = (manifest_from_names if named else manifest_of_files)(folder, **said)
     if out is None:
         manifest = manifest.model_copy(update={"root": "."})
-    write_manifest(manifest, path)
+    told = {"input": input_kind, "intersample": intersample}
+    asked = open_questions({key for key, value in told.items() if value is not None}, named=named)
+    with replacing(path) as draft:
+        draft.write_text(draft_text(manifest, asked), encoding="utf-8")
     typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")
-    if not named:
-        typer.echo(
-            "The file names tell nothing: say in it what was added (added_mass, arm), and the "
-            "omega and amplitude of sines."
-        )
+    if asked:
+        say("Settle in it, before it is used:")
+    for key, question in asked.items():
+        taken = getattr(manifest, key)
+        say(f"- {key}: {question}" + (f" Taken for {taken}." if isinstance(taken, str) else ""))
 
 
 def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
     """Print a line for each log."""
-    table = new_table(str(data), "log", "state", "samples", "s", "ms")
-    table.columns[1].justify = "left"
-    table.add_column("findings", overflow="fold")
+    rows = []
     for each in seen:
         health = each.health
         numbers = ("–", "–", "–")
         if health is not None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        table.add_row(each.name, each.condition, *numbers, each.findings)
-    CONSOLE.print(table)
+        rows.append((each.name, each.condition, *numbers, each.findings))
+    show_table(str(data), ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 
 def _said(seen: Sequence[Inspected], manifest: Manifest) -> list[str]:
-    """Say where the hand hangs, and what to do about what was found."""
+    """Say in which condition the logs are, what to do about it, and where the hand hangs."""
     logs = [each.log for each in seen if each.log is not None]
     return [
-        *_zeros_said(logs, manifest),
+        conditions_said([each.condition for each in seen]),
         *hints(remark for each in seen for remark in each.remarks),
+        *_zeros_said(logs, manifest),
     ]
 
 

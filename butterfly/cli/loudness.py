@@ -72,7 +72,7 @@ def standard_output() -> TextIO:
     return _now.kept or sys.stdout
 
 
-def say_verdict(sentence: str) -> None:
+def print_verdict(sentence: str) -> None:
     """Print the verdict, which is what remains of an answer that is quiet."""
     if not _now.document_alone:
         typer.echo(sentence, file=standard_output())

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from butterfly.api.usable import require_possible
-from butterfly.cli.console import show_pairs
+from butterfly.cli.console import say_verdict, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
-from butterfly.cli.loudness import say_verdict
-from butterfly.cli.options import DATA, MassOption
+from butterfly.cli.options import DATA, HandMassOption
 from butterfly.errors import InputError
 from butterfly.experiment.named_robot import export, is_data
 from butterfly.experiment.reading import read_experiment
@@ -50,8 +49,8 @@ _ARM = 0.104  # m
 def show_command(
     *,
     source: SourceArgument,
-    mass: MassOption = MASS,
-    added: AddedOption = 0.0,
+    hand_mass: HandMassOption = MASS,
+    added_mass: AddedOption = 0.0,
     answer: JsonAnswer,
     options: DataOptions,
 ) -> None:
@@ -59,7 +58,7 @@ def show_command(
 
     Example: `butterfly model show quickstart --added-mass 0.05`
     """
-    named = _named(source, mass, added, options)
+    named = _named(source, hand_mass, added_mass, options)
     robot, carried = named.robot, named.carried
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
@@ -95,15 +94,15 @@ def render_command(
     out: Annotated[Path, typer.Option(help="Picture to write: .png, .jpg or .webp.")],
     angle: Annotated[float, typer.Option(help="Angle of the hand in rad.")] = 0.5,
     size: Annotated[int, typer.Option(min=16, max=4096, help="Width and height in pixels.")] = 640,
-    mass: MassOption = MASS,
-    added: AddedOption = 0.0,
+    hand_mass: HandMassOption = MASS,
+    added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
     """Draw the robot; needs no display where EGL is installed.
 
     Example: `butterfly model render quickstart --added-mass 0.05 --out hand.png`
     """
-    named = _named(source, mass, added, options)
+    named = _named(source, hand_mass, added_mass, options)
     render(named.robot, named.carried, angle, out, size)
     typer.echo(f"Picture: {out}")
     end_with(named.standing)
@@ -114,8 +113,8 @@ def export_command(
     *,
     source: SourceArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
-    mass: MassOption = MASS,
-    added: AddedOption = 0.0,
+    hand_mass: HandMassOption = MASS,
+    added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
     """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
@@ -125,7 +124,7 @@ def export_command(
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
-    named = _named(source, mass, added, options)
+    named = _named(source, hand_mass, added_mass, options)
     export(named.robot, named.carried, out)
     typer.echo(f"Model: {out}")
     end_with(named.standing)

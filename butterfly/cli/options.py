@@ -22,61 +22,71 @@ DataArgument = Annotated[Path, typer.Argument(help=f"The data: {DATA}.")]
 
 RootOption = Annotated[
     Path | None,
-    typer.Option(help="Folder of the logs, if not the one the manifest names.", show_default=False),
+    typer.Option(help="Folder of the logs, if not the manifest's.", show_default=False),
 ]
 ArmOption = Annotated[
     float | None,
-    typer.Option(help="Pivot to added mass in m, where no manifest says it.", show_default=False),
+    typer.Option(help="Pivot to added mass, where no manifest says.", show_default=False),
 ]
 InputOption = Annotated[
     InputKind,
-    typer.Option("--input", help="What the logs' input commands, where no manifest says it."),
+    typer.Option(
+        "--input", help="What the logs' input commands, voltage or torque, where no manifest says."
+    ),
 ]
 IntersampleOption = Annotated[
     Intersample,
-    typer.Option(help="How the input is held between samples, where no manifest says it."),
+    typer.Option(
+        help="How the input goes between samples, where no manifest says: zero_order_hold or "
+        "first_order_hold."
+    ),
 ]
 ColumnsOption = Annotated[
     str | None,
     typer.Option(
-        help="What holds time, input and angle (time=X,input=Y,angle=Z): columns of a table or "
-        "variables of a .mat file, by name or number.",
+        help="What holds time, input and angle (time=X, input=Y, angle=Z; by commas): columns or "
+        "variables, by name or number.",
         show_default=False,
     ),
 ]
 UnitsOption = Annotated[
     str | None,
     typer.Option(
-        help="Units by commas (time=ms,angle=deg, counts/4096, a factor; a minus turns the sign), "
-        "also of arm, mass and omega.",
+        help="Units, by commas (time=ms, angle=deg): also counts/4096, or a factor; a minus turns "
+        "the sign. Of arm, mass and omega, too.",
         show_default=False,
     ),
 ]
 RepairOption = Annotated[
     list[Repair] | None,
-    typer.Option(help="Fault that may be repaired; may be repeated.", show_default=False),
+    typer.Option(
+        help="Fault to repair: duplicate, backward, non_finite or unwrap; may be repeated.",
+        show_default=False,
+    ),
 ]
 
 JointOption = Annotated[
     JointKind | None,
     typer.Option(
-        help="How the joint moves: a slide's angle is a way in m, its p1 a mass in kg.",
-        show_default="what the manifest says, or hinge",
+        help="How the joint moves, hinge or slide (its angle is a way in m, its p1 a mass); hinge "
+        "if no manifest says.",
+        show_default=False,
     ),
 ]
 GravityOption = Annotated[
     float | None,
     typer.Option(
         min=0,
-        help="In m/s², across the joint's axis; 0 for a joint that turns about the vertical.",
-        show_default="what the manifest says, or 9.81",
+        help="Across the joint's axis: 0 for one that turns about the vertical; 9.81 if no "
+        "manifest says.",
+        show_default=False,
     ),
 ]
 KnownOption = Annotated[
     str | None,
     typer.Option(
-        help="What is known of the robot, by commas: parameters (p4=1, p3=0.05+-0.001 with a "
-        "standard uncertainty), or motor and hand (resistance, torque_constant, hand_mass, ...).",
+        help="What is known of the robot, by commas: p4=1, or p3=0.05+-0.001 (a standard "
+        "uncertainty); or of motor and hand: resistance, torque_constant, hand_mass and others.",
         show_default=False,
     ),
 ]
@@ -85,26 +95,26 @@ FromOption = Annotated[
     float | None,
     typer.Option(
         "--from",
-        help="First instant in s, by its own clock, of the piece that is meant of a log.",
-        show_default="its beginning",
+        help="First instant of the piece that is meant of a log, by its own clock.",
+        show_default=False,
     ),
 ]
 ToOption = Annotated[
     float | None,
-    typer.Option("--to", help="Last instant in s of that piece.", show_default="its end"),
+    typer.Option("--to", help="Last instant of that piece.", show_default=False),
 ]
 RestartsOption = Annotated[
     bool,
     typer.Option(
         "--restarts",
-        help="Take files whose clock falls back for several recordings, each a log.",
+        help="Take a file whose clock falls back for several logs.",
     ),
 ]
 ZeroOption = Annotated[
     str | None,
     typer.Option(
-        help="What the encoder reads in rad where the hand hangs, in place of what a manifest says "
-        "or the logs tell: 0.1, or 0.1+-0.01 with a standard uncertainty.",
+        help="What the encoder reads where the hand hangs, if not what a manifest or the logs "
+        "tell: 0.1, or 0.1+-0.01.",
         show_default=False,
     ),
 ]
@@ -114,7 +124,7 @@ ReportOption = Annotated[
 ]
 FiguresOption = Annotated[
     bool,
-    typer.Option("--figures", help="Write the report's figures as PNG and SVG too, beside it."),
+    typer.Option("--figures", help="Write its figures as PNG and SVG too, beside it."),
 ]
 PlotOption = Annotated[
     Path | None, typer.Option(help="Write a plot (HTML) to this file.", show_default=False)
@@ -127,9 +137,16 @@ ResultsOption = Annotated[
         show_default=False,
     ),
 ]
-MassOption = Annotated[
+HandMassOption = Annotated[
     float,
-    typer.Option(help="Mass in kg given to an identified hand; the motion does not tell it."),
+    typer.Option(
+        "--hand-mass", help="Mass in kg given to an identified hand; the motion does not tell it."
+    ),
+]
+LimitOption = Annotated[int, typer.Option("--limit", min=1, help="Rows to print, at most.")]
+LogOption = Annotated[
+    str | None,
+    typer.Option("--log", help="Numbers of the logs, from 0 on, by commas.", show_default="all"),
 ]
 
 
@@ -137,8 +154,7 @@ HoldoutOption = Annotated[
     str | None,
     typer.Option(
         "--holdout",
-        help="Logs that are not used for the fit, only foretold by it: names or glob patterns, by "
-        "commas.",
+        help="Logs that no fit sees: names or glob patterns, by commas.",
         show_default=False,
     ),
 ]
@@ -148,6 +164,23 @@ SPLITS = (
     "stretch of time of every log; or the first of these that suits the logs."
 )
 """What `butterfly.identify.judgement.splits.Split` offers."""
+
+
+def picked(numbers: str | None, count: int) -> list[int]:
+    """Read the numbers of logs (see `LogOption`); all of them if none are given.
+
+    Raises
+    ------
+    InputError
+        If one is no number of a log, of which there are ``count``.
+    """
+    if numbers is None:
+        return list(range(count))
+    parts = [part.strip() for part in numbers.split(",")]
+    for part in parts:
+        if not (part.isdigit() and int(part) < count):
+            raise InputError("--log", "number", part, f"numbers from 0 to {count - 1}")
+    return [int(part) for part in parts]
 
 
 def require_report(figures: bool, report: Path | None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,9 +13,16 @@ import pyarrow.compute as pc
 import typer
 from pyarrow import csv, parquet
 
-from butterfly.cli.console import CONSOLE, new_table, show_pairs
+from butterfly.cli.console import say, show_pairs, show_table
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
-from butterfly.cli.options import ReportOption, parse_pairs
+from butterfly.cli.options import (
+    FiguresOption,
+    LimitOption,
+    ReportOption,
+    parse_pairs,
+    require_report,
+)
+from butterfly.cli.shown_rows import matching, show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
 from butterfly.experiment.kept import EXPERIMENT
@@ -23,6 +31,7 @@ from butterfly.experiment.record import OK
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
 from butterfly.logs.log import InputKind
+from butterfly.report.field_names import said_name
 from butterfly.report.numbers.record_numbers import (
     told_record,
     told_rows,
@@ -47,10 +56,10 @@ FilterOption = Annotated[
     ),
 ]
 ColumnsOption = Annotated[
-    str | None, typer.Option(help="Columns, separated by commas.", show_default="all")
+    str | None,
+    typer.Option("--columns", help="Columns of the table, by commas.", show_default="all"),
 ]
 TableOption = Annotated[str, typer.Option(help="Which table: runs or estimates.")]
-_WIDEST = 40  # characters of a cell
 
 
 @answers_in_json("results")
@@ -61,23 +70,26 @@ def list_command(
 ) -> None:
     """List the sweeps whose results lie in a folder, and how many of their runs are done."""
     said: list[dict[str, Any]] = []
-    table = new_table(f"Results in {folder}", "sweep", "runs", "done", "failed", "varied")
+    rows: list[tuple[str, ...]] = []
     for path in sorted(folder.glob(f"*/{SWEEP}")) or sorted(folder.glob(SWEEP)):
         store = ResultStore(path.parent)
         try:
             sweep = store.sweep()
         except InputError:
-            table.add_row(str(path.parent), "–", "–", "–", "of another version")
+            rows.append((str(path.parent), "–", "–", "–", "of another version"))
             said.append({"sweep": path.parent.name, "runs": None})
             continue
         records = (store.read(run.key) for run in sweep.runs)
         states = Counter(record and record.status for record in records)
         done = states[OK]
         counts = (len(sweep.runs), done, states.total() - states[None] - done)
-        table.add_row(str(path.parent), *map(str, counts), ", ".join(sweep.fields))
+        rows.append((str(path.parent), *map(str, counts), ", ".join(map(said_name, sweep.fields))))
         numbers = dict(zip(("runs", "done", "failed"), counts, strict=True))
         said.append({"sweep": path.parent.name, **numbers, "varied": list(sweep.fields)})
-    CONSOLE.print(table)
+    if rows:
+        show_table(f"Results in {folder}", ("sweep", "runs", "done", "failed", "varied"), rows)
+    else:
+        say(f"No results in {folder}: butterfly run EXPERIMENT makes some.")
     answer.give(lambda: told_table("results", "Results", said))
 
 
@@ -100,16 +112,19 @@ def show_command(
     show_pairs(pairs)
     for each in record.estimates:
         if each.parameters:
-            typer.echo(f"{each.estimator}: {verdict_of(each).sentence}")
-        table = new_table(each.estimator, "parameter", "true", "value", "lower", "upper")
-        for row in each.parameters:
-            cells = (_text(value) for value in (row.true, row.value, row.lower, row.upper))
-            table.add_row(row.parameter, *cells)
-        CONSOLE.print(table)
+            say(f"{each.estimator}: {verdict_of(each).sentence}")
+            show_table(
+                each.estimator,
+                ("parameter", "true", "value", "lower", "upper"),
+                [
+                    (row.parameter, *map(shown_text, (row.true, row.value, row.lower, row.upper)))
+                    for row in each.parameters
+                ],
+            )
         if not each.converged:
-            typer.echo(f"ending: {each.ending}")
+            say(f"ending: {each.ending}")
         if each.error:
-            typer.echo(each.error)
+            say(each.error)
     logs = store.files_path(record.key)
     if logs.exists():
         typer.echo(f"Logs: {logs} (butterfly identify takes this folder)")
@@ -121,8 +136,8 @@ def table_command(
     folder: FolderArgument,
     table: TableOption = RUNS,
     where: FilterOption = None,
-    columns: ColumnsOption = None,
-    limit: Annotated[int, typer.Option(min=1, help="Rows to print.")] = 50,
+    chosen_columns: ColumnsOption = None,
+    limit: LimitOption = 50,
     *,
     answer: JsonAnswer,
 ) -> None:
@@ -130,13 +145,13 @@ def table_command(
 
     Example: `butterfly results table results/large-sweep --table estimates --filter parameter=p1`
     """
-    found = _filtered(_table(folder, table), where, columns)
-    shown = new_table(f"{folder}: {table}", *found.column_names)
-    for row in found.slice(0, limit).to_pylist():
-        shown.add_row(*(_text(value) for value in row.values()))
-    CONSOLE.print(shown)
+    found = _filtered(_table(folder, table), where, chosen_columns)
     if found.num_rows > limit:
-        typer.echo(f"{found.num_rows - limit} more rows; --limit shows them, export keeps them.")
+        say(
+            f"{limit} of {found.num_rows} rows; --limit shows more, butterfly results export "
+            "writes all."
+        )
+    show_rows(f"{folder}: {table}", found, limit, asked=chosen_columns is not None)
     answer.give(lambda: told_rows(table, found, limit, _input_kind(folder)))
 
 
@@ -157,14 +172,14 @@ def export_command(
     out: Annotated[Path, typer.Option(help="File to write: .csv or .parquet.")],
     table: TableOption = ESTIMATES,
     where: FilterOption = None,
-    columns: ColumnsOption = None,
+    chosen_columns: ColumnsOption = None,
 ) -> None:
     """Write rows of a table to a CSV or Parquet file.
 
     In CSV, texts that a spreadsheet would take for a formula (they begin with =, +, - or @) begin
     with an apostrophe.
     """
-    found = _filtered(_table(folder, table), where, columns)
+    found = _filtered(_table(folder, table), where, chosen_columns)
     if out.suffix not in {".csv", ".parquet"}:
         raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
     with replacing(out) as draft:
@@ -190,12 +205,15 @@ def compare_command(
     other: Annotated[
         str | None, typer.Argument(help="Another run of the sweep.", show_default=False)
     ] = None,
-    against: Annotated[
+    other_results: Annotated[
         Path | None,
-        typer.Option(help="Results that hold the other run, if not the same ones."),
+        typer.Option(
+            help="Results that hold the other run, if not the same ones.", show_default=False
+        ),
     ] = None,
     *,
     report: ReportOption = None,
+    figures: FiguresOption = False,
     answer: JsonAnswer,
 ) -> None:
     """Tell whether a robot has changed between two identifications, or compare two runs.
@@ -208,38 +226,41 @@ def compare_command(
     `butterfly results compare results/large-sweep 0 1`
     """
     if other is None:
-        _compare_identifications(folder, Path(one), answer, report)
+        require_report(figures, report)
+        _compare_identifications(folder, Path(one), answer, report, figures=figures)
         return
     first = _record(ResultStore(folder), one)
-    second = _record(ResultStore(against or folder), other)
-    table = new_table("What was set", "", one, other)
-    set_ = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
-    for name in dict.fromkeys([*set_[0], *set_[1]]):
-        values = [each.get(name) for each in set_]
-        if values[0] != values[1]:
-            table.add_row(name, *(_text(value) for value in values))
-    CONSOLE.print(table)
+    second = _record(ResultStore(other_results or folder), other)
+    said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
+    pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
+    show_table(
+        "What was set",
+        ("", one, other),
+        [(name, *map(shown_text, pair)) for name, pair in pairs.items() if pair[0] != pair[1]],
+    )
     matching = {each.estimator: each for each in second.estimates}
     for each in first.estimates:
         if each.estimator not in matching:
             continue
         for name, of in ((one, each), (other, matching[each.estimator])):
             if of.parameters:
-                typer.echo(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
+                say(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
         twins = {row.parameter: row for row in matching[each.estimator].parameters}
-        headers = ("parameter", one, other, "difference", "in std. errors")
-        table = new_table(each.estimator, *headers)
-        for row in each.parameters:
-            twin = twins.get(row.parameter)
-            if twin is not None:
-                table.add_row(row.parameter, *_difference(row, twin))
-        CONSOLE.print(table)
-    kinds = [_input_kind(folder), _input_kind(against or folder)]
+        show_table(
+            each.estimator,
+            ("parameter", one, other, "difference", "in std. errors"),
+            [
+                (row.parameter, *_difference(row, twins[row.parameter]))
+                for row in each.parameters
+                if row.parameter in twins
+            ],
+        )
+    kinds = [_input_kind(folder), _input_kind(other_results or folder)]
     answer.give(lambda: told_runs((first, second), kinds))
 
 
 def _compare_identifications(
-    before: Path, after: Path, answer: JsonAnswer, report: Path | None
+    before: Path, after: Path, answer: JsonAnswer, report: Path | None, *, figures: bool
 ) -> None:
     """Print whether a robot has changed, first in words."""
     from butterfly.api.changed import changed  # noqa: PLC0415 - slow to import
@@ -249,16 +270,12 @@ def _compare_identifications(
             expected = "a saved identification (.json); or a sweep's results and two of its runs"
             raise InputError("butterfly results compare", which, path, expected)
     found = changed(before, after)
-    typer.echo(found.summary[0])
+    for sentence in found.summary:
+        say(sentence)
     rows = found.shown_rows()
-    table = new_table(found.title, *rows[0])
-    for row in rows:
-        table.add_row(*row.values())
-    CONSOLE.print(table)
-    for sentence in found.summary[1:]:
-        typer.echo(sentence)
+    show_table(found.title, tuple(rows[0]), [tuple(row.values()) for row in rows])
     if report is not None:
-        found.report(report)
+        found.report(report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(found.told)
 
@@ -310,9 +327,11 @@ def _filtered(table: pa.Table, where: str | None, columns: str | None) -> pa.Tab
 
 
 def _known(name: str, names: Sequence[str], option: str) -> str:
-    if name not in names:
-        raise InputError(option, name, "an unknown column", nearest(name, names))
-    return name
+    meant = matching(name, names)
+    if len(meant) != 1:
+        expected = ", or ".join(meant) or nearest(name, names)
+        raise InputError(option, name, "an unknown column", expected)
+    return meant[0]
 
 
 def _record(store: ResultStore, run: str) -> RunRecord:
@@ -334,11 +353,4 @@ def _difference(row: ParameterRecord, twin: ParameterRecord) -> tuple[str, ...]:
     errors = [each.standard_error for each in (row, twin) if each.standard_error is not None]
     spread = math.hypot(*errors)
     in_errors = f"{change / spread:.2g}" if len(errors) == 2 and spread > 0 else "–"  # noqa: PLR2004 - both
-    return _text(row.value), _text(twin.value), f"{change:.3g}", in_errors
-
-
-def _text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
-    if value is None:
-        return "–"
-    text = f"{value:.6g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= _WIDEST else text[: _WIDEST - 1] + "…"
+    return shown_text(row.value), shown_text(twin.value), f"{change:.3g}", in_errors

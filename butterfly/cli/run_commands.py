@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from butterfly.cli.console import show_page
+from butterfly.cli.console import say, show_page
 from butterfly.cli.exit_codes import ExitCode, end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.loudness import print_document
@@ -142,7 +142,7 @@ def run_command(
     page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
     write_page(page, folder / "report.html", figures=figures)
     show_page(page)
-    typer.echo(
+    say(
         f"{summary.runs} runs: {summary.done} done now, {summary.reused} found done, "
         f"{summary.unsuccessful} without a result."
     )
@@ -178,7 +178,7 @@ def _run_here(
     record = None if force else store.latest(task.key)
     if record is not None and record.status != FAILED:
         show_record(record, experiment.input_kind)
-        typer.echo("1 run: found done; --force does it again.")
+        say("1 run: found done; --force does it again.")
         _show_reports(folder, record)
         if record.status != OK:
             raise ButterflyError(record.reason)

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import typer
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-
-from butterfly.cli.console import CONSOLE, new_table
-from butterfly.cli.loudness import say_verdict
+from butterfly.cli.console import say, say_verdict, show_table
 from butterfly.report.parameter_rows import parameter_rows, rows_of
 from butterfly.report.physical import HEADERS, TITLE, physical_rows, physical_sentences
 from butterfly.report.words import fit_said, sentences_of, summary
@@ -29,39 +24,33 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
     title = f"{result.data.name}: {result.estimate.method}"
     verdict, *others = summary(result)
     say_verdict(verdict)
-    _show_parameters(title, parameter_rows(result, truth), with_truth=truth is not None)
-    if result.data.known.physical and (rows := physical_rows(result.physical)):
-        table = new_table(TITLE, *HEADERS)
-        for row in rows:
-            table.add_row(*row)
-        CONSOLE.print(table)
-    for mass, omega in result.estimate.resonances.items():
-        typer.echo(f"Resonance by (100) with {mass}: {omega:.4f} rad/s")
     for sentence in others:
-        typer.echo(sentence)
+        say(sentence)
     if result.data.known.physical:
         for sentence in physical_sentences(result.physical):
-            typer.echo(sentence)
+            say(sentence)
+    _show_parameters(title, parameter_rows(result, truth))
+    if result.data.known.physical and (rows := physical_rows(result.physical)):
+        show_table(TITLE, HEADERS, rows)
+    for mass, omega in result.estimate.resonances.items():
+        say(f"Resonance with {mass}, as this method finds it: {omega:.4f} rad/s.")
     if result.comparisons:
-        CONSOLE.print(_comparison_table(result))
+        _show_comparisons(result)
 
 
-def _show_parameters(title: str, rows: Sequence[ParameterRow], *, with_truth: bool) -> None:
-    table = Table(title=title, box=SIMPLE_HEAD)
-    headers = ["", "estimate", "std error", "95 % interval", "unit"]
-    if checked := any(row.left_out for row in rows):
-        headers.insert(-1, "one mass left out")
-    if with_truth:
-        headers[1:1] = ["true", "deviation"]
-    for index, header in enumerate(headers):
-        table.add_column(
-            header, justify="left" if index in {0, len(headers) - 1} else "right", overflow="fold"
-        )
-    for row in rows:
-        known = [row.true, row.deviation] if with_truth else []
-        left_out = [row.left_out] if checked else []
-        table.add_row(row.symbol, *known, row.value, row.error, row.interval, *left_out, row.unit)
-    CONSOLE.print(table)
+def _show_parameters(title: str, rows: Sequence[ParameterRow]) -> None:
+    headers = ("", "true", "deviation", "estimate", "std error", "95 % interval", "unit")
+    show_table(
+        title,
+        (*headers, "one mass left out"),
+        [
+            (
+                *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
+                *(row.unit, row.left_out),
+            )
+            for row in rows
+        ],
+    )
 
 
 def show_record(record: RunRecord, input_kind: InputKind) -> None:
@@ -71,16 +60,16 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
         said = sentences_of(estimate.verdict, estimate.findings, values)
         if estimate.parameters:
             say_verdict(said[0])
-            rows = rows_of(estimate.parameters, input_kind)
-            _show_parameters(estimate.estimator, rows, with_truth=True)
         if estimate.fit is not None:
             fit = estimate.fit
-            typer.echo(
+            say(
                 f"Median FIT{fit.over} {fit_said(fit.median)} % (mean {fit_said(fit.mean)} %, "
                 f"worst {fit_said(fit.worst)} %)."
             )
         for sentence in said[1:]:
-            typer.echo(sentence)
+            say(sentence)
+        if estimate.parameters:
+            _show_parameters(estimate.estimator, rows_of(estimate.parameters, input_kind))
     show_estimates(record)
 
 
@@ -88,31 +77,28 @@ def show_estimates(record: RunRecord) -> None:
     """Print what is to be known of estimates besides their parameters."""
     for estimate in record.estimates:
         if estimate.error:
-            typer.echo(f"{estimate.estimator}: {estimate.error}")
+            say(f"{estimate.estimator}: {estimate.error}")
         if estimate.holdout is not None:
             held = estimate.holdout
-            typer.echo(
+            say(
                 f"{estimate.estimator}: held out, not used for the fit: median FIT "
                 f"{fit_said(held.median)} % (worst {fit_said(held.worst)} %)."
             )
         if estimate.held_out is not None:
             held = estimate.held_out
-            typer.echo(
+            say(
                 f"{estimate.estimator}: logs that were left out are followed with a median "
                 f"FIT{held.over} of {fit_said(held.median)} % (worst {fit_said(held.worst)} %)."
             )
 
 
-def _comparison_table(result: Identification) -> Table:
-    title = f"FIT in %{result.summary.over} on the same logs"
-    table = Table(title=title, box=SIMPLE_HEAD)
-    table.add_column("parameters")
-    for header in ("median", "mean", "worst"):
-        table.add_column(header, justify="right")
-    rows = [(f"{result.estimate.method}, this identification", result.summary)]
+def _show_comparisons(result: Identification) -> None:
+    fits = [(f"{result.estimate.method}, this identification", result.summary)]
     for other in result.comparisons:
         gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
-        rows.append((other.name + gain, other.summary))
-    for name, fit in rows:
-        table.add_row(name, fit_said(fit.median), fit_said(fit.mean), fit_said(fit.worst))
-    return table
+        fits.append((other.name + gain, other.summary))
+    show_table(
+        f"FIT in %{result.summary.over} on the same logs",
+        ("parameters", "median", "mean", "worst"),
+        [(name, *map(fit_said, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
+    )

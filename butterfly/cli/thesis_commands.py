@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from butterfly.cli.console import CONSOLE, new_table
+from butterfly.cli.console import say, show_table
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.errors import InputError
 from butterfly.experiment.thesis_robot import thesis_robot
@@ -38,18 +38,19 @@ def reproduce_command(
         raise InputError("butterfly reproduce", "what", what, "thesis")
     synthetic = thesis_robot()
     rows = reproduce(synthetic, root)
-    table = new_table("The thesis, published against obtained", "figures", "published", "obtained")
-    table.add_column("same")
-    table.add_column("right")
-    for row in rows:
-        same = "yes" if row.agrees else "no"
-        table.add_row(row.what, row.published, row.obtained, same, row.corrected)
-    CONSOLE.print(table)
+    show_table(
+        "The thesis, published against obtained",
+        ("figures", "published", "obtained", "same", "right"),
+        [
+            (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
+            for row in rows
+        ],
+    )
     for row in rows:
         if row.note:
-            typer.echo(f"{row.what}: {row.note}")
+            say(f"{row.what}: {row.note}")
     if not has_real_logs(root):
-        typer.echo("Tables 4 and 5 need the real logs: give --root, or set BUTTERFLY_LOGS.")
+        say("Tables 4 and 5 need the real logs: give --root, or set BUTTERFLY_LOGS.")
     if out is not None:
         for path in write_figure_data(out, synthetic, root):
             typer.echo(f"Figure data: {path}")

@@ -54,12 +54,14 @@ class ParameterRecord:
     ) -> tuple[ParameterRecord, ...]:
         """Return a record for each parameter of an estimate, beside the truth if it is known.
 
-        Those that were known exactly come last.
+        Those that were known exactly come last; those that the method does not estimate have none.
         """
         columns = (found.values, found.standard_errors, found.lower, found.upper)
         rows = zip(found.names, *(column.tolist() for column in columns), strict=True)
         records = []
         for k, (name, value, error, lower, upper) in enumerate(rows):
+            if name in found.unestimated:
+                continue
             others = [float(values[k]) for values in found.left_out.values()]
             records.append(
                 cls(

@@ -210,6 +210,12 @@ class ParameterEstimate:
         return LumpedParameters(**self.held | found)
 
     @property
+    def unestimated(self) -> frozenset[str]:
+        """Parameters to which the method gives a value without estimating it."""
+        told = [each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED]
+        return frozenset(name for each in told for name in each.parameters)
+
+    @property
     def verdict(self) -> Verdict:
         """What may be done with the values."""
         return Verdict.of(self.ending, self.findings)

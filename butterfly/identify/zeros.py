@@ -62,7 +62,7 @@ class Zero:
 
     def __str__(self) -> str:
         doubt = f" ± {self.uncertainty:.1g}" if self.uncertainty else ""
-        return f"{self.value:.4f}{doubt} rad ({self.kind})"
+        return f"{round(self.value, 4) + 0.0:.4f}{doubt} rad ({self.kind})"
 
     def near(self, home: float) -> Zero:
         """Return the same zero, read within half a turn of ``home`` rad."""

@@ -7,16 +7,26 @@ from typing import TYPE_CHECKING, Any
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS
-from butterfly.logs.manifest import LogEntry, Manifest
+from butterfly.logs.manifest import LogEntry, Manifest, manifest_text
 from butterfly.logs.units import Units
 from butterfly.model.known import known_of
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     from butterfly.logs.log import InputKind, Intersample
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
+_QUESTIONS = {
+    "input": "what does the input command, voltage or torque? The files do not say.",
+    "intersample": "how does the input go between two samples, held (zero_order_hold) or in a line "
+    "(first_order_hold)? The files do not say.",
+}
+_OF_LOGS = (
+    "what was added in each log (added_mass in kg, arm in m), and omega and amplitude of a sine? "
+    "The names of the files do not say."
+)
 _DIGITS = 12  # of a number in another unit: the last ones are those of rounding
 
 
@@ -108,6 +118,30 @@ def manifest_of_log(
         arm=arm,
         logs=[entry],
         **said,
+    )
+
+
+def open_questions(said: Collection[str], *, named: bool) -> dict[str, str]:
+    """Return what a draft takes for granted, by the key whose value it is.
+
+    Parameters
+    ----------
+    said
+        Keys whose values were told.
+    named
+        Whether the names of the files tell masses and sines.
+    """
+    asked = {key: text for key, text in _QUESTIONS.items() if key not in said}
+    return asked if named else asked | {"logs": _OF_LOGS}
+
+
+def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
+    """Return a manifest as YAML, each question as a comment above the key that it is about."""
+    lines = manifest_text(manifest).splitlines(keepends=True)
+    return "".join(
+        f"# To settle: {questions[key]}\n{line}" if key in questions else line
+        for line in lines
+        for key in [line.partition(":")[0]]
     )
 
 

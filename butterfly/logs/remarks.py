@@ -49,18 +49,21 @@ def remarks_on(health: Health) -> list[Remark]:
     lost = health.dropped > _MANY * health.samples
     gone = health.longest_gap > _MANY * health.duration
     counted = [
-        (health.saturated, "sample with the input saturated", True),
-        (health.clipped, "sample with the angle clipped", True),
-        (health.gaps, f"gap bridged, longest {1e3 * health.longest_gap:.1f} ms", gone),
-        (health.duplicate_stamps, "repeated stamp", lost),
-        (health.backward_stamps, "backward stamp", lost),
-        (health.non_finite, "sample not finite", lost),
-        (health.dropped, "sample dropped", lost),
-        (health.wraps, "jump by a turn undone", False),
-        (health.cut_lines, "last line cut off, and dropped", False),
-        (health.idle, "sample with the same input throughout", False),
+        (health.saturated, "sample", "with the input saturated", True),
+        (health.clipped, "sample", "with the angle clipped", True),
+        (health.gaps, "gap", f"bridged, longest {1e3 * health.longest_gap:.1f} ms", gone),
+        (health.duplicate_stamps, "repeated stamp", "dropped", lost),
+        (health.backward_stamps, "backward stamp", "dropped", lost),
+        (health.non_finite, "sample", "not finite, dropped", lost),
+        (health.wraps, "jump", "by a turn undone", False),
+        (health.cut_lines, "last line", "cut off, dropped", False),
+        (health.idle, "sample", "with the same input throughout", False),
     ]
-    found = [_remark(care, f"{count} × {text}") for count, text, care in counted if count]
+    found = [
+        _remark(care, f"{count} {thing}{'s' * (count > 1)} {what}")
+        for count, thing, what, care in counted
+        if count
+    ]
     if health.turns > 1.0:
         text = f"turns {health.turns:.1f} times round"
         told = health.wraps or "angle" in health.units

@@ -10,6 +10,7 @@ from butterfly.logs.remarks import Condition
 from butterfly.model.linear import resonance_frequency
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.frequency_figure import frequency_response_figure
+from butterfly.report.inspection import conditions_said
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
@@ -85,6 +86,7 @@ def identification_page(
     rows = parameter_rows(identification, truth)
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     middle = int(np.argsort(identification.fits)[len(runs) // 2])
+    states = [_state(health) for health in data.health]
     sections = [
         Section(
             title="Frequency response",
@@ -112,7 +114,7 @@ def identification_page(
         *_correlations(identification),
         Section(
             title="FIT log by log",
-            text=f"{_health(identification)} A click on a point chooses its log.",
+            text=f"Health of the {conditions_said(states)} A click on a point chooses its log.",
             figures={"fit": ranked_figure(identification)},
             tables=(_logs_table(identification),),
         ),
@@ -205,14 +207,6 @@ def _state(health: Health) -> Condition:
     return Condition.worst(remark.condition for remark in health.remarks)
 
 
-def _health(identification: Identification) -> str:
-    """Count the logs by their health."""
-    states = [_state(health) for health in identification.data.health]
-    told = {Condition.OK: "ok", Condition.NOTE: "with a note", Condition.CARE: "to take care of"}
-    counts = [f"{states.count(each)} {text}" for each, text in told.items() if each in states]
-    return f"Health of the {len(states)} logs: {', '.join(counts)}."
-
-
 def _logs_table(identification: Identification) -> Table:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
@@ -278,7 +272,9 @@ def _resonances(identification: Identification) -> Table:
 def _against(identification: Identification, rows: list[ParameterRow]) -> list[Section]:
     if not identification.comparisons:
         return []
-    own = dict(zip(identification.estimate.names, (row.value for row in rows), strict=False))
+    found = identification.estimate
+    names = [name for name in found.names if name not in found.unestimated]
+    own = dict(zip(names, (row.value for row in rows), strict=False))
     fit = identification.summary
     lines = [
         (

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
     from butterfly.logs.manifest import LogEntry, Manifest
 
 _LOOKING = "Looking at logs"
+_TOLD = {
+    Condition.OK: "ok",
+    Condition.NOTE: "with a note",
+    Condition.CARE: "to take care of",
+    Condition.UNUSABLE: "that cannot be used",
+}
 _TURN = 2 * math.pi
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
@@ -59,7 +65,7 @@ class Inspected:
     @property
     def findings(self) -> str:
         """The remarks in words."""
-        return "; ".join(remark.text for remark in self.remarks) or "none"
+        return "; ".join(remark.text for remark in self.remarks)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as plain values, for JSON."""
@@ -80,6 +86,18 @@ def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected
     """Look at every log of a data set; the worst come first."""
     seen = _apart([_inspected(manifest, entry) for entry in track(manifest.logs, _LOOKING)])
     return sorted(seen, key=lambda each: -list(Condition).index(each.condition))
+
+
+def conditions_said(conditions: Sequence[Condition]) -> str:
+    """Say how many logs are in which condition."""
+    logs = f"{len(conditions)} log{'s' * (len(conditions) != 1)}"
+    counts = {each: conditions.count(each) for each in Condition}
+    if counts[Condition.OK] == len(conditions):
+        return f"{logs}: {'all ' * (len(conditions) > 1)}ok."
+    told = [f"{count} {_TOLD[each]}" for each, count in counts.items() if count]
+    if Condition.worst(conditions) is Condition.NOTE:
+        told.append(f"none {_TOLD[Condition.CARE]}")
+    return f"{logs}: {', '.join(told)}."
 
 
 def hints(remarks: Iterable[Remark]) -> list[str]:
@@ -130,6 +148,8 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     omega, power = periodogram(swing, grid[1] - grid[0])
     bin_width, way = omega[0], log.added_mass.joint.way
     return [
+        ("state", Condition.worst(remark.condition for remark in health.remarks)),
+        ("findings", "; ".join(health.findings) or "none"),
         ("samples", f"{health.samples}"),
         ("duration", f"{health.duration:.3f} s"),
         (
@@ -140,11 +160,9 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
         ("input", f"{log.input.min():.5g} … {log.input.max():.5g}"),
         ("angle", f"{log.angle.min():.5g} … {log.angle.max():.5g} {way}"),
         (
-            "swing amplitude",
-            f"{rms_amplitude(swing):.4g} {way} about the mean {log.angle.mean():.4g} {way}",
+            "amplitude",
+            f"{rms_amplitude(swing):.4g} {way} (√2 rms), mean {log.angle.mean():.4g} {way}",
         ),
         ("dominant frequency", f"{omega[np.argmax(power)]:.3f} ± {bin_width / 2:.3f} rad/s"),
         ("file", ", ".join(log.reading.layout) or "as usual"),
-        ("state", Condition.worst(remark.condition for remark in health.remarks)),
-        ("findings", "; ".join(health.findings) or "none"),
     ]

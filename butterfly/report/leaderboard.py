@@ -24,7 +24,7 @@ def leaderboard_page(entries: Sequence[Entry]) -> Page:
     for number, name in enumerate(sets):
         own = [entry for entry in entries if entry.data == name]
         figure = {f"fit-{number}": _figure(own)}
-        sections.append(Section(title=name, tables=(_table(own),), figures=figure))
+        sections.append(Section(title=f"{name}: FIT in %", tables=(_table(own),), figures=figure))
     return Page(
         name="leaderboard",
         description="Estimators over data sets: " + ", ".join(sets),
@@ -42,14 +42,19 @@ def _table(entries: Sequence[Entry]) -> Table:
     for entry in entries:
         values = ["–"] * len(names)
         if entry.estimate is not None:
-            values = [f"{getattr(entry.estimate.parameters, name):.4g}" for name in names]
+            found = entry.estimate
+            estimated = {*found.names, *found.held} - found.unestimated
+            values = [
+                f"{getattr(found.parameters, name):.4g}" if name in estimated else "–"
+                for name in names
+            ]
         fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
         standing = "–" if entry.estimate is None else entry.estimate.verdict.standing
         told = (f"{entry.seconds:.2f}", *values, entry.error or "–")
         rows.append((entry.method, standing, *fits, *told))
     headers = (
-        *("estimator", "verdict", "left out: median FIT in %", "worst"),
-        *("in sample: median", "worst"),
+        *("estimator", "verdict", "left out: median", "left out: worst"),
+        *("in sample: median", "in sample: worst"),
         *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
     )
     return Table(headers=headers, rows=rows)

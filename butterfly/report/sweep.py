@@ -12,7 +12,7 @@ from butterfly.experiment.record import OK
 from butterfly.identify.judgement.findings import Ending
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.model.terms import TERMS
-from butterfly.report.field_names import said_name
+from butterfly.report.field_names import said_field, said_name
 from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Fact, Link, Page, Section, Table
 from butterfly.report.parallel_figure import parallel_figure
@@ -212,12 +212,12 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         deviation = f"{TERMS[name].symbol} {100 * main['deviation'][k]:+.3g}"
         values = (short(main[field][k]) for field in fields)
         rows.append((link, run[1], deviation, f"{main['fit_median'][k]:.1f}", *values))
-    headers = ("run", "estimator", "deviation in %", "median FIT in %", *fields)
+    told = ("run", "estimator", "deviation in %", "median FIT in %")
     caption = (
         "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
         "it in words."
     )
-    return Table(headers=headers, rows=rows, caption=caption)
+    return Table(headers=(*told, *map(said_field, fields)), rows=rows, caption=caption)
 
 
 def _endings(table: Estimates) -> dict[tuple[float, str], str]:
@@ -269,7 +269,7 @@ def _orbits(runs: pa.Table) -> Table:
 
 def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> list[str]:
     done = int((status == OK).sum())
-    varied = ", ".join(fields) or "nothing but the seed"
+    varied = ", ".join(map(said_name, fields)) or "nothing but the seed"
     sentences = [f"{status.size} runs, {done} of them with a result; varied: {varied}."]
     missing = int((status == MISSING).sum())
     if missing:
@@ -280,7 +280,11 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
         told = (f"{sum(each[kind] for each in counts)} {kind}" for kind in Standing)
         sentences.append(f"Verdicts on {len(endings)} estimates: {', '.join(told)}.")
         missed = sum(ending != Ending.CONVERGED for ending in endings)
-        sentences.append(f"{missed} of {len(endings)} estimates did not converge.")
+        sentences.append(
+            f"{missed} of {len(endings)} estimates did not converge."
+            if missed
+            else "Every estimate converged."
+        )
     size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
     if size.size:
         share = 100 * np.mean(table.inside[np.isfinite(table["lower"])])

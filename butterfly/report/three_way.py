@@ -183,8 +183,10 @@ def _table(compared: Sequence[ThreeWay]) -> Table:
         looks = each.residual.left_over.words("the motor's torque")
         rows.append((each.log.label, *fits, *errors, apart, looks))
     headers = (
-        *("log", "FIT in %: MuJoCo", "grey box", "amplitude, phase error: MuJoCo", "grey box"),
-        *(f"largest difference in {way}", "residual torque looks like"),
+        "log",
+        *(f"{name}: FIT in %" for name in SIMULATORS),
+        *(f"{name}: amplitude, phase error" for name in SIMULATORS),
+        *(f"simulators apart in {way}", "residual torque looks like"),
     )
     picks = range(len(rows))
     return Table(headers=headers, rows=rows, words=(len(headers) - 1,), picks=picks)

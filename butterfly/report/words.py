@@ -10,7 +10,9 @@ from butterfly.identify.judgement.findings import FindingKind, Severity
 from butterfly.identify.judgement.slips.names import listed, slip_in_words
 from butterfly.identify.judgement.verdict import Standing
 from butterfly.identify.physical_formulas import SYMBOLS
+from butterfly.logs.remarks import Condition
 from butterfly.model.terms import TERMS
+from butterfly.report.inspection import conditions_said
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.zeros import REMEDY
 
@@ -34,7 +36,6 @@ _LEAST_MASSES = 3  # of which one can be left out
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
     fit, data, estimate = identification.summary, identification.data, identification.estimate
-    flagged = sum(bool(health.findings) for health in data.health)
     voltage = data.input_kind == "voltage"
     verdict, *others = sentences(estimate)
     return [
@@ -49,12 +50,18 @@ def summary(identification: Identification) -> list[str]:
         *_thinned(data),
         *_known(estimate),
         *others,
-        f"{flagged} of {_logs_have(len(data.logs))} health record.",
+        _health(data),
     ]
 
 
-def _logs_have(count: int) -> str:
-    return "1 log has findings in its" if count == 1 else f"{count} logs have findings in their"
+def _health(data: DataSet) -> str:
+    """Say in which condition the logs are, and where that is told of each."""
+    conditions = [
+        Condition.worst(each.condition for each in health.remarks) for health in data.health
+    ]
+    sound = Condition.worst(conditions) is Condition.OK
+    where = "" if sound else " `butterfly inspect` tells which, and why."
+    return f"Health of the {conditions_said(conditions)}{where}"
 
 
 def _stretch(fit: FitSummary, data: DataSet) -> str:
@@ -222,6 +229,10 @@ def _torque_driven(finding: Finding, values: Values) -> str:
     )
 
 
+def _gain(values: Values) -> str:
+    return f", {values['p4']:.4g}" if "p4" in values else ""
+
+
 def _known_apart(finding: Finding, _: Values) -> str:
     share = _number(finding)
     wanted = f"about {abs(100 * share):.2g} % {'larger' if share > 0 else 'smaller'}"
@@ -361,8 +372,9 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
         f"The sign of {_joined(f)} cannot be seen in the motion: its size is given."
     ),
     FindingKind.TORQUE_DRIVEN: _torque_driven,
-    FindingKind.NOT_ESTIMATED: lambda f, _: (
-        f"This method estimates neither {_joined(f, ' nor ')}: the best p4 is used."
+    FindingKind.NOT_ESTIMATED: lambda f, values: (
+        f"This method estimates neither {_joined(f, ' nor ')}: simulated with the p4 that follows "
+        f"the logs best{_gain(values)}."
     ),
     FindingKind.NO_UNCERTAINTY: lambda f, _: (
         f"{_number(f):.0f} resonance frequencies for {len(f.parameters)} parameters leave no room "

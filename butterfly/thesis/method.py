@@ -31,7 +31,7 @@ class Thesis(Estimator):
     method: Literal["thesis"] = "thesis"
     decimation: int = DECIMATION
 
-    summary: ClassVar[str] = "resonances (100) and (102), slips included"
+    summary: ClassVar[str] = "the thesis's own fit of resonances, its slips included"
 
     def __post_init__(self) -> None:
         if self.decimation < 1:

@@ -9,7 +9,7 @@ import pytest
 
 def test_both_simulators_are_compared_with_the_logs_and_reported(butterfly, quick_data, tmp_path):
     report = tmp_path / "compare.html"
-    code, out, err = butterfly("compare", quick_data, "--logs", "0,3", "--report", report)
+    code, out, err = butterfly("compare", quick_data, "--log", "0,3", "--report", report)
     assert code == 0, err
     assert "MuJoCo" in out
     assert "grey box" in out
@@ -19,7 +19,7 @@ def test_both_simulators_are_compared_with_the_logs_and_reported(butterfly, quic
 
 @pytest.mark.parametrize("numbers", ["0,99", "-1", "x"])
 def test_a_log_that_is_not_there_is_one_line(butterfly, quick_data, numbers):
-    code, _, err = butterfly("compare", quick_data, "--logs", numbers)
+    code, _, err = butterfly("compare", quick_data, "--log", numbers)
     assert code == 2
     assert "numbers from 0 to 11" in err
     assert err.count("\n") == 1
@@ -27,7 +27,7 @@ def test_a_log_that_is_not_there_is_one_line(butterfly, quick_data, numbers):
 
 def test_estimators_are_ranked_over_data_sets(butterfly, quick_data, tmp_path):
     report = tmp_path / "board.html"
-    told = ("--methods", "harmonic-balance, linear", "--report", report)
+    told = ("--method", "harmonic-balance, linear", "--report", report)
     code, out, err = butterfly("leaderboard", quick_data, *told)
     assert code == 0, err
     best = re.search(r"(\S+) predicts best what it has not seen", out)
@@ -36,7 +36,7 @@ def test_estimators_are_ranked_over_data_sets(butterfly, quick_data, tmp_path):
 
 
 def test_an_estimator_that_is_none_is_one_line(butterfly, quick_data):
-    code, _, err = butterfly("leaderboard", quick_data, "--methods", "weekform")
+    code, _, err = butterfly("leaderboard", quick_data, "--method", "weekform")
     assert code == 2
     assert "did you mean" in err
     assert err.count("\n") == 1

@@ -80,13 +80,23 @@ def test_help_is_what_the_docstrings_say_and_names_the_owners():
         for each in own:
             assert said[each.name] in " ".join((ESTIMATORS[method].__doc__ or "").split())
     text = _options()["half_width"].annotation.__metadata__[0].help
-    assert text == f"{described(WeakForm)['half_width']} Of weak-form."
+    assert text == f"{described(WeakForm)['half_width']} Of weak-form. Default: 0.25."
     owners = _options()["loss"].annotation.__metadata__[0].help
-    assert owners == f"{described(OutputError)['loss']} Of output-error."
+    assert owners == f"{described(OutputError)['loss']} Of output-error. Default: linear."
+
+
+def test_help_takes_the_first_sentence_and_names_the_terms_that_methods_offer():
+    horizon = _options()["horizon"].annotation.__metadata__[0].help
+    assert "0 for whole logs. Of output-error." in horizon
+    assert "30-fold" not in horizon
+    terms = _options()["terms"].annotation.__metadata__[0].help
+    assert "drag, load, bias, stribeck; " in terms
+    assert "stribeck_velocity, tilt (output-error)" in terms
 
 
 def _shown(name):
-    return _options()[name].annotation.__metadata__[0].show_default
+    text = _options()[name].annotation.__metadata__[0].help
+    return text.rpartition("Default: ")[2].removesuffix(".")
 
 
 def test_defaults_that_differ_are_told_apart(monkeypatch):
@@ -105,7 +115,8 @@ def test_defaults_that_differ_are_told_apart(monkeypatch):
 
 def _shown_anew(name):
     command = takes_estimator()(lambda *, estimator: estimator)
-    return inspect.signature(command).parameters[name].annotation.__metadata__[0].show_default
+    text = inspect.signature(command).parameters[name].annotation.__metadata__[0].help
+    return text.rpartition("Default: ")[2].removesuffix(".")
 
 
 def test_defaults_are_shown():

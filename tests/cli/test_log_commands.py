@@ -33,7 +33,7 @@ def test_inspect_repairs_what_it_is_told_to(butterfly, log_file):
     assert_one_line_error(butterfly("inspect", log_file), log_file, "angle", "sample 5")
     code, out, _ = butterfly("inspect", log_file, "--repair", "non_finite")
     assert code == 0
-    assert "1 × sample not finite" in out
+    assert "1 sample not finite, dropped" in out
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,6 @@ def test_several_logs_are_told_in_a_line_each(butterfly, quick_data):
         (line,) = [line for line in out.splitlines() if entry.file in line]
         samples = len(loadmat(quick_data / entry.file)["D"])
         assert line.split()[1:3] == ["ok", str(samples)]
-        assert line.split()[-1] == "none"
 
 
 def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, quick_data, tmp_path):
@@ -72,7 +71,7 @@ def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, qu
     assert plot.stat().st_size > 1e6
     assert butterfly("inspect", file)[1] in out
     assert_one_line_error(butterfly("inspect", quick_data, "--plot", plot), "12 logs", "--log N")
-    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "--log", "less than 12")
+    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "--log", "from 0 to 11")
 
 
 def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_data, tmp_path):
@@ -102,7 +101,7 @@ def test_a_csv_file_of_any_columns_is_inspected(butterfly, sine_log, tmp_path):
 
 
 def test_inspect_says_where_the_hand_hangs_and_how_that_is_known(butterfly, log_file, quick_data):
-    assert "hangs at -" in butterfly("inspect", quick_data)[1]
+    assert "hangs at 0.0000 rad" in butterfly("inspect", quick_data)[1]
     assert "(steady swing)" in butterfly("inspect", quick_data)[1]
     out = butterfly("inspect", quick_data, "--zero", "0.1+-0.02")[1]
     assert "hangs at 0.1000 ± 0.02 rad (told)" in out
@@ -154,7 +153,7 @@ def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly,
     assert "--repair unwrap" in out
     code, out, _ = butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap")
     assert code == 0
-    assert "jump by a turn undone; turns 2.5 times round" in " ".join(out.split())
+    assert "by a turn undone; turns 2.5 times round" in " ".join(out.split())
 
 
 def test_what_is_found_is_written_as_json_or_printed(butterfly, loose, tmp_path):
@@ -186,8 +185,8 @@ def test_one_log_says_how_its_file_was_read(butterfly, loose):
     code, out, _ = butterfly("inspect", path, *COLUMNS)
     assert code == 0
     assert "semicolons between columns" in out
-    assert "1 × last line cut off, and dropped" in out
-    assert "rad about the mean" in out
+    assert "1 last line cut off, dropped" in out
+    assert "rad (√2 rms), mean" in out
 
 
 def test_a_log_in_degrees_or_milliseconds_is_told_the_option_to_use(butterfly, loose):

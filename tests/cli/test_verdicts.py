@@ -15,9 +15,9 @@ COMMANDS = {
     "validate": (),
     "select": ("--method", "harmonic-balance", "--candidates", "drag"),
     "residual": (),
-    "design": ("--count", 1),
-    "compare": ("--logs", "0"),
-    "leaderboard": ("--methods", "harmonic-balance"),
+    "design": ("--limit", 1),
+    "compare": ("--log", "0"),
+    "leaderboard": ("--method", "harmonic-balance"),
     "model show": (),
     "predict": (),
 }

@@ -111,7 +111,7 @@ def test_a_slide_is_told_in_metres(slide):
     log = slide.logs[0]
     rows = dict(health_rows(*examine(log)))
     assert rows["angle"].endswith(" m")
-    assert "rad" not in rows["swing amplitude"]
+    assert "rad" not in rows["amplitude"]
 
 
 def test_what_has_changed_of_a_slide_is_told_in_kilograms(slide):

@@ -180,7 +180,7 @@ def test_what_reading_did_stands_in_the_record(sine_log):
     _, health = examine(read)
     assert (health.cut_lines, health.units) == (1, {"time": "ms"})
     assert health.findings == [
-        "1 × last line cut off, and dropped",
+        "1 last line cut off, dropped",
         "units of the file's own: time ms",
     ]
 

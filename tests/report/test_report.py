@@ -298,7 +298,7 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
     clean, health = examine(sine_log)
     rows = dict(health_rows(clean, health))
     assert float(rows["dominant frequency"].split()[0]) == pytest.approx(5, abs=0.1)
-    assert float(rows["swing amplitude"].split()[0]) == pytest.approx(0.1, rel=1e-2)
+    assert float(rows["amplitude"].split()[0]) == pytest.approx(0.1, rel=1e-2)
     assert rows["findings"] == "none"
     write_inspection(clean, health, tmp_path / "log.html")
     page = (tmp_path / "log.html").read_text(encoding="utf-8")

@@ -83,7 +83,7 @@ class OutputError(Estimator):
         away from the upright; and, where no gravity brings the joint back, that little but noise is
         left over. The start of each stretch is fitted to it.
     loss
-        How residuals count; all but linear are robust.
+        How residuals count: linear, or robust with soft_l1, huber or cauchy.
     cogging_periods
         Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
     check

@@ -16,6 +16,7 @@ from butterfly.report.numbers.estimate_numbers import (
     left_out_numbers,
 )
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
+from butterfly.report.recommendations import chosen_said, most_telling
 from butterfly.report.words import fit_said, held_out_sentences, verdict_on
 
 if TYPE_CHECKING:
@@ -152,17 +153,12 @@ def told_design(
         }
         for each in ranked
     ]
-    best, judged = ranked[0], verdict_on(found)
+    judged = verdict_on(found)
     return Told(
         kind="design",
         title=f"Next experiments after {data.name!r}: standard errors over those now",
         verdict=judged,
-        summary=(
-            judged.sentence,
-            f"Most telling next: {best.what} with {best.added_mass}, which leaves "
-            f"{100 * best.score:.0f} % of the standard errors on average"
-            + (f"; but: {best.warning}." if best.warning else "."),
-        ),
+        summary=(judged.sentence, most_telling(ranked[0])),
         content={**rests_on(data, found, estimator), "rows": rows},
         units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
     )
@@ -176,7 +172,7 @@ def told_selection(
     found: ParameterEstimate,
 ) -> Told:
     """Tell the sets of terms that were passed through, the last being the one that is chosen."""
-    terms, judged = passed[-1].terms, verdict_on(found)
+    judged = verdict_on(found)
     rows = [
         {
             "terms": list(each.terms),
@@ -189,7 +185,7 @@ def told_selection(
         kind="selection",
         title=f"Terms chosen for {data.name!r} by {estimator.method}",
         verdict=judged,
-        summary=(judged.sentence, f"Chosen: --terms {','.join(terms) or '(none)'}"),
+        summary=(judged.sentence, chosen_said(passed)),
         content={
             **rests_on(data, found, estimator),
             "candidates": list(candidates),
