@@ -14,6 +14,7 @@ from pyarrow import csv, parquet
 
 from butterfly.cli.console import CONSOLE, new_table, show_pairs
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
+from butterfly.cli.loudness import say_verdict
 from butterfly.cli.options import ReportOption, parse_pairs
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
@@ -213,9 +214,9 @@ def compare_command(
     first = _record(ResultStore(folder), one)
     second = _record(ResultStore(against or folder), other)
     table = new_table("What was set", "", one, other)
-    set_ = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
-    for name in dict.fromkeys([*set_[0], *set_[1]]):
-        values = [each.get(name) for each in set_]
+    said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
+    for name in dict.fromkeys([*said[0], *said[1]]):
+        values = [each.get(name) for each in said]
         if values[0] != values[1]:
             table.add_row(name, *(_text(value) for value in values))
     CONSOLE.print(table)
@@ -249,7 +250,7 @@ def _compare_identifications(
             expected = "a saved identification (.json); or a sweep's results and two of its runs"
             raise InputError("butterfly results compare", which, path, expected)
     found = changed(before, after)
-    typer.echo(found.summary[0])
+    say_verdict(found.summary[0])
     rows = found.shown_rows()
     table = new_table(found.title, *rows[0])
     for row in rows:

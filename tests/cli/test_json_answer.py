@@ -113,7 +113,8 @@ def test_what_is_told_has_one_form_and_stands_alone_on_standard_output(
     butterfly, quick_data, place, command
 ):
     code, out, err = butterfly(*_words(command, quick_data, place), "--json", "-")
-    assert (code, err) == (ExitCode.DONE, "")
+    assert code == ExitCode.DONE
+    assert not err or command in SLOW  # long work tells how far it is
     said = json.loads(out, parse_constant=pytest.fail)
     assert list(said)[: len(HEAD)] == list(HEAD)
     assert said["schema"] == f"butterfly.{KINDS[command]}"
