@@ -83,10 +83,10 @@ def identify_command(
 
         write_report(result, report, figures=figures)
         typer.echo(f"Report: {report}")
+    answer.give(lambda: told_identification(result))
     if save is not None:
         from butterfly.api.identified import Identified  # noqa: PLC0415 - slow to import
 
         Identified.of(result, chosen.label).save(save)
         typer.echo(f"Saved: {save}")
-    answer.give(lambda: told_identification(result))
     end_with(result.estimate.verdict.standing)

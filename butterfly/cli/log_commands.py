@@ -77,9 +77,7 @@ def inspect_command(
     part = manifest.model_copy(update={"logs": chosen})
     several = len(chosen) > 1
     seen = inspect_logs(part, show_progress) if several or answer.wanted else []
-    if answer.wanted:
-        answer.give(lambda: told_inspection(part, seen, _said(seen, manifest)))
-        _refuse_unusable(data, seen)
+    answer.give(lambda: told_inspection(part, seen, _said(seen, manifest)))
     if several:
         for sentence in _said(seen, manifest):
             say(sentence)

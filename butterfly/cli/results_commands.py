@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import typer
 from pyarrow import csv, parquet
 
-from butterfly.cli.console import say, show_pairs, show_table
+from butterfly.cli.console import say, say_verdict, show_pairs, show_table
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import (
     FiguresOption,
@@ -270,7 +270,9 @@ def _compare_identifications(
             expected = "a saved identification (.json); or a sweep's results and two of its runs"
             raise InputError("butterfly results compare", which, path, expected)
     found = changed(before, after)
-    for sentence in found.summary:
+    verdict, *others = found.summary
+    say_verdict(verdict)
+    for sentence in others:
         say(sentence)
     rows = found.shown_rows()
     show_table(found.title, tuple(rows[0]), [tuple(row.values()) for row in rows])

@@ -135,7 +135,7 @@ def run_command(
     chosen: Engine = LocalEngine(jobs)
     if engine is EngineName.DASK:
         chosen = DaskEngine(scheduler, jobs)
-    chosen_of(plan.tasks, only)
+    chosen_of(plan.tasks, only)  # what cannot be done leaves nothing behind
     keep_experiment(source, folder)
     summary = run_sweep(plan, folder, chosen, force=force, only=only, track=show_progress)
     store = ResultStore(folder)

@@ -96,11 +96,6 @@ class ParameterRecord:
         """Relative deviation from the truth, where that is known and not 0."""
         return self.value / self.true - 1 if self.true else None
 
-    def numbers(self) -> dict[str, float | None]:
-        """Return what a report says of it, for programs."""
-        names = ("value", "standard_error", "lower", "upper", "true", "known")
-        return {name: getattr(self, name) for name in names}
-
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRecord:

@@ -95,9 +95,11 @@ class OrbitRecord:
         return self.free_run_rms_rad.get("re-calibrated")
 
     def numbers(self) -> dict[str, Any]:
-        """Return what a report says of it, for programs."""
-        numbers: dict[str, Any] = _ORBIT.dump_python(self, mode="json")
-        return numbers | {"parameters": {row.parameter: row.numbers() for row in self.parameters}}
+        """Return what it says besides the parameters and the verdict on them, for programs."""
+        numbers: dict[str, Any] = _ORBIT.dump_python(
+            self, mode="json", exclude={"parameters", "verdict"}
+        )
+        return numbers
 
 
 _ORBIT = TypeAdapter(OrbitRecord)

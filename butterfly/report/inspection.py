@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
@@ -66,20 +66,6 @@ class Inspected:
     def findings(self) -> str:
         """The remarks in words."""
         return "; ".join(remark.text for remark in self.remarks)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return it as plain values, for JSON."""
-        numbers = (
-            {}
-            if self.health is None
-            else {
-                "samples": self.health.samples,
-                "duration": self.health.duration,
-                "step": self.health.step,
-            }
-        )
-        remarks = [each._asdict() for each in self.remarks]
-        return {"log": self.name, "condition": self.condition.value, **numbers, "findings": remarks}
 
 
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:

@@ -60,8 +60,12 @@ def test_nothing_is_made_of_values_that_no_joint_has(
     butterfly, impossible, quick_data, tmp_path, command
 ):
     data = quick_data if command == "predict" else impossible
-    code, out, err = butterfly(*_arguments(butterfly, command, data, tmp_path, impossible))
+    words = _arguments(butterfly, command, data, tmp_path, impossible)
+    code, out, err = butterfly(*words, "--json", tmp_path / "told.json", "--quiet")
     assert (code, out) == (ExitCode.NOT_TO_BE_USED, "")
+    told = json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))
+    assert told["verdict"] == "do not use"
+    assert told["reasons"][0].startswith("No joint has these values")
     assert err.startswith("error: Do not use: No joint has these values: p1 leaves an inertia of")
     assert err.count("\n") == 1
 

@@ -33,7 +33,6 @@ def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
     last, log = rounds[-1].recalibration, rounds[-1].logs[0]
     units = {name: unit_of(name, log.input_kind, JointKind.HINGE) for name in TERMS}
     ratios = {name: f"{units[name]}/({units['p1']})" for name in last.names if last.is_ratio(name)}
-    record = OrbitRecord.of(study).numbers()
     known = {} if truth is None else {"truth": lumped_numbers(truth, units)}
     return Told(
         kind="orbit",
@@ -41,7 +40,7 @@ def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
         verdict=verdict,
         summary=(verdict.sentence, *orbit_sentences(study)),
         content={
-            **{key: each for key, each in record.items() if key != "verdict"},
+            **OrbitRecord.of(study).numbers(),
             "data": _data(study, log.input_kind),
             **estimate_numbers(study.estimate, log.input_kind, JointKind.HINGE, unit=ratios),
             "ratios_to_p1": [*ratios],
