@@ -1,6 +1,7 @@
 """The commands that look at logs."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -173,10 +174,24 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     code, out, _ = butterfly("manifest", loose, *COLUMNS, "--repair", "unwrap")
     assert code == 0
     assert "added_mass" in out
+    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
+    for key, what in (("input", "voltage or torque"), ("logs", "added_mass")):
+        assert re.search(rf"^# To settle: .*{what}.*\n{key}:", text, re.MULTILINE)
+        assert f"- {key}: what" in out
+    assert "Taken for voltage." in out
     manifest = read_manifest(loose / "manifest.yaml")
     assert manifest.units == {"time": "ms", "angle": "deg"}
     assert "unwrap" in manifest.repair
     assert butterfly("inspect", loose)[0] == 0
+
+
+def test_what_was_said_is_not_asked_again(butterfly, loose):
+    said = ("--input", "torque", "--intersample", "first_order_hold")
+    _, out, _ = butterfly("manifest", loose, *COLUMNS, *said)
+    assert "voltage" not in out
+    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
+    assert text.count("# To settle: ") == 1
+    assert "input: torque\n" in text
 
 
 def test_one_log_says_how_its_file_was_read(butterfly, loose):

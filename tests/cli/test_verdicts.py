@@ -142,3 +142,37 @@ def test_the_fault_of_a_poor_method_is_no_slip_of_the_logs(butterfly, quick_data
     assert code == ExitCode.NOT_TO_BE_USED
     assert "it moves otherwise than this robot" in out.splitlines()[0]
     assert "degrees" not in out
+
+
+def test_what_a_method_does_not_estimate_is_no_value_of_it(butterfly, quick_data, tmp_path):
+    page = tmp_path / "r.html"
+    _, out, _ = butterfly("identify", quick_data, "--method", "thesis", "--report", page)
+    assert "estimates neither coulomb nor delay nor p4" in out
+    table = out[out.index("quickstart: thesis") :]
+    assert all(symbol in table for symbol in ("p₁", "p₂", "p₃"))
+    assert not any(symbol in table for symbol in ("p₄", "T_c", "delay"))
+    assert {*json.loads(page.with_suffix(".json").read_text())["parameters"]} == {"p1", "p2", "p3"}
+    assert "<td>T_c</td>" not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        ("validate",),
+        ("design", "--limit", 1),
+        ("select", "--method", "harmonic-balance", "--candidates", "drag"),
+    ],
+)
+def test_what_judges_or_plans_writes_a_report(butterfly, quick_data, tmp_path, told):
+    page = tmp_path / "r.html"
+    code, out, err = butterfly(told[0], quick_data, *told[1:], "--report", page)
+    assert code == 0, err
+    assert f"Report: {page}" in out
+    assert "nothing was found that speaks against" in page.read_text(encoding="utf-8").lower()
+
+
+@pytest.mark.parametrize("command", ["residual", "design", "compare", "leaderboard", "select"])
+def test_logs_are_held_out_of_every_fit(butterfly, quick_data, command):
+    code, _, err = butterfly(command, quick_data, "--holdout", "nowhere*")
+    assert code == 2
+    assert "nowhere*" in err

@@ -10,6 +10,8 @@ import pytest
 
 from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identify.judgement.verdict import Verdict
+from butterfly.logs.remarks import Condition
+from butterfly.report.inspection import conditions_said
 from butterfly.report.words import sentences
 
 NUMBERS = {
@@ -142,6 +144,21 @@ def test_how_well_parameters_are_known_comes_first_and_in_one_sentence():
     said = _said(Finding(kind=FindingKind.UNCHECKED), known, hidden)
     assert said[0] == "p4 known within 10 %; p2, tilt not distinguishable from zero."
     assert len(said) == 2
+
+
+@pytest.mark.parametrize(
+    ("counts", "said"),
+    [
+        ((24, 0, 0, 0), "24 logs: all ok."),
+        ((1, 0, 0, 0), "1 log: ok."),
+        ((10, 31, 0, 0), "41 logs: 10 ok, 31 with a note, none to take care of."),
+        ((1, 1, 1, 0), "3 logs: 1 ok, 1 with a note, 1 to take care of."),
+        ((0, 0, 0, 1), "1 log: 1 that cannot be used."),
+    ],
+)
+def test_health_is_told_by_severity(counts, said):
+    conditions = [each for each, n in zip(Condition, counts, strict=True) for _ in range(n)]
+    assert conditions_said(conditions) == said
 
 
 def test_a_fit_that_did_not_converge_is_not_to_be_trusted():
