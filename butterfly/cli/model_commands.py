@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -21,11 +21,13 @@ from butterfly.identify.identification import judged
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.plant.twin import MASS, carrying_twin
+from butterfly.plant.twin import MASS, carrying_twin, command_of
 from butterfly.plant.watch.picture import render
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from butterfly.identify.judgement.verdict import Standing
     from butterfly.plant.robot import Robot
 
@@ -51,7 +53,7 @@ def show_command(
 
     Example: `butterfly model show quickstart --added-mass 0.05`
     """
-    robot, carried, standing = _named(source, mass, added, options)
+    robot, carried, standing, _ = _named(source, mass, added, options)
     loaded = robot.lumped.with_added_mass(carried)
     rows = {
         "hand": _numbers(robot.hand),
@@ -93,7 +95,7 @@ def render_command(
 
     Example: `butterfly model render quickstart --added-mass 0.05 --out hand.png`
     """
-    robot, carried, standing = _named(source, mass, added, options)
+    robot, carried, standing, _ = _named(source, mass, added, options)
     render(robot, carried, angle, out, size)
     typer.echo(f"Picture: {out}")
     end_with(standing)
@@ -110,23 +112,32 @@ def export_command(
 ) -> None:
     """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
 
-    The input delay of an identified robot is left out: to add it, give the motor MuJoCo's `delay`,
-    `nsample` and `interp`.
+    It moves there as it does here, the command's delay included; what MuJoCo cannot do is said.
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
-    robot, carried, standing = _named(source, mass, added, options)
-    export(robot, carried, out)
-    typer.echo(f"Model: {out}")
-    end_with(standing)
+    named = _named(source, mass, added, options)
+    written = export(named.robot, named.carried, out, named.command)
+    typer.echo(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
+    for said in written.left_out:
+        typer.echo(said)
+    end_with(named.standing)
 
 
-def _named(
-    source: Path, mass: float, added: float, options: DataOptions
-) -> tuple[Robot, AddedMass, Standing | None]:
-    """Return a robot, what it carries, and the verdict's standing if it is the twin of data.
+class _Named(NamedTuple):
+    """A robot, what it carries, the verdict's standing if it is the twin of data, and the command.
 
-    The verdict is printed.
+    Of the command what `butterfly.plant.stand_alone` takes.
+    """
+
+    robot: Robot
+    carried: AddedMass
+    standing: Standing | None
+    command: Mapping[str, float]
+
+
+def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Named:
+    """Return the robot that is named; the verdict on the twin of data is printed.
 
     Raises
     ------
@@ -137,7 +148,8 @@ def _named(
     """
     path, carried = locate(source), _carried(added, options)
     if not is_data(path):
-        return read_experiment(path).plant.robot, carried, None
+        plant = read_experiment(path).plant
+        return _Named(plant.robot, carried, None, vars(plant.path))
     logs = options.read(source)
     if logs.joint is JointKind.SLIDE:
         raise InputError(str(source), "joint", logs.joint, "a hinge, which the model in MuJoCo has")
@@ -146,7 +158,7 @@ def _named(
     typer.echo(verdict.sentence)
     gravity = logs.logs[0].added_mass.gravity
     twin, rest = carrying_twin(found.parameters, replace(carried, gravity=gravity), mass)
-    return twin, rest, verdict.standing
+    return _Named(twin, rest, verdict.standing, command_of(found.parameters))
 
 
 def _carried(added: float, options: DataOptions) -> AddedMass:
