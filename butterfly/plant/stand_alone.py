@@ -33,9 +33,7 @@ _BRISTLE_STEP = 1e-4  # s, from which on MuJoCo's bristles, which are of first o
 _CURRENT_STEP = 2e-5  # s, the same of its current
 _DELAYED = 1.5  # steps, from which on MuJoCo delays a command by any time
 _FELT = 7.5e-5  # s, from which on steps are made short enough for a delay
-_TURNING = (
-    3.0  # errors by dry friction in units of its acceleration times a step over the resonance
-)
+_TURNING = 3.0  # errors by dry friction, as shares of its acceleration times step over resonance
 _SLOWEST = 2.0  # rad/s, taken for the resonance of a joint that hardly has one
 _KNOTS = 24  # of the polygon that stands for Stribeck's curve,
 _REACH = 3.0  # Stribeck velocities long: there all but 1e-4 is lost
@@ -91,16 +89,15 @@ def stand_alone(
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
     left_out += _not_said(resolution, compression)
-    root = ElementTree.fromstring(mjcf(_sliding(robot), added, scene=True))  # noqa: S314 - our own
+    root = _parsed(mjcf(_sliding(robot), added, scene=True))
     next(root.iter("option")).set("timestep", repr(step))
     next(root.iter("flag")).set("refsafe", "disable")  # lets friction grip within a step
-    hinge = next(each for each in root.iter("joint") if each.get("name") == "hinge")
-    hinge.set("solreffriction", f"{_GRIP * step!r} 1")
+    joint, motor = (_named(root, name) for name in ("hinge", "motor"))
+    joint.set("solreffriction", f"{_GRIP * step!r} 1")
     actuators = next(root.iter("actuator"))
-    motor = actuators[0]
     if math.isfinite(limit):
         motor.set("ctrlrange", f"{-limit!r} {limit!r}")
-    if delay >= _DELAYED * step:
+    if _can_delay(delay, step):
         motor.attrib |= {
             "delay": repr(delay + step / 2),
             "nsample": str(math.ceil(delay / step) + 2),
@@ -108,10 +105,28 @@ def stand_alone(
         }
     if robot.friction.sticks_harder:
         actuators.extend(_slips(friction))
-    for k, comment in enumerate(_comments(step, delay, left_out)):
-        root.insert(k, ElementTree.Comment(f" {comment} "))
+    for k, said in enumerate(_comments(step, delay, left_out)):
+        comment = ElementTree.Comment(f" {said} ")
+        comment.tail = "\n  "
+        root.insert(k, comment)
     text = ElementTree.tostring(root, encoding="unicode")
     return StandAlone(text=text, step=step, left_out=left_out)
+
+
+def _parsed(text: str) -> ElementTree.Element:
+    parser = ElementTree.XMLParser(  # noqa: S314 - our own text
+        target=ElementTree.TreeBuilder(insert_comments=True)
+    )
+    return ElementTree.fromstring(text, parser)  # noqa: S314
+
+
+def _can_delay(delay: float, step: float) -> bool:
+    """Tell whether MuJoCo can delay a command so with steps of ``step`` s."""
+    return delay >= _DELAYED * step * (1 - 1e-9)
+
+
+def _named(root: ElementTree.Element, name: str) -> ElementTree.Element:
+    return next(each for each in root.iter() if each.get("name") == name)
 
 
 def _step_for(
@@ -142,7 +157,7 @@ def _step_for(
             f"Friction this strong is up to some {strength * step:.1g} rad off at MuJoCo's step of "
             f"{1e3 * step:g} ms"
         )
-    if delay < 0 or 0 < delay < _DELAYED * step:
+    if delay and not _can_delay(delay, step):
         said.append(
             f"The delay of {1e3 * delay:.3g} ms is left out: MuJoCo has none shorter than one and "
             f"a half of its steps of {1e3 * step:g} ms"
@@ -165,7 +180,7 @@ def _not_said(resolution: float, compression: float) -> tuple[str, ...]:
 
 
 def _comments(step: float, delay: float, left_out: tuple[str, ...]) -> list[str]:
-    late = f", a delay of {1e3 * delay:.4g} ms included" if delay >= _DELAYED * step else ""
+    late = f", a delay of {1e3 * delay:.4g} ms included" if _can_delay(delay, step) else ""
     return [
         f"Moves by itself in plain MuJoCo, driven by ctrl[0] (motor){late}; other commands stay 0. "
         "The step was chosen for what friction and delay ask for.",

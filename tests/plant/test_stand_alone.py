@@ -39,6 +39,9 @@ def _moved(model, log, zero=0.0):
     """(n,) angles at a log's stamps: MuJoCo alone, given the mean of the input over each step."""
     data = mujoco.MjData(model)
     data.qpos[0] = log.angle[0] - zero
+    if model.nhistory and log.intersample is Intersample.FIRST_ORDER_HOLD:
+        begun = np.full((model.actuator_history[0, 0], 1), log.input[0])
+        mujoco.mj_initCtrlHistory(model, data, 0, None, begun)
     step = model.opt.timestep
     instants = np.arange(log.time[0], log.time[-1] + step, step)
     angles = [data.qpos[0]]
@@ -138,7 +141,6 @@ def test_the_twin_of_the_real_robot_moves_alone(real, tmp_path):
     """It sticks harder than it slides, and its logs have stamps of their own."""
     whole = real.data.logs[20]
     log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 3.0)))
-    log = replace(log, input=log.input - log.input[0])  # nothing is on its way at the start
     model = IdentifiedModel(real.estimate.parameters)
     assert model.parameters.stribeck > 0
     model.export(tmp_path / "twin.xml", log.added_mass)
@@ -159,7 +161,7 @@ def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity()
         mujoco.mj_forward(model, data)
         braked = data.qfrc_constraint[0] + data.qfrc_actuator[0]
         level = parameters.level(abs(velocity))
-        assert braked == pytest.approx(-np.sign(velocity) * level, abs=0.01 * parameters.stribeck)
+        assert braked == pytest.approx(-np.sign(velocity) * level, abs=0.002 * parameters.stribeck)
 
 
 @pytest.mark.parametrize(
