@@ -78,13 +78,13 @@ def _drawn(seed, kind):
         | {"bristle_stiffness": p3 * draw(3, 30), "bristle_damping": p1 * draw(1, 5)},
     }
     parameters = replace(parameters, **terms[kind])
-    time = 1e-3 * np.arange(3000)
+    time = 1e-3 * np.arange(2000)
     most = p3 / parameters.p4 * (0.05 + 4 * parameters.holding / p3)
     inputs = most * (np.sin(0.9 * omega * time) + 0.5 * np.sin(1.4 * omega * time))
     if seed % 2:
         return parameters, _log(inputs, Intersample.FIRST_ORDER_HOLD)
     inputs = most * np.round(inputs / most, 1)  # steps, and a stretch without any
-    inputs[1200:1500] = 0
+    inputs[1000:1200] = 0
     return parameters, _log(inputs)
 
 
@@ -121,7 +121,7 @@ def test_without_its_delay_the_file_would_move_otherwise():
 )
 def test_any_drive_is_delayed(drive):
     robot = Robot(hand=HAND, drive=drive, friction=Friction(viscous=1e-3, coulomb=3e-4))
-    log = _log(0.5 * np.sin(4e-3 * np.arange(600)))
+    log = _log(0.5 * np.sin(4e-3 * np.arange(300)))
     model = mujoco.MjModel.from_xml_string(stand_alone(robot, ADDED, delay=0.00213).text)
     ours = replay_input(GreyBoxJoint(robot, ADDED), log, 0.00213)
     assert np.abs(_moved(model, log) - ours).max() < AIM
@@ -131,7 +131,7 @@ def test_the_quick_start_s_robot_needs_no_help():
     plant = read_experiment(shipped("experiments/quickstart.yaml")).plant
     written = stand_alone(plant.robot, ADDED, **vars(plant.path))
     assert written.left_out == ()
-    log = _log(0.4 * np.sin(4e-3 * np.arange(4000)))
+    log = _log(0.4 * np.sin(4e-3 * np.arange(2000)))
     ours = replay_input(GreyBoxJoint(plant.robot, ADDED), log, plant.path.delay)
     moved = _moved(mujoco.MjModel.from_xml_string(written.text), log)
     assert np.abs(moved - ours).max() < AIM
@@ -140,7 +140,7 @@ def test_the_quick_start_s_robot_needs_no_help():
 def test_the_twin_of_the_real_robot_moves_alone(real, tmp_path):
     """It sticks harder than it slides, and its logs have stamps of their own."""
     whole = real.data.logs[20]
-    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 3.0)))
+    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 1.5)))
     model = IdentifiedModel(real.estimate.parameters)
     assert model.parameters.stribeck > 0
     model.export(tmp_path / "twin.xml", log.added_mass)
