@@ -32,6 +32,7 @@ _GRIP = 0.25  # steps: time constant with which dry friction stops the joint
 _BRISTLE_STEP = 1e-4  # s, from which on MuJoCo's bristles, which are of first order, keep to AIM
 _CURRENT_STEP = 2e-5  # s, the same of its current
 _DELAYED = 1.5  # steps, from which on MuJoCo delays a command by any time
+_NO_DELAY = 1e-5  # s, in which no joint of up to 10 rad/s moves by AIM
 _FELT = 7.5e-5  # s, from which on steps are made short enough for a delay
 _TURNING = 3.0  # errors by dry friction, as shares of its acceleration times step over resonance
 _SLOWEST = 2.0  # rad/s, taken for the resonance of a joint that hardly has one
@@ -78,6 +79,7 @@ def stand_alone(
         The robot and what it carries.
     delay
         In s, from command to torque; one that is negative, as an estimate may be, is left out.
+        So is one of up to 10 us, in silence.
     limit, resolution, compression
         Of the command (see `butterfly.plant.motor.CommandPath`).
 
@@ -157,7 +159,7 @@ def _step_for(
             f"Friction this strong is up to some {strength * step:.1g} rad off at MuJoCo's step of "
             f"{1e3 * step:g} ms"
         )
-    if delay and not _can_delay(delay, step):
+    if abs(delay) > _NO_DELAY and not _can_delay(delay, step):
         said.append(
             f"The delay of {1e3 * delay:.3g} ms is left out: MuJoCo has none shorter than one and "
             f"a half of its steps of {1e3 * step:g} ms"

@@ -1,7 +1,5 @@
 """The commands that show, draw and export the robot."""
 
-import re
-
 import mujoco
 import numpy as np
 import pytest
@@ -30,7 +28,7 @@ def test_the_twin_of_a_data_set_is_exported_and_moves_as_identified(
 ):
     code, out, _ = butterfly("model", "export", quick_data, "--out", tmp_path / "t.xml")
     assert code == 0
-    assert re.search(r"The delay of -?0\.00\d+ ms is left out", out)  # the robot has none
+    assert "left out" not in out  # of the few microseconds that were found where there are none
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
     data = mujoco.MjData(model)
     data.qpos[0], data.ctrl[0] = 0.5, 1.0

@@ -183,6 +183,12 @@ def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(command, said
             IdentifiedModel(replace(parameters, **command)).export(tmp_path / "twin.xml")
 
 
+def test_a_delay_too_short_to_be_seen_is_none():
+    parameters = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
+    for delay in (-8e-6, 0.0, 8e-6):
+        assert stand_alone(twin(parameters), delay=delay).left_out == ()
+
+
 def test_friction_too_strong_for_any_step_is_said():
     strong = LumpedParameters(p1=1e-4, p2=1e-3, p3=0.0, p4=1, coulomb=0.1)
     (sentence,) = stand_alone(twin(strong)).left_out
