@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from butterfly.identify.data import read_data_set
 from butterfly.identify.identification import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
+from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.resources import shipped
 
@@ -45,10 +45,9 @@ MASSES = (AddedMass(), AddedMass(mass=0.05, arm=0.104), AddedMass(mass=0.12, arm
 @pytest.fixture(scope="session")
 def logs_folder() -> Path:
     """The thesis's 41 logs, wherever they are."""
-    named = os.environ.get("BUTTERFLY_LOGS")
-    folder = Path(named) if named else _CHECKOUT.parent / "shared/data/butterfly_logs"
+    folder = found_folder() or _CHECKOUT.parent / "shared/data/butterfly_logs"
     if not folder.is_dir():
-        pytest.skip(f"the real logs are not there: no folder {folder} (set BUTTERFLY_LOGS)")
+        pytest.skip(f"the real logs are not there: no folder {folder} (`butterfly logs fetch`)")
     return folder
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -103,7 +104,9 @@ class IdentifiedModel:
     def export(
         self, path: str | PathLike[str], added_mass: AddedMass = NO_ADDED_MASS, *, mass: float = 0.3
     ) -> None:
-        """Write an MJCF file of a robot that moves so, which plain MuJoCo loads.
+        """Write an MJCF file of a robot that moves so by itself in plain MuJoCo, delay included.
+
+        What MuJoCo cannot do is warned of, and written in the file.
 
         Parameters
         ----------
@@ -120,8 +123,10 @@ class IdentifiedModel:
             If no hand moves so, as a slide does not, or the file cannot be written.
         """
         from butterfly.experiment.named_robot import export  # noqa: PLC0415 - slow to import
-        from butterfly.plant.twin import carrying_twin  # noqa: PLC0415
+        from butterfly.plant.twin import carrying_twin, command_of  # noqa: PLC0415
 
         if self.joint is JointKind.SLIDE:
             raise InputError("export", "joint", self.joint, "a hinge, which MuJoCo's model has")
-        export(*carrying_twin(self.parameters, added_mass, mass), Path(path))
+        moving = carrying_twin(self.parameters, added_mass, mass)
+        for said in export(*moving, Path(path), command_of(self.parameters)).left_out:
+            warnings.warn(said, stacklevel=2)

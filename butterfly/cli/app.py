@@ -13,7 +13,12 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from butterfly import __version__
-from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
+from butterfly.cli.command_table import (
+    COMMANDS,
+    LOGS_COMMANDS,
+    MODEL_COMMANDS,
+    RESULTS_COMMANDS,
+)
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.lazy import MARKUP, QUIETLY, LazyGroup
 from butterfly.cli.loudness import be_quiet, one_command, standard_output
@@ -21,7 +26,7 @@ from butterfly.cli.show_progress import tell_no_more
 from butterfly.errors import ButterflyError, StoppedError, UnusableError
 from butterfly.sizes import memory, said
 
-_PANEL_OF_MODELS, _PANEL_OF_RESULTS = "Simulate", "Results"
+_PANEL_OF_LOGS, _PANEL_OF_MODELS, _PANEL_OF_RESULTS = "Look at logs", "Simulate", "Results"
 
 
 class _Commands(LazyGroup):
@@ -34,6 +39,10 @@ class _Commands(LazyGroup):
         except BrokenPipeError:
             _leave_stdout()
             raise typer.Exit(ExitCode.UNREAD) from None
+
+
+class _LogsCommands(LazyGroup):
+    table = LOGS_COMMANDS
 
 
 class _ModelCommands(LazyGroup):
@@ -51,6 +60,12 @@ app = typer.Typer(
     rich_markup_mode=MARKUP,
     help="Simulate and identify the Butterfly robot's hand: MuJoCo, grey-box model, real logs.",
     epilog="Start with: `butterfly run quickstart`",
+)
+app.add_typer(
+    typer.Typer(cls=_LogsCommands, no_args_is_help=True, rich_markup_mode=MARKUP),
+    name="logs",
+    rich_help_panel=_PANEL_OF_LOGS,
+    help="Fetch the thesis's public logs.",
 )
 app.add_typer(
     typer.Typer(cls=_ModelCommands, no_args_is_help=True, rich_markup_mode=MARKUP),

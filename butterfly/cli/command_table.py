@@ -114,6 +114,14 @@ COMMANDS = {
     for name, command in commands.items()
 }
 
+LOGS_COMMANDS = {
+    "fetch": Command(
+        "fetch_commands",
+        "fetch_command",
+        "Fetch the thesis's 41 public logs, 40 MB, and check each by its SHA-256.",
+    ),
+}
+
 MODEL_COMMANDS = {
     "show": Command(
         "model_commands", "show_command", "Print the robot's physical and lumped parameters."

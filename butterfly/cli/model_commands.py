@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from butterfly.api.usable import require_possible
-from butterfly.cli.console import say_verdict, show_pairs
+from butterfly.cli.console import say, say_verdict, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
@@ -22,12 +22,14 @@ from butterfly.identify.identification import judged
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.plant.twin import MASS, carrying_twin
+from butterfly.plant.twin import MASS, carrying_twin, command_of
 from butterfly.plant.watch.picture import render
 from butterfly.report.numbers.table_numbers import rests_on
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from butterfly.identify.judgement.verdict import Standing
     from butterfly.logs.log import InputKind
     from butterfly.plant.robot import Robot
@@ -119,25 +121,30 @@ def export_command(
 ) -> None:
     """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
 
-    The input delay of an identified robot is left out: to add it, give the motor MuJoCo's `delay`,
-    `nsample` and `interp`.
+    It moves there as it does here, the command's delay included; what MuJoCo cannot do is said.
 
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
     named = _named(source, hand_mass, added_mass, options)
-    export(named.robot, named.carried, out)
-    typer.echo(f"Model: {out}")
+    written = export(named.robot, named.carried, out, named.command)
+    typer.echo(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
+    for said in written.left_out:
+        say(said)
     end_with(named.standing)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Named:
-    """A robot, what it carries, and what it rests on if it is the twin of data."""
+    """A robot, what it carries, its command, and what it rests on if it is the twin of data.
+
+    Of the command it is what `butterfly.plant.stand_alone` takes.
+    """
 
     name: str
     robot: Robot
     carried: AddedMass
     input_kind: InputKind
+    command: Mapping[str, float]
     verdict: SaidVerdict | None = None
     besides: dict[str, Any] = field(default_factory=dict)
 
@@ -172,8 +179,13 @@ def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Na
     path, carried = locate(source), _carried(added, options)
     if not is_data(path):
         plan = read_experiment(path)
-        kind = plan.input_kind
-        return _Named(name=plan.name, robot=plan.plant.robot, carried=carried, input_kind=kind)
+        return _Named(
+            name=plan.name,
+            robot=plan.plant.robot,
+            carried=carried,
+            input_kind=plan.input_kind,
+            command=vars(plan.plant.path),
+        )
     logs = options.read(source)
     if logs.joint is JointKind.SLIDE:
         raise InputError(str(source), "joint", logs.joint, "a hinge, which the model in MuJoCo has")
@@ -188,6 +200,7 @@ def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Na
         robot=twin,
         carried=rest,
         input_kind=logs.input_kind,
+        command=command_of(found.parameters),
         verdict=verdict,
         besides=rests_on(logs, found, chosen),
     )

@@ -22,7 +22,7 @@ def reproduce_command(
     what: Annotated[str, typer.Argument(help="What to reproduce: thesis.")],
     root: Annotated[
         Path | None,
-        typer.Option(help="Folder of the 41 real logs; or set BUTTERFLY_LOGS.", show_default=False),
+        typer.Option(help="Folder of the 41 real logs, if not fetched.", show_default=False),
     ] = None,
     out: Annotated[
         Path | None,
@@ -50,7 +50,7 @@ def reproduce_command(
         if row.note:
             say(f"{row.what}: {row.note}")
     if not has_real_logs(root):
-        say("Tables 4 and 5 need the real logs: give --root, or set BUTTERFLY_LOGS.")
+        say("Tables 4 and 5 need the real logs: run `butterfly logs fetch`, or give --root.")
     if out is not None:
         for path in write_figure_data(out, synthetic, root):
             typer.echo(f"Figure data: {path}")

@@ -8,26 +8,39 @@ from butterfly.errors import InputError
 from butterfly.experiment.data_source import RESULT
 from butterfly.files import replacing
 from butterfly.logs.formats import FORMATS
-from butterfly.plant.mjcf import mjcf
+from butterfly.plant.stand_alone import stand_alone
 from butterfly.yaml_document import load_yaml
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from butterfly.model.parameters import AddedMass
     from butterfly.plant.robot import Robot
+    from butterfly.plant.stand_alone import StandAlone
 
 
-def export(robot: Robot, added: AddedMass, path: Path) -> None:
-    """Write a robot as one MJCF file, light and camera included.
+def export(robot: Robot, added: AddedMass, path: Path, command: Mapping[str, float]) -> StandAlone:
+    """Write a robot as one MJCF file that moves by itself, light and camera included.
+
+    Parameters
+    ----------
+    robot, added
+        The robot and what it carries.
+    path
+        The file.
+    command
+        What becomes of the robot's command on its way, as `stand_alone` takes it.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
+    written = stand_alone(robot, added, **command)
     with replacing(path) as draft:
-        draft.write_text(mjcf(robot, added, scene=True), encoding="utf-8")
+        draft.write_text(written.text, encoding="utf-8")
+    return written
 
 
 def is_data(path: Path) -> bool:

@@ -19,6 +19,7 @@ from pydantic import (
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
+from butterfly.logs import thesis_logs
 from butterfly.logs.formats import read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
@@ -368,14 +369,13 @@ def _expand_root(manifest_path: Path, root: str) -> Path:
     """
 
     def expand(match: re.Match[str]) -> str:
-        if match[1] not in os.environ:
-            raise InputError(
-                manifest_path,
-                "root",
-                root,
-                f"${match[1]} to name the folder of the logs (or --root)",
-            )
-        return os.environ[match[1]]
+        of_thesis = match[1] == thesis_logs.VARIABLE
+        folder = thesis_logs.found_folder() if of_thesis else os.environ.get(match[1])
+        if folder is None:
+            expected = f"${match[1]} to name the folder of the logs (or --root)"
+            fetched = "the logs: run `butterfly logs fetch`; or " if of_thesis else ""
+            raise InputError(manifest_path, "root", root, fetched + expected)
+        return str(folder)
 
     base = Path() if _VARIABLE.match(root) else manifest_path.parent
     return (base / _VARIABLE.sub(expand, root)).resolve()

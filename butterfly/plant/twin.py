@@ -31,3 +31,8 @@ def carrying_twin(
     if added.gravity == GRAVITY:
         return twin(parameters, mass), added
     return twin(parameters.with_added_mass(added), mass + added.mass), NO_ADDED_MASS
+
+
+def command_of(parameters: LumpedParameters) -> dict[str, float]:
+    """Return what becomes of the command before it is a torque, as `stand_alone` takes it."""
+    return {"delay": parameters.delay, "compression": parameters.compression}

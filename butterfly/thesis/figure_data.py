@@ -49,8 +49,8 @@ def write_figure_data(folder: Path, synthetic: Synthetic, root: Path | None = No
     synthetic
         What Figures 3 to 8 rest on.
     root
-        Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS. Figures 9 to 12 are left out
-        without them.
+        Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS or the one fetched to. Figures
+        9 to 12 are left out without them.
 
     Returns
     -------

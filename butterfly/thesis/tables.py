@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ import numpy as np
 from butterfly.identify.data import read_data_set
 from butterfly.identify.estimators import HarmonicBalance
 from butterfly.logs.manifest import read_manifest
+from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.discrete import HeldSystem
 from butterfly.model.linear import resonance_frequency
 from butterfly.resources import shipped
@@ -72,8 +72,8 @@ def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
     synthetic
         What Tables 1 and 2 rest on.
     root
-        Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS. Tables 4 and 5 rest on them,
-        and are left out without them.
+        Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS or the one fetched to. Tables 4
+        and 5 rest on them, and are left out without them.
 
     Raises
     ------
@@ -90,8 +90,8 @@ def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
 
 
 def has_real_logs(root: Path | None) -> bool:
-    """Whether somebody said where the real logs are."""
-    return root is not None or bool(os.environ.get("BUTTERFLY_LOGS"))
+    """Whether somebody said where the real logs are, or fetched them."""
+    return root is not None or found_folder() is not None
 
 
 def scripted_point(log: Log) -> ScriptedAmplitude:

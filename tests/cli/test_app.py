@@ -10,7 +10,13 @@ from pathlib import Path
 import pytest
 
 from butterfly import __version__
-from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, PANELS, RESULTS_COMMANDS
+from butterfly.cli.command_table import (
+    COMMANDS,
+    LOGS_COMMANDS,
+    MODEL_COMMANDS,
+    PANELS,
+    RESULTS_COMMANDS,
+)
 from butterfly.cli.exit_codes import ExitCode
 from tests.cli.one_line import assert_one_line_error
 
@@ -19,7 +25,12 @@ def test_the_version_is_printed(butterfly):
     assert butterfly("--version") == (0, f"butterfly {__version__}\n", "")
 
 
-TABLES = {"": COMMANDS, "model": MODEL_COMMANDS, "results": RESULTS_COMMANDS}
+TABLES = {
+    "": COMMANDS,
+    "logs": LOGS_COMMANDS,
+    "model": MODEL_COMMANDS,
+    "results": RESULTS_COMMANDS,
+}
 CALLS = [(*group.split(), name) for group, commands in TABLES.items() for name in commands]
 
 

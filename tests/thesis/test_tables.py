@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from butterfly.experiment.thesis_robot import thesis_robot
+from butterfly.logs import thesis_logs
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.sensors import Clock
@@ -50,8 +51,9 @@ def test_a_synthetic_log_lasts_as_long_as_the_experiment_says_whatever_its_clock
 
 
 @pytest.mark.slow
-def test_the_synthetic_tables_need_no_real_logs(monkeypatch):
+def test_the_synthetic_tables_need_no_real_logs(monkeypatch, tmp_path):
     monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
+    monkeypatch.setattr(thesis_logs, "own_folder", lambda: tmp_path)
     assert [row.what for row in reproduce(thesis_robot())][-1].startswith("Table 2")
 
 

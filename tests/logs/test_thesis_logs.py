@@ -1,0 +1,244 @@
+"""The thesis's logs are fetched whole or not at all, whatever the server does."""
+
+import hashlib
+import re
+import threading
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from butterfly.errors import InputError
+from butterfly.logs import thesis_logs
+from butterfly.logs.manifest import read_manifest
+from butterfly.logs.thesis_logs import digests, fetch, found_folder
+from butterfly.resources import shipped
+from butterfly.yaml_document import load_yaml
+
+CONTENTS = {f"{group}/{k}.mat": f"{group}, log {k}".encode() * 500 for group in "ab" for k in "12"}
+FIRST, *_, LAST = CONTENTS
+
+
+@pytest.fixture(autouse=True)
+def four_logs(monkeypatch):
+    of_contents = {name: hashlib.sha256(each).hexdigest() for name, each in CONTENTS.items()}
+    monkeypatch.setattr(thesis_logs, "digests", lambda: of_contents)
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+
+
+@pytest.fixture
+def published(tmp_path):
+    return filled(tmp_path / "published")
+
+
+def filled(folder):
+    for name, content in CONTENTS.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    return folder
+
+
+def files_of(folder):
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+@contextmanager
+def served(spoiled=None, asked=None):
+    """Serve the logs at an address; ``spoiled`` answers in their place where it returns true."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            name = self.path.removeprefix("/logs/")
+            if asked is not None:
+                asked.append(name)
+            if not (spoiled and spoiled(self, name)):
+                self.reply(CONTENTS[name])
+
+        def reply(self, content, length=None):
+            self.send_response(200)
+            self.send_header("Content-Length", str(length or len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/logs"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def test_the_pinned_logs_are_those_of_the_shipped_data_set(monkeypatch):
+    monkeypatch.undo()
+    listed = load_yaml(shipped("experiments/real-logs.yaml")).content["logs"]
+    assert {entry["file"] for entry in listed} == digests().keys()
+    assert all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests().values())
+
+
+def test_the_logs_have_the_pinned_digests(logs_folder, tmp_path, monkeypatch):
+    monkeypatch.undo()
+    assert fetch(tmp_path, str(logs_folder)) == 41
+    assert files_of(tmp_path) == digests().keys()
+
+
+def test_logs_come_from_an_address_and_are_not_fetched_again(tmp_path):
+    asked = []
+    with served(asked=asked) as address:
+        assert fetch(tmp_path, address) == 4
+        assert fetch(tmp_path, f"{address}/") == 0
+    assert sorted(asked) == sorted(CONTENTS)
+    assert {name: (tmp_path / name).read_bytes() for name in CONTENTS} == CONTENTS
+
+
+def test_progress_counts_the_logs_that_are_missing(tmp_path, published):
+    told = []
+
+    def track(items, description):
+        told.append((len(items), description))
+        return items
+
+    fetch(tmp_path / "own", str(published), track)
+    (tmp_path / "own" / FIRST).unlink()
+    fetch(tmp_path / "own", str(published), track)
+    assert told == [(4, "Fetching logs"), (1, "Fetching logs")]
+
+
+def closed_in_the_middle(handler, name):
+    handler.reply(CONTENTS[name][:100], length=len(CONTENTS[name]))
+    return True
+
+
+def closed_in_the_middle_without_a_length(handler, name):
+    handler.wfile.write(b"HTTP/1.0 200 OK\r\n\r\n" + CONTENTS[name][:100])
+    return True
+
+
+def of_other_content(handler, _):
+    handler.reply(b"<html>Please log in</html>")
+    return True
+
+
+def that_is_not_there(handler, _):
+    handler.send_error(404)
+    return True
+
+
+def never_answered(*_):
+    threading.Event().wait(1.0)
+    return True
+
+
+def stopped_in_the_middle(handler, name):
+    closed_in_the_middle(handler, name)
+    return never_answered()
+
+
+def with_a_length_that_is_none(handler, name):
+    handler.wfile.write(b"HTTP/1.0 200 OK\r\nContent-Length: long\r\n\r\n" + CONTENTS[name])
+    return True
+
+
+def no_http(handler, _):
+    handler.wfile.write(b"\x00\xff" * 50 + b"\r\n\r\n")
+    return True
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (closed_in_the_middle, "transfer: got IncompleteRead"),
+        (closed_in_the_middle_without_a_length, "SHA-256: got"),
+        (of_other_content, "SHA-256: got"),
+        (that_is_not_there, "transfer: got 404 Not Found"),
+        (never_answered, "transfer: got no answer within 0.5 s"),
+        (stopped_in_the_middle, "transfer: got no answer within 0.5 s"),
+        (with_a_length_that_is_none, "transfer: got invalid literal"),
+        (no_http, "transfer: got"),
+    ],
+)
+def test_a_broken_transfer_leaves_nothing_and_the_next_call_goes_on(tmp_path, spoil, said):
+    with (
+        served(lambda handler, name: name == LAST and spoil(handler, name)) as address,
+        pytest.raises(InputError, match=re.escape(f"{address}/{LAST}: {said}")),
+    ):
+        fetch(tmp_path, address, timeout=0.5 if "no answer" in said else 30.0)
+    assert files_of(tmp_path) == CONTENTS.keys() - {LAST}
+    asked = []
+    with served(asked=asked) as address:
+        assert fetch(tmp_path, address) == 1
+    assert asked == [LAST]
+
+
+def test_after_a_failure_no_further_logs_are_asked_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(thesis_logs, "_AT_ONCE", 1)
+    asked = []
+    with served(that_is_not_there, asked) as address, pytest.raises(InputError, match="404"):
+        fetch(tmp_path, address)
+    assert len(asked) <= 2
+
+
+def test_a_server_that_is_not_there_is_named(tmp_path):
+    with served() as address:
+        pass
+    with pytest.raises(InputError, match=rf"{address}/{FIRST}: transfer: got .*refused"):
+        fetch(tmp_path, address)
+    assert not files_of(tmp_path)
+
+
+def test_a_full_disk_leaves_nothing_half_written(tmp_path, published, monkeypatch):
+    def write(path, content):
+        with path.open("wb") as file:
+            file.write(content[:100])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", write)
+    with pytest.raises(InputError, match="No space left on device"):
+        fetch(tmp_path / "own", str(published))
+    assert not files_of(tmp_path / "own")
+
+
+def test_a_file_with_other_content_is_refused_before_anything_is_fetched(tmp_path, published):
+    own = tmp_path / "own" / LAST
+    own.parent.mkdir(parents=True)
+    own.write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"SHA-256: got .*not overwritten") as caught:
+        fetch(tmp_path / "own", str(published))
+    assert caught.value.source == str(own)
+    assert files_of(tmp_path / "own") == {LAST}
+    assert own.read_bytes() == b"mine"
+
+
+def test_a_folder_without_a_log_or_none_at_all_is_named(tmp_path, published):
+    (published / LAST).unlink()
+    with pytest.raises(InputError, match=f"{LAST}: path: got No such file"):
+        fetch(tmp_path / "own", str(published))
+    for source in (str(tmp_path / "nowhere"), "ftp://127.0.0.1/logs"):
+        with pytest.raises(InputError, match=rf"--from: got {source}; expected an existing folder"):
+            fetch(tmp_path / "own", source)
+
+
+ROOT = "name: a\ninput: torque\nroot: ${BUTTERFLY_LOGS}\nlogs: [{file: a/1.mat}]\n"
+
+
+def test_a_data_set_finds_the_logs_where_the_variable_says_or_where_they_were_fetched(
+    tmp_path, published, monkeypatch
+):
+    path, own = tmp_path / "real.yaml", tmp_path / "own"
+    path.write_text(ROOT)
+    monkeypatch.setattr(thesis_logs, "own_folder", lambda: own)
+    monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
+    with pytest.raises(InputError, match="run `butterfly logs fetch`"):
+        read_manifest(path)
+    fetch(own, str(published))
+    assert read_manifest(path).root == str(own)
+    monkeypatch.setenv("BUTTERFLY_LOGS", str(published))
+    assert read_manifest(path).root == str(published)
+    monkeypatch.delenv("BUTTERFLY_LOGS")
+    (own / LAST).unlink()
+    assert found_folder() is None  # some of the logs are no data set

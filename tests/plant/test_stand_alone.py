@@ -1,0 +1,208 @@
+"""An exported robot moves by itself, in MuJoCo alone, as our free run with the same parameters."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from butterfly.api.identified_model import IdentifiedModel
+from butterfly.experiment.reading import read_experiment
+from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, VoltageDrive
+from butterfly.plant.joints import GreyBoxJoint
+from butterfly.plant.replay import replay_input
+from butterfly.plant.robot import Clutch, Robot
+from butterfly.plant.stand_alone import AIM, stand_alone
+from butterfly.plant.twin import command_of, twin
+from butterfly.resources import shipped
+from butterfly.signals import hold
+
+MASS = 2.0  # kg, which carries all that is drawn
+ADDED = AddedMass(mass=0.05, arm=0.104)
+HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
+
+
+def _log(inputs, intersample=Intersample.ZERO_ORDER_HOLD, angle=0.0, added=ADDED):
+    return Log(
+        time=1e-3 * np.arange(inputs.size),
+        input=inputs,
+        angle=np.full(inputs.size, angle),
+        input_kind=InputKind.TORQUE,
+        intersample=intersample,
+        added_mass=added,
+    )
+
+
+def _moved(model, log, zero=0.0):
+    """(n,) angles at a log's stamps: MuJoCo alone, given the mean of the input over each step."""
+    data = mujoco.MjData(model)
+    data.qpos[0] = log.angle[0] - zero
+    if model.nhistory and log.intersample is Intersample.FIRST_ORDER_HOLD:
+        begun = np.full((model.actuator_history[0, 0], 1), log.input[0])
+        mujoco.mj_initCtrlHistory(model, data, 0, None, begun)
+    step = model.opt.timestep
+    instants = np.arange(log.time[0], log.time[-1] + step, step)
+    angles = [data.qpos[0]]
+    for command in hold.mean(log.time, log.input, instants, log.intersample).tolist():
+        data.ctrl[0] = command
+        mujoco.mj_step(model, data)
+        angles.append(data.qpos[0])
+    return zero + np.interp(log.time, instants, angles)
+
+
+def _drawn(seed, kind):
+    """A random robot whose delay is no multiple of any step, and a log to drive it with."""
+    draw = np.random.default_rng(seed).uniform
+    p1, omega = 10 ** draw(-3.3, -1.7), draw(3, 8)
+    p3 = p1 * omega**2
+    parameters = LumpedParameters(
+        p1=p1, p2=p1 * draw(0.1, 1.5), p3=p3, p4=p3 * draw(0.3, 3), delay=draw(1e-4, 8e-3)
+    )
+    coulomb = p3 * draw(0.001, 0.03)
+    level = {"coulomb": coulomb, "stribeck": coulomb * draw(0.3, 1)}
+    terms = {
+        "smooth": {},
+        "dry": {"coulomb": coulomb, "load": 1e-4},
+        "pulled": {
+            "coulomb": coulomb,
+            "bias": p3 * draw(-0.03, 0.03),
+            "drag": p1 * draw(0, 0.05),
+            "p3_offset": p3 * draw(-0.03, 0.03),
+            "cogging": p3 * draw(-0.02, 0.02),
+            "cogging_periods": 7.0,
+        },
+        "sticking": level | {"stribeck_velocity": draw(0.05, 0.5)},
+        "bristles": level
+        | {"bristle_stiffness": p3 * draw(3, 30), "bristle_damping": p1 * draw(1, 5)},
+    }
+    parameters = replace(parameters, **terms[kind])
+    time = 1e-3 * np.arange(2000)
+    most = p3 / parameters.p4 * (0.05 + 4 * parameters.holding / p3)
+    inputs = most * (np.sin(0.9 * omega * time) + 0.5 * np.sin(1.4 * omega * time))
+    if seed % 2:
+        return parameters, _log(inputs, Intersample.FIRST_ORDER_HOLD)
+    inputs = most * np.round(inputs / most, 1)  # steps, and a stretch without any
+    inputs[1000:1200] = 0
+    return parameters, _log(inputs)
+
+
+@pytest.mark.parametrize("kind", ["smooth", "dry", "pulled", "sticking", "bristles"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_file_alone_moves_within_a_ten_thousandth_of_a_radian_of_our_free_run(
+    kind, seed, tmp_path
+):
+    parameters, log = _drawn(seed, kind)
+    path = tmp_path / "twin.xml"
+    IdentifiedModel(parameters).export(path, ADDED, mass=MASS)
+    ours = IdentifiedModel(parameters).simulate(log, velocity=0.0).angle
+    assert np.ptp(ours) > 0.1
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert (parameters.delay / model.opt.timestep) % 1 > 1e-3
+    assert np.abs(_moved(model, log) - ours).max() < AIM
+
+
+def test_without_its_delay_the_file_would_move_otherwise():
+    parameters, log = _drawn(0, "smooth")
+    ours = IdentifiedModel(parameters).simulate(log, velocity=0.0).angle
+    model = mujoco.MjModel.from_xml_string(stand_alone(twin(parameters, MASS), ADDED).text)
+    assert np.abs(_moved(model, log) - ours).max() > 10 * AIM
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
+        VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03, inductance=2e-3),
+        TorqueDrive(gain=0.025),
+    ],
+    ids=["voltage", "inductance", "torque"],
+)
+def test_any_drive_is_delayed(drive):
+    robot = Robot(hand=HAND, drive=drive, friction=Friction(viscous=1e-3, coulomb=3e-4))
+    log = _log(0.5 * np.sin(4e-3 * np.arange(300)))
+    model = mujoco.MjModel.from_xml_string(stand_alone(robot, ADDED, delay=0.00213).text)
+    ours = replay_input(GreyBoxJoint(robot, ADDED), log, 0.00213)
+    assert np.abs(_moved(model, log) - ours).max() < AIM
+
+
+def test_the_quick_start_s_robot_needs_no_help():
+    plant = read_experiment(shipped("experiments/quickstart.yaml")).plant
+    written = stand_alone(plant.robot, ADDED, **vars(plant.path))
+    assert written.left_out == ()
+    log = _log(0.4 * np.sin(4e-3 * np.arange(2000)))
+    ours = replay_input(GreyBoxJoint(plant.robot, ADDED), log, plant.path.delay)
+    moved = _moved(mujoco.MjModel.from_xml_string(written.text), log)
+    assert np.abs(moved - ours).max() < AIM
+
+
+def test_the_twin_of_the_real_robot_moves_alone(real, tmp_path):
+    """It sticks harder than it slides, and its logs have stamps of their own."""
+    whole = real.data.logs[20]
+    log = whole.piece(0, int(np.searchsorted(whole.time, whole.time[0] + 1.5)))
+    model = IdentifiedModel(real.estimate.parameters)
+    assert model.parameters.stribeck > 0
+    model.export(tmp_path / "twin.xml", log.added_mass)
+    ours = model.simulate(log, zero=log.angle[0], velocity=0.0).angle
+    moved = _moved(mujoco.MjModel.from_xml_path(str(tmp_path / "twin.xml")), log, log.angle[0])
+    assert np.ptp(ours) > 0.1
+    assert np.abs(moved - ours).max() < AIM
+
+
+def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity():
+    parameters = LumpedParameters(
+        p1=0.003, p2=0, p3=0.05, p4=1, coulomb=2e-3, stribeck=3e-3, stribeck_velocity=0.2
+    )
+    model = mujoco.MjModel.from_xml_string(stand_alone(twin(parameters)).text)
+    data = mujoco.MjData(model)
+    for velocity in (-3.0, -0.5, -0.2, -0.05, 0.01, 0.1, 0.3, 0.55, 0.7, 5.0):
+        data.qvel[0] = velocity
+        mujoco.mj_forward(model, data)
+        braked = data.qfrc_constraint[0] + data.qfrc_actuator[0]
+        level = parameters.level(abs(velocity))
+        assert braked == pytest.approx(-np.sign(velocity) * level, abs=0.002 * parameters.stribeck)
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ({"delay": -2e-4}, r"The delay of -0\.2 ms is left out"),
+        ({"delay": 2e-5}, r"The delay of 0\.02 ms is left out"),
+        ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
+        ({"resolution": 0.01}, r"set ctrl to multiples of 0\.01 yourself"),
+    ],
+)
+def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(command, said, tmp_path):
+    parameters = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
+    written = stand_alone(twin(parameters), **command)
+    (sentence,) = written.left_out
+    assert f"<!-- {sentence} -->" in written.text
+    if command.keys() <= command_of(parameters).keys():
+        with pytest.warns(UserWarning, match=said):
+            IdentifiedModel(replace(parameters, **command)).export(tmp_path / "twin.xml")
+
+
+def test_a_delay_too_short_to_be_seen_is_none():
+    parameters = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
+    for delay in (-8e-6, 0.0, 8e-6):
+        assert stand_alone(twin(parameters), delay=delay).left_out == ()
+
+
+def test_friction_too_strong_for_any_step_is_said():
+    strong = LumpedParameters(p1=1e-4, p2=1e-3, p3=0.0, p4=1, coulomb=0.1)
+    (sentence,) = stand_alone(twin(strong)).left_out
+    assert sentence.startswith("Friction this strong is up to some 0.03 rad off")
+
+
+def test_a_limit_of_the_command_is_its_range():
+    robot = Robot(hand=HAND, drive=TorqueDrive(gain=1), friction=Friction())
+    model = mujoco.MjModel.from_xml_string(stand_alone(robot, limit=3.5).text)
+    np.testing.assert_array_equal(model.actuator("motor").ctrlrange, [-3.5, 3.5])
+
+
+def test_a_clutch_s_friction_brakes_the_rotor_alone_and_asks_for_shorter_steps():
+    robot = Robot(hand=HAND, drive=TorqueDrive(gain=1), friction=Friction(coulomb=1e-3))
+    loose = replace(robot, clutch=Clutch(backlash=0.01, rotor_inertia=3e-4))
+    assert stand_alone(loose).step < stand_alone(robot).step
+    assert mujoco.MjModel.from_xml_string(stand_alone(loose).text).njnt == 2
