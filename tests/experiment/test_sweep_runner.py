@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from butterfly.experiment.columns import ESTIMATES, RUNS
+from butterfly.experiment.kept import EXPERIMENT
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
 from butterfly.experiment.record import OK, REFUSED
@@ -183,6 +184,14 @@ def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
     assert "plant.encoder.noise" in page
     numbers = json.loads((folder / "one/report.json").read_text())
     assert numbers["ok"] == 6
+    told = butterfly("run", folder / "small.yaml", "--out", folder / "one", "--json", "-")[1]
+    assert json.loads(told) == numbers
+    assert plan_sweep(Source(folder / "one" / EXPERIMENT)).tasks == small_plan(folder).tasks
+    said = json.loads(butterfly("results", "compare", folder / "one", 0, 1, "--json", "-")[1])
+    assert said["schema"] == "butterfly.runs"
+    for run in said["runs"]:
+        (estimate,) = run["estimates"]
+        assert estimate["parameters"]["p1"]["unit"] == "kg m²"
     assert (folder / "one/report-figures/axis-0.png").exists()
     code, _, _ = butterfly("run", folder / "small.yaml", "--out", folder / "one", "--only", "9")
     assert code == 2

@@ -116,7 +116,7 @@ def _unit_of_column(name: str) -> str:
         return "%"
     if name.startswith("orbit_") and name != "orbit_rounds":
         return "rad"
-    return "unit" if name in _IN_THEIR_UNIT else ""
+    return "the row's unit" if name in _IN_THEIR_UNIT else ""
 
 
 def told_table(
