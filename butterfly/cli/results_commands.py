@@ -103,6 +103,9 @@ def show_command(
     """Show one run: what it set, what it found, how long it took, and with which versions."""
     store = ResultStore(folder)
     record = _record(store, run)
+    for each in record.estimates:
+        if each.parameters:
+            say(f"{each.estimator}: {verdict_of(each).sentence}")
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
     pairs += [(name, str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
@@ -112,7 +115,6 @@ def show_command(
     show_pairs(pairs)
     for each in record.estimates:
         if each.parameters:
-            say(f"{each.estimator}: {verdict_of(each).sentence}")
             show_table(
                 each.estimator,
                 ("parameter", "true", "value", "lower", "upper"),
@@ -231,6 +233,11 @@ def compare_command(
         return
     first = _record(ResultStore(folder), one)
     second = _record(ResultStore(other_results or folder), other)
+    others = {each.estimator: each for each in second.estimates}
+    for each in first.estimates:
+        for name, of in ((one, each), (other, others.get(each.estimator))):
+            if of is not None and of.parameters:
+                say(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
     show_table(
@@ -238,14 +245,10 @@ def compare_command(
         ("", one, other),
         [(name, *map(shown_text, pair)) for name, pair in pairs.items() if pair[0] != pair[1]],
     )
-    matching = {each.estimator: each for each in second.estimates}
     for each in first.estimates:
-        if each.estimator not in matching:
+        if each.estimator not in others:
             continue
-        for name, of in ((one, each), (other, matching[each.estimator])):
-            if of.parameters:
-                say(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
-        twins = {row.parameter: row for row in matching[each.estimator].parameters}
+        twins = {row.parameter: row for row in others[each.estimator].parameters}
         show_table(
             each.estimator,
             ("parameter", one, other, "difference", "in std. errors"),

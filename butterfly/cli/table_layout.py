@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _INDENT, _GAP = 2, 2  # spaces before a line, and between columns
 _PROSE = 24  # characters beyond which a cell of words may be folded at its spaces
+_FEW_WORDS = 2  # of a cell that is never folded: an interval, say
+_OF_A_NUMBER = 4  # words at most, with its unit and its error
 _FOLDED = 3  # lines at most, into which it is
 _EASY, _HEADER = 40, 3  # characters of words, lines of a header, where a table is split anyhow
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
@@ -92,7 +94,7 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
     told = [each for k, each in enumerate(columns) if k < lead or each.says]
     first, rest = told[:lead], told[lead:]
     notes: list[str] = []
-    if rest and rest[-1].prose and not _fit([*first, *rest], width) and len(names) > 2:  # noqa: PLR2004 - a name and a text
+    if len(rest) > 1 and rest[-1].prose and not _fit([*first, *rest], width):
         notes = _notes(first[0], rest.pop())
     split = not _fit([*first, *rest], width)
     blocks: list[Block] = []
@@ -111,17 +113,14 @@ class _Column:
     def __init__(self, header: str, cells: Sequence[str], *, names: bool) -> None:
         self.header, self.cells = header, list(cells)
         told = [cell for cell in cells if _says(cell)]
-        self.says = bool(told) or not cells
-        numbers = sum(bool(_NUMBER.match(cell)) and len(cell.split()) < 5 for cell in told)  # noqa: PLR2004 - [1, 2]
         longest = max(map(cell_len, cells), default=0)
-        self.prose = longest > _PROSE and any(
-            len(cell.split()) > 2 and not cell.startswith("[")  # noqa: PLR2004 - words
-            for cell in told
+        self.says = bool(told) or not cells
+        self.prose = longest > _PROSE and any(len(cell.split()) > _FEW_WORDS for cell in told)
+        numbers = sum(
+            _NUMBER.match(cell) is not None and len(cell.split()) <= _OF_A_NUMBER for cell in told
         )
         self.right = not (names or self.prose) and 2 * numbers > len(told)
-        least = _longest_word(self.cells) if self.prose else longest
-        if self.prose:
-            least = max(least, self._width_of_few_lines(least))
+        least = self._width_of(_FOLDED) if self.prose else longest
         self.least = max(least, _longest_word([header]))
         self.most = max(longest, cell_len(header))
         self.easy = max(self.least, min(self.most, _EASY)) if self.prose else self.least
@@ -129,9 +128,10 @@ class _Column:
             self.easy += 1
         self.width = self.most
 
-    def _width_of_few_lines(self, least: int) -> int:
-        width = max(least, _PROSE)
-        while any(len(folded(cell, width)) > _FOLDED for cell in self.cells):
+    def _width_of(self, lines: int) -> int:
+        """Return how wide its texts must be, to be folded into so many lines at most."""
+        width = max(_longest_word(self.cells), _PROSE)
+        while any(len(folded(cell, width)) > lines for cell in self.cells):
             width += 1
         return width
 
