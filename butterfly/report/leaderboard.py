@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
-from plotly.graph_objects import Bar, Figure
+from plotly.graph_objects import Figure, Scatter
 
-from butterfly.report.figures import PALETTE
+from butterfly.report.figures import look
 from butterfly.report.numbers.comparison_numbers import leaderboard_sentences, told_leaderboard
-from butterfly.report.page import Page, Section, Table
+from butterfly.report.page import Chip, Page, Section, Table
+from butterfly.report.words import fit_said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from butterfly.compare.leaderboard import Entry
     from butterfly.identify.predict import FitSummary
+
+_HEADERS: tuple[str, ...] = (
+    *("estimator", "verdict", "left out: median", "left out: worst"),
+    *("in sample: median", "in sample: worst"),
+    *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
+)
+_ROW = 52  # pixels of an estimator
+_LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
 
 def leaderboard_page(entries: Sequence[Entry]) -> Page:
@@ -49,15 +59,13 @@ def _table(entries: Sequence[Entry]) -> Table:
                 for name in names
             ]
         fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
-        standing = "–" if entry.estimate is None else entry.estimate.verdict.standing
+        standing = "" if entry.estimate is None else str(entry.estimate.verdict.standing)
+        chip = "–" if entry.estimate is None else Chip(standing, standing.replace(" ", "-"))
         told = (f"{entry.seconds:.2f}", *values, entry.error or "–")
-        rows.append((entry.method, standing, *fits, *told))
-    headers = (
-        *("estimator", "verdict", "left out: median", "left out: worst"),
-        *("in sample: median", "in sample: worst"),
-        *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
-    )
-    return Table(headers=headers, rows=rows)
+        rows.append((entry.method, chip, *fits, *told))
+    last = len(_HEADERS) - 1
+    shown = slice(None if any(entry.error for entry in entries) else last)
+    return Table(headers=_HEADERS[shown], rows=[row[shown] for row in rows], words=(1, last))
 
 
 def _fit(fit: FitSummary | None) -> tuple[str, str]:
@@ -65,14 +73,28 @@ def _fit(fit: FitSummary | None) -> tuple[str, str]:
 
 
 def _figure(entries: Sequence[Entry]) -> Figure:
+    """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
     figure = Figure()
-    kinds = {"left out": "held_out", "in sample": "in_sample"}
-    for colour, (name, field) in zip(PALETTE, kinds.items(), strict=False):
-        shown = [entry for entry in entries if getattr(entry, field) is not None]
-        heights = [max(getattr(entry, field).median, 0.0) for entry in shown]
-        methods = [entry.method for entry in shown]
-        figure.add_trace(Bar(x=methods, y=heights, name=name, marker={"color": colour}))
-    figure.update_yaxes(title="median FIT in %", range=[0, 100])
-    figure.update_xaxes(title="estimator")
-    figure.update_layout(height=340, barmode="group")
+    kinds = (("left out", "held_out", "top"), ("in sample", "in_sample", "bottom"))
+    for number, (name, field, place) in enumerate(kinds):
+        fits = {each.method: getattr(each, field) for each in entries}
+        medians = {method: fit.median for method, fit in fits.items() if fit is not None}
+        shown = {method: fit for method, fit in medians.items() if math.isfinite(fit)}
+        colour, symbol = look(number)
+        drawn = Scatter(
+            x=[max(100 - fit, _LEAST) for fit in shown.values()],
+            y=list(shown),
+            text=[f"{fit_said(fit)} %" for fit in shown.values()],
+            textposition=f"{place} center",
+            mode="markers+text",
+            name=f"{name}, median FIT",
+            marker={"color": colour, "symbol": symbol, "size": 10},
+            hovertemplate="%{y}: %{text}",
+        )
+        figure.add_trace(drawn)
+    figure.update_xaxes(title="100 − median FIT in %: further left is better", type="log")
+    methods = [each.method for each in entries]
+    ends = [-0.6, len(methods) - 0.4]
+    figure.update_yaxes(categoryorder="array", categoryarray=methods[::-1], range=ends)
+    figure.update_layout(height=_ROW * len(methods) + 110)
     return figure

@@ -58,8 +58,8 @@ def test_what_is_left_over_is_told_of_all_logs_and_drawn_of_one(butterfly, quick
     assert code == 0, err
     assert "the torque left over looks like" in out
     text = plot.read_text(encoding="utf-8")
-    assert "velocity in rad" in text
-    assert "autocorrelation" in text
+    assert "The torque left over" in text
+    assert "The errors of the free run" in text
     code, _, err = butterfly("residual", quick_data, "--log", 99)
     assert code == 2
     assert "numbers from 0 to 11" in err

@@ -91,13 +91,13 @@ def test_the_numbers_and_the_page_say_the_verdict(
     numbers = json.loads(report.with_suffix(".json").read_text(encoding="utf-8"))
     assert numbers["verdict"] == "do not use"
     text = report.read_text(encoding="utf-8")
-    head, _, after = text.partition('<div class="summary">')
+    head, _, after = text.partition('<section class="summary"')
     assert '<div class="verdict do-not-use">' in head
     assert "✕ Do not use" in head
     for reason in numbers["reasons"]:
         assert reason in out
         assert reason in head
-        assert reason not in after.partition("</div>")[0]
+        assert reason not in after.partition("</section>")[0]
     assert json.loads(saved.read_text(encoding="utf-8"))["verdict"] == "do not use"
 
 
@@ -109,7 +109,7 @@ def test_what_is_left_over_of_an_estimate_not_to_be_used_says_so_in_numbers_and_
     code, _, _ = butterfly("residual", quick_data, "--json", numbers, "--log", 1, "--plot", plot)
     assert code == ExitCode.NOT_TO_BE_USED
     assert json.loads(numbers.read_text(encoding="utf-8"))["verdict"] == "do not use"
-    assert "Do not use: " in plot.read_text(encoding="utf-8")
+    assert '<div class="verdict do-not-use">' in plot.read_text(encoding="utf-8")
 
 
 def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkeypatch):
