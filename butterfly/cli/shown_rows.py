@@ -8,8 +8,6 @@ from butterfly.cli.console import say, show_pairs, show_table
 from butterfly.report.field_names import said_field, said_name, unit_of_field
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pyarrow as pa
 
 _NAMES = ("number", "estimator", "parameter")
@@ -76,9 +74,3 @@ def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def matching(name: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that a user may mean: by name, its last part, or the words of a header."""
-    exact = [each for each in names if each == name]
-    return exact or [each for each in names if each.endswith(f".{name}") or said_name(each) == name]

@@ -3,7 +3,8 @@
 import pyarrow as pa
 import pytest
 
-from butterfly.cli.shown_rows import matching, show_rows, shown_text
+from butterfly.cli.picked_rows import matching
+from butterfly.cli.shown_rows import show_rows, shown_text
 
 TABLE = pa.table(
     {
