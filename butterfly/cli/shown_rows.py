@@ -36,6 +36,9 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
         Whether its columns were asked for by name: then all of them are shown.
     """
     rows = table.slice(0, count).to_pylist()
+    if not rows:
+        say(f"{title}: no rows.")
+        return
     shown = [name for name in table.column_names if asked or name not in _ASKED]
     cells = {name: [shown_text(row[name]) for row in rows] for name in shown}
     if len(rows) == 1:
@@ -52,7 +55,11 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
     if told:
         say(f"The same in all rows: {', '.join(told)}.")
     if not asked:
-        left = [name for name in table.column_names if name in _ASKED]
+        left = [
+            name
+            for name in table.column_names
+            if name in _ASKED and table[name].null_count < table.num_rows
+        ]
         say(f"Not shown: {', '.join(left)}; --columns NAME,… shows what it names.")
     columns = [*named, *others]
     show_table(
