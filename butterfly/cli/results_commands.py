@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import typer
 from pyarrow import csv, parquet
 
@@ -19,10 +18,10 @@ from butterfly.cli.options import (
     FiguresOption,
     LimitOption,
     ReportOption,
-    parse_pairs,
     require_report,
 )
-from butterfly.cli.shown_rows import matching, show_rows, shown_text
+from butterfly.cli.picked_rows import chosen_rows, without_formulas
+from butterfly.cli.shown_rows import show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
 from butterfly.experiment.kept import EXPERIMENT
@@ -41,8 +40,6 @@ from butterfly.report.numbers.record_numbers import (
 from butterfly.report.words import verdict_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from butterfly.experiment.estimate_record import ParameterRecord
     from butterfly.experiment.record import RunRecord
 
@@ -147,7 +144,7 @@ def table_command(
 
     Example: `butterfly results table results/large-sweep --table estimates --filter parameter=p1`
     """
-    found = _filtered(_table(folder, table), where, chosen_columns)
+    found = chosen_rows(_table(folder, table), where, chosen_columns)
     if found.num_rows > limit:
         say(
             f"{limit} of {found.num_rows} rows; --limit shows more, butterfly results export "
@@ -155,18 +152,6 @@ def table_command(
         )
     show_rows(f"{folder}: {table}", found, limit, asked=chosen_columns is not None)
     answer.give(lambda: told_rows(table, found, limit, _input_kind(folder)))
-
-
-def without_formulas(table: pa.Table) -> pa.Table:
-    """Return a table none of whose texts a spreadsheet takes for a formula."""
-    for k, field in enumerate(table.schema):
-        if not pa.types.is_string(field.type):
-            continue
-        texts = table.column(k)
-        taken = pc.match_substring_regex(texts, r"^[=+\-@\t\r]")
-        quoted = pc.binary_join_element_wise("'", texts, "")
-        table = table.set_column(k, field, pc.if_else(taken, quoted, texts))
-    return table
 
 
 def export_command(
@@ -181,7 +166,7 @@ def export_command(
     In CSV, texts that a spreadsheet would take for a formula (they begin with =, +, - or @) begin
     with an apostrophe.
     """
-    found = _filtered(_table(folder, table), where, chosen_columns)
+    found = chosen_rows(_table(folder, table), where, chosen_columns)
     if out.suffix not in {".csv", ".parquet"}:
         raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
     with replacing(out) as draft:
@@ -309,34 +294,6 @@ def _table(folder: Path, name: str) -> pa.Table:
     if name not in TABLES:
         raise InputError(folder, "--table", name, nearest(name, TABLES))
     return ResultStore(folder).table(name)
-
-
-def _filtered(table: pa.Table, where: str | None, columns: str | None) -> pa.Table:
-    for name, text in (parse_pairs(where, "--filter") if where else {}).items():
-        column = table[_known(name, table.column_names, "--filter")]
-        if pa.types.is_integer(column.type) and text.isdigit():
-            table = table.filter(pc.equal(column, int(text)))
-        elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
-            try:
-                value = float(text)
-            except ValueError:
-                raise InputError("--filter", name, text, "a number") from None
-            near = pc.abs(pc.subtract(column.cast("double", safe=False), value))
-            table = table.filter(pc.less_equal(near, 1e-9 * max(abs(value), 1e-300)))
-        else:
-            table = table.filter(pc.equal(column.cast("string"), text))
-    if columns is None:
-        return table
-    names = [part.strip() for part in columns.split(",")]
-    return table.select([_known(name, table.column_names, "--columns") for name in names])
-
-
-def _known(name: str, names: Sequence[str], option: str) -> str:
-    meant = matching(name, names)
-    if len(meant) != 1:
-        expected = ", or ".join(meant) or nearest(name, names)
-        raise InputError(option, name, "an unknown column", expected)
-    return meant[0]
 
 
 def _record(store: ResultStore, run: str) -> RunRecord:

@@ -8,8 +8,6 @@ from butterfly.cli.console import say, show_pairs, show_table
 from butterfly.report.field_names import said_field, said_name, unit_of_field
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pyarrow as pa
 
 _NAMES = ("number", "estimator", "parameter")
@@ -38,6 +36,9 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
         Whether its columns were asked for by name: then all of them are shown.
     """
     rows = table.slice(0, count).to_pylist()
+    if not rows:
+        say(f"{title}: no rows.")
+        return
     shown = [name for name in table.column_names if asked or name not in _ASKED]
     cells = {name: [shown_text(row[name]) for row in rows] for name in shown}
     if len(rows) == 1:
@@ -54,7 +55,11 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
     if told:
         say(f"The same in all rows: {', '.join(told)}.")
     if not asked:
-        left = [name for name in table.column_names if name in _ASKED]
+        left = [
+            name
+            for name in table.column_names
+            if name in _ASKED and table[name].null_count < table.num_rows
+        ]
         say(f"Not shown: {', '.join(left)}; --columns NAME,… shows what it names.")
     columns = [*named, *others]
     show_table(
@@ -76,9 +81,3 @@ def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def matching(name: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that a user may mean: by name, its last part, or the words of a header."""
-    exact = [each for each in names if each == name]
-    return exact or [each for each in names if each.endswith(f".{name}") or said_name(each) == name]

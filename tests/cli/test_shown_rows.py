@@ -3,7 +3,8 @@
 import pyarrow as pa
 import pytest
 
-from butterfly.cli.shown_rows import matching, show_rows, shown_text
+from butterfly.cli.picked_rows import matching
+from butterfly.cli.shown_rows import show_rows, shown_text
 
 TABLE = pa.table(
     {
@@ -35,10 +36,16 @@ def test_columns_that_are_asked_for_are_shown(capsys):
     assert out.split()[-4:] == ["ab12", "ok", "cd34", "ok"]
 
 
+def test_no_rows_are_said_to_be_none(capsys):
+    show_rows("runs", TABLE.slice(0, 0), 50, asked=False)
+    assert capsys.readouterr().out == "runs: no rows.\n"
+
+
 def test_one_row_is_told_as_pairs(capsys):
     show_rows("runs", TABLE, 1, asked=False)
-    lines = [line.split("  ") for line in capsys.readouterr().out.splitlines() if line]
-    assert ["", "status", *[""] * 7, "", " ok"][:2] in [line[:2] for line in lines]
+    told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["status", "ok"] in told
+    assert ["encoder", "noise,", "rad", "0"] in told
 
 
 @pytest.mark.parametrize("name", ["plant.encoder.noise", "noise", "encoder.noise", "encoder noise"])

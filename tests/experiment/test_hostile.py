@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from butterfly.cli.exit_codes import ExitCode
-from butterfly.cli.results_commands import without_formulas
+from butterfly.cli.picked_rows import without_formulas
 from butterfly.errors import InputError
 from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.sweeps import SweepSpec

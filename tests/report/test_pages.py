@@ -170,7 +170,7 @@ def test_the_leaderboard_is_sorted_by_what_was_predicted_unseen(entries):
 def test_the_report_of_a_sweep_counts_and_lists_estimates_that_did_not_converge(pages):
     page = pages["sweep"]
     assert "1 of 58 estimates did not converge." in page.summary
-    assert "60 runs, 58 of them with a result; varied: plant.hand.mass" in page.summary[0]
+    assert "60 runs, 58 of them with a result; varied: hand mass" in page.summary[0]
     (section,) = [each for each in page.sections if "did not converge" in each.title]
     (row,) = section.tables[0].rows
     assert [str(cell) for cell in row] == ["9", "m", "stopped", ""]
