@@ -291,7 +291,7 @@ def test_a_browser_draws_every_figure_without_error_or_request(page, tmp_path):
     assert "CONSOLE" not in seen.stderr
     assert seen.stdout.count('class="main-svg"') >= 2
     assert len(re.findall(r'class="trace scatter', seen.stdout)) > 20
-    assert 'aria-selected="true"' in seen.stdout
+    assert 'aria-current="true"' in seen.stdout
 
 
 def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
