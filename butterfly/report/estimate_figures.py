@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -96,7 +97,7 @@ def ranked_figure(identification: Identification) -> Figure:
             Scatter(
                 x=[rank + 1 for rank in ranks],
                 y=fits[numbers],
-                text=[data.logs[number].label for number in numbers],
+                text=[escape(data.logs[number].label) for number in numbers],
                 customdata=numbers.tolist(),
                 mode="markers",
                 name=f"{1e3 * mass.mass:g} g",

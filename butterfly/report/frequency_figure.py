@@ -99,7 +99,7 @@ def frequency_response_figure(identification: Identification) -> Figure:
     titles = (f"|θ/u| in {unit}", "phase in °", "gain error in %", "phase error in °")
     for row, title in enumerate(titles, start=1):
         figure.update_yaxes(title=title, row=row)
-    figure.update_yaxes(type="log", row=1)
+    figure.update_yaxes(type="log", dtick="D2", row=1)
     figure.update_layout(height=820)
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import LumpedParameters
     from butterfly.report.parameter_rows import ParameterRow
 
+_MANY = 100  # times, from which whole ones are told
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
 
@@ -151,9 +153,17 @@ def _facts(identification: Identification) -> list[Fact]:
     return [
         Fact("FIT, median of all logs", f"{fit_said(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_said(fit.worst)} %"),
+        *_left_over(identification.misfit.times),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),
     ]
+
+
+def _left_over(times: float) -> list[Fact]:
+    """Return how much the model leaves over, where that can be said."""
+    said = f"{times:.2g} ×" if times < _MANY else f"{times:.0f} ×"
+    detail = "what the sensors explain"
+    return [Fact("left over", said, detail)] if math.isfinite(times) else []
 
 
 def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
@@ -176,9 +186,12 @@ def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
             )
             for row in rows
         ],
-        caption="Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
-        + ("; orange: the truth" if with_truth else "")
-        + "; dashed: zero."
+        caption=(
+            "Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
+            f"{'; orange: the truth' if with_truth else ''}; dashed: zero."
+            if any(row.whisker.drawn for row in rows)
+            else ""
+        )
         + (
             " Grey, below: the estimates without the logs of one added mass, which the interval is "
             "widened to hold: where it is wide, the model misses something that depends on the "
@@ -244,7 +257,7 @@ def _logs_table(identification: Identification) -> Table:
 def _physical(identification: Identification) -> list[Section]:
     if not identification.data.known.physical and not identification.physical.unseparated:
         return []
-    text = " ".join(physical_sentences(identification.physical))
+    text = "\n".join(physical_sentences(identification.physical))
     tables: tuple[Table, ...] = ()
     if identification.data.known.physical:
         caption = (
@@ -261,9 +274,9 @@ def _resonances(identification: Identification) -> Table:
     rows = []
     for mass, angle in data.equilibria.items():
         loaded = estimate.parameters.with_added_mass(mass)
-        row = [str(mass), f"{resonance_frequency(loaded):.4g}"]
-        row += [f"{estimate.resonances.get(mass, np.nan):.4g}"] if thesis else []
-        rows.append((*row, f"{angle:.4f}" if data.hangs else "–"))
+        row = [str(mass), f"{resonance_frequency(loaded):#.4g}"]
+        row += [f"{estimate.resonances.get(mass, np.nan):#.4g}"] if thesis else []
+        rows.append((*row, f"{angle:z.4f}" if data.hangs else "–"))
     headers = ["added mass", "resonance in rad/s, of small swings"]
     headers += ["resonance in rad/s, by the thesis"] if thesis else []
     return Table(headers=(*headers, "rest angle in rad"), rows=rows)
@@ -280,14 +293,14 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
         (
             "this identification",
             *(own.get(key, "–") for key in _COMPARED),
-            *(f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst)),
+            *map(fit_said, (fit.median, fit.mean, fit.worst)),
         )
     ]
     for other in identification.comparisons:
         values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
         values[3] += " (fitted)" if other.gain_fitted else ""
         fits = (other.summary.median, other.summary.mean, other.summary.worst)
-        lines.append((other.name, *values, *(f"{value:.1f}" for value in fits)))
+        lines.append((other.name, *values, *map(fit_said, fits)))
     headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
     table = Table(name="against", headers=headers, rows=lines)
     return [Section(title="Against other parameters", tables=(table,))]
@@ -296,7 +309,7 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
 def _held_out(identification: Identification) -> list[Section]:
     if not identification.held_out:
         return []
-    rows = [(name, f"{value:.1f}") for name, value in identification.held_out.items()]
+    rows = [(name, fit_said(value)) for name, value in identification.held_out.items()]
     caption = "Logs that were not used for the fit, simulated with its values."
     table = Table(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
     return [Section(title="Held out", tables=(table,))]

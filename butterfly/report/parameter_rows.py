@@ -92,10 +92,12 @@ def _meaning(term: Term) -> str:
 
 def _width(record: ParameterRecord) -> str:
     """Return half the interval over the value; of one that may as well be 0, that it may."""
-    if record.known or record.lower is None or record.upper is None or not record.value:
+    if record.known or record.lower is None or record.upper is None:
         return "–"
     if record.lower <= 0 <= record.upper:
         return "may be 0"
+    if not record.value:
+        return "–"
     return f"± {50 * (record.upper - record.lower) / abs(record.value):.2g} %"
 
 
