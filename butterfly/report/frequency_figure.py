@@ -70,7 +70,8 @@ def frequency_response_figure(identification: Identification) -> Figure:
         own = quasi_linear_response(loaded, at, [p.amplitude for p in points])
         gain = np.array([p.gain for p in points])
         gain_error, phase_error = _errors(points)
-        ratio = gain / own
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a model that does not move
+            ratio = gain / own
         panels = (
             (np.abs(gain), gain_error),
             (_degrees(gain), phase_error),

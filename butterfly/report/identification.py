@@ -38,7 +38,7 @@ from butterfly.report.physical import (
 )
 from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
 from butterfly.report.time_figure import time_figure, time_series
-from butterfly.report.words import fit_said, summary, verdict_on
+from butterfly.report.words import counted, fit_said, summary, verdict_on
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from butterfly.model.parameters import LumpedParameters
     from butterfly.report.parameter_rows import ParameterRow
 
-_MANY = 100  # times, from which whole ones are told
+_MANY = 10  # times, from which whole ones are told
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
 
@@ -116,7 +116,8 @@ def identification_page(
         *_correlations(identification),
         Section(
             title="FIT log by log",
-            text=f"Health of the {conditions_said(states)} A click on a point chooses its log.",
+            text=f"Health of the {conditions_said(states)} A click on a point chooses its log."
+            f"{_undrawn(identification)}",
             figures={"fit": ranked_figure(identification)},
             tables=(_logs_table(identification),),
         ),
@@ -159,9 +160,15 @@ def _facts(identification: Identification) -> list[Fact]:
     ]
 
 
+def _undrawn(identification: Identification) -> str:
+    """Say how many logs have no FIT that could be drawn."""
+    count = int(np.sum(~np.isfinite(identification.fits)))
+    return f" Not drawn: {counted(count, 'log')} from which the model runs away." if count else ""
+
+
 def _left_over(times: float) -> list[Fact]:
     """Return how much the model leaves over, where that can be said."""
-    said = f"{times:.2g} ×" if times < _MANY else f"{times:.0f} ×"
+    said = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
     detail = "what the sensors explain"
     return [Fact("left over", said, detail)] if math.isfinite(times) else []
 
