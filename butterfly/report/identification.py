@@ -9,6 +9,7 @@ import numpy as np
 
 from butterfly.logs.remarks import Condition
 from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import JointKind
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.frequency_figure import frequency_response_figure
 from butterfly.report.inspection import conditions_said
@@ -43,11 +44,20 @@ from butterfly.report.words import counted, fit_said, summary, verdict_on
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from butterfly.identify.data import DataSet
     from butterfly.identify.identification import Identification
     from butterfly.logs.health import Health
     from butterfly.model.parameters import LumpedParameters
     from butterfly.report.parameter_rows import ParameterRow
 
+_RESPONSE = (
+    "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
+    "by its describing functions. Below, what is left between the two."
+)
+_RESPONSE_UNASKED = (
+    "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
+    "of a sine, so there is nothing measured to set beside them."
+)
 _MANY = 10  # times, from which whole ones are told
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
@@ -92,8 +102,7 @@ def identification_page(
     sections = [
         Section(
             title="Frequency response",
-            text="Points: measured, with two standard errors. Lines: the model at the swing that "
-            "was measured, by its describing functions. Below, what is left between the two.",
+            text=_RESPONSE if data.sines else _RESPONSE_UNASKED,
             figures={"frequency-response": frequency_response_figure(identification)},
         ),
         Section(
@@ -122,7 +131,7 @@ def identification_page(
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
-        Section(title="Resonances", tables=(_resonances(identification),)),
+        *_resonances(identification),
         *_against(identification, rows),
         *_held_out(identification),
     ]
@@ -132,7 +141,7 @@ def identification_page(
         kind="identification",
         verdict=verdict_on(identification.estimate),
         facts=_facts(identification),
-        lead=_lead(rows, with_truth=truth is not None),
+        lead=_lead(rows, data, with_truth=truth is not None),
         summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
         sections=sections,
         numbers=told_identification(identification, truth).document(),
@@ -173,7 +182,7 @@ def _left_over(times: float) -> list[Fact]:
     return [Fact("left over", said, detail)] if math.isfinite(times) else []
 
 
-def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
+def _lead(rows: list[ParameterRow], data: DataSet, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
     checked = any(row.left_out for row in rows)
     told = checked and not with_truth  # in numbers too, where there is room
@@ -208,8 +217,10 @@ def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
         ),
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
-    equation = "p₁ θ̈ + p₂ θ̇ + p₃ sin θ + T_c sgn θ̇ = p₄ u(t − delay), for the bare hand"
-    return Section(title="Parameters", text=f"{equation}{further}.", tables=(table,))
+    weight = " + p₃ sin θ" if data.hangs else ""
+    bare = "the bare hand" if data.joint is JointKind.HINGE else "the bare slide, θ its way"
+    text = f"p₁ θ̈ + p₂ θ̇{weight} + T_c sgn θ̇ = p₄ u(t − delay), for {bare}{further}."
+    return Section(title="Parameters", text=text, tables=(table,))
 
 
 def _correlations(identification: Identification) -> list[Section]:
@@ -275,7 +286,10 @@ def _physical(identification: Identification) -> list[Section]:
     return [Section(title=TITLE, text=text, tables=tables)]
 
 
-def _resonances(identification: Identification) -> Table:
+def _resonances(identification: Identification) -> list[Section]:
+    """Tabulate where each added mass swings by itself; without gravity none does."""
+    if not identification.data.hangs:
+        return []
     estimate, data = identification.estimate, identification.data
     thesis = bool(estimate.resonances)
     rows = []
@@ -283,10 +297,11 @@ def _resonances(identification: Identification) -> Table:
         loaded = estimate.parameters.with_added_mass(mass)
         row = [str(mass), f"{resonance_frequency(loaded):#.4g}"]
         row += [f"{estimate.resonances.get(mass, np.nan):#.4g}"] if thesis else []
-        rows.append((*row, f"{angle:z.4f}" if data.hangs else "–"))
+        rows.append((*row, f"{angle:z.4f}"))
     headers = ["added mass", "resonance in rad/s, of small swings"]
     headers += ["resonance in rad/s, by the thesis"] if thesis else []
-    return Table(headers=(*headers, "rest angle in rad"), rows=rows)
+    table = Table(headers=(*headers, "rest angle in rad"), rows=rows)
+    return [Section(title="Resonances", tables=(table,))]
 
 
 def _against(identification: Identification, rows: list[ParameterRow]) -> list[Section]:

@@ -70,7 +70,7 @@ def rows_of(
     return [
         ParameterRow(
             symbol=TERMS[each.parameter].symbol,
-            meaning=_meaning(TERMS[each.parameter]),
+            meaning=_meaning(TERMS[each.parameter], joint),
             unit=unit_of(each.parameter, input_kind, joint),
             value=with_error(each.value, or_nan(each.standard_error)),
             error=_error(each),
@@ -85,9 +85,12 @@ def rows_of(
     ]
 
 
-def _meaning(term: Term) -> str:
-    """Say in a few words what a parameter is."""
-    return (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
+def _meaning(term: Term, joint: JointKind) -> str:
+    """Say in a few words what a parameter is, on a slide of mass and force."""
+    said = (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
+    if joint is JointKind.HINGE:
+        return said
+    return said.replace("inertia", "mass that moves").replace("torque", "force")
 
 
 def _width(record: ParameterRecord) -> str:
