@@ -132,7 +132,9 @@ class Result(ABC):
         """Put together the page of `report`."""
         rows, figures = self.shown_rows(), self.figures()
         headers = tuple(rows[0]) if rows else ()
-        table = Table(headers=headers, rows=[tuple(row.values()) for row in rows])
+        lines = [tuple(row.values()) for row in rows]
+        words = [k for k in range(len(headers)) if any(line[k][:1].isalpha() for line in lines)]
+        table = Table(headers=headers, rows=lines, words=tuple(words))
         return Page(
             name=self.title,
             description="",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from plotly.graph_objects import Bar, Figure, Scatter
 
 from butterfly.api.result import Result, text, texts
-from butterfly.report.figures import PALETTE
+from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.numbers.document import HEAD, Told
 from butterfly.report.three_way import three_way_page
@@ -176,19 +177,22 @@ class TablePlots:
         """Draw every column of FITs, a point for each log."""
         rows = self.result.rows()
         columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
-        logs = [row.get("log", number) for number, row in enumerate(rows)]
-        figure = Figure(
-            [
-                Scatter(
-                    x=logs,
-                    y=[row[name] for row in rows],
-                    name=name.removeprefix("FIT ").removesuffix(" in %"),
-                    mode="markers",
-                    marker={"color": PALETTE[k % len(PALETTE)], "size": 8},
-                )
-                for k, name in enumerate(columns)
-            ]
-        )
+        places = list(range(1, len(rows) + 1))
+        figure = Figure()
+        for number, name in enumerate(columns):
+            colour, symbol = look(number)
+            marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
+            drawn = Scatter(
+                x=places,
+                y=[row[name] for row in rows],
+                text=[escape(str(row.get("log", place))) for place, row in enumerate(rows)],
+                name=name.removeprefix("FIT ").removesuffix(" in %"),
+                mode="markers",
+                marker=marker | {"size": 8 + 4 * (number % 2)},
+                hovertemplate="%{text}: %{y:.1f} %",
+            )
+            figure.add_trace(drawn)
+        figure.update_xaxes(title="log, in the order of the table")
         figure.update_yaxes(title="FIT in %")
         figure.update_layout(height=420)
         return figure

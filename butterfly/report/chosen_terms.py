@@ -8,6 +8,7 @@ from plotly.graph_objects import Figure, Scatter
 
 from butterfly.report.figures import look
 from butterfly.report.page import Page, Section, Table
+from butterfly.report.words import fit_said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +25,7 @@ def structures_table(passed: Sequence[Structure]) -> Table:
     rows = []
     for structure in passed:
         fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
-        cells = [f"{value:.1f}" for fit in fits for value in (fit.median, fit.mean)]
+        cells = [fit_said(value) for fit in fits for value in (fit.median, fit.mean)]
         rows.append((", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells))
     told = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
     return Table(headers=("terms", *told), rows=rows)

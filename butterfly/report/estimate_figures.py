@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.model.terms import TERMS
-from butterfly.report.figures import GREY, PALETTE, add, look
+from butterfly.report.figures import GREY, MARKS, PALETTE, add, look
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,7 +52,8 @@ def parameter_figure(rows: Sequence[ParameterRow]) -> Figure:
             add(figure, number, [whisker.true], [0.6], name="truth", marker=diamond, **marks)
         label = f"{row.symbol} in {row.unit}"
         figure.update_yaxes(row=number, tickvals=[0], ticktext=[label], range=[-1, 1])
-        figure.update_xaxes(row=number, range=list(whisker.scale), nticks=6)
+        ends = whisker.scale if np.isfinite(whisker.scale).all() else None
+        figure.update_xaxes(row=number, range=ends, nticks=6)
     figure.update_layout(height=_ROW * count + 80)
     return figure
 
@@ -96,7 +98,7 @@ def ranked_figure(identification: Identification) -> Figure:
             Scatter(
                 x=[rank + 1 for rank in ranks],
                 y=fits[numbers],
-                text=[data.logs[number].label for number in numbers],
+                text=[escape(data.logs[number].label) for number in numbers],
                 customdata=numbers.tolist(),
                 mode="markers",
                 name=f"{1e3 * mass.mass:g} g",
@@ -104,7 +106,7 @@ def ranked_figure(identification: Identification) -> Figure:
                 hovertemplate="%{text}: %{y:.1f} %<extra></extra>",
             )
         )
-    figure.update_xaxes(title="log, the worst first")
+    figure.update_xaxes(title="log, the worst first", dtick=max(1, round(len(fits) / MARKS)))
     figure.update_yaxes(title="FIT in %")
     figure.update_layout(height=320)
     return figure

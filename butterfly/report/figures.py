@@ -26,6 +26,9 @@ SHADE = "rgba(128,128,128,0.22)"
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star", "pentagon")
 """As many as colours, in the same order."""
 
+MARKS = 10
+"""Numbers of logs that an axis shows, or about so many."""
+
 _MOST_OF_A_LOG = 20_000  # samples drawn of each column
 
 

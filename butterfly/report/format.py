@@ -6,7 +6,12 @@ import math
 
 
 def with_error(value: float, error: float) -> str:
-    """Write ``value`` to the second digit of its standard error, or to five digits without one."""
+    """Write ``value`` to the second digit of its standard error, or to five digits without one.
+
+    A value that is no number is a dash.
+    """
+    if not math.isfinite(value):
+        return "–"
     if not (math.isfinite(error) and error > 0):
         return f"{value:.5g}"
     if abs(value) < error / 10:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     Samples = NDArray[np.float64]
     Responses = NDArray[np.complex128]
 
+_HEIGHTS = [0.36, 0.26, 0.19, 0.19]  # of gain, phase, and what is left of either
 _POINTS = 300  # of a line
 _UNASKED = (0.3, 30.0)  # rad/s, where no sine says what is of interest
 
@@ -32,16 +33,13 @@ def frequency_response_figure(identification: Identification) -> Figure:
 
     The model is shown at the swing of the logs by its describing functions: the lines pass through
     what it says of each log, and take a swing in between where no log is. Of logs without sines
-    there are only lines, at the rms swing of all.
+    there are only lines, at the median of their rms swings.
     """
-    figure = make_subplots(
-        rows=4,
-        cols=1,
-        shared_xaxes=True,
-        vertical_spacing=0.03,
-        row_heights=[0.36, 0.26, 0.19, 0.19],
-    )
     data, parameters = identification.data, identification.estimate.parameters
+    rows = len(_HEIGHTS) if data.sines else 2
+    figure = make_subplots(
+        rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.03, row_heights=_HEIGHTS[:rows]
+    )
     for index, mass in enumerate(data.masses):
         points = [p for p in data.sines if p.added_mass == mass]
         if not points and data.sines:
@@ -70,7 +68,8 @@ def frequency_response_figure(identification: Identification) -> Figure:
         own = quasi_linear_response(loaded, at, [p.amplitude for p in points])
         gain = np.array([p.gain for p in points])
         gain_error, phase_error = _errors(points)
-        ratio = gain / own
+        with np.errstate(divide="ignore", invalid="ignore"):  # of a model that does not move
+            ratio = gain / own
         panels = (
             (np.abs(gain), gain_error),
             (_degrees(gain), phase_error),
@@ -93,14 +92,14 @@ def frequency_response_figure(identification: Identification) -> Figure:
                 **common,
             )
     figure.update_xaxes(type="log", dtick="D1")
-    figure.update_xaxes(title="ω in rad/s", row=4)
+    figure.update_xaxes(title="ω in rad/s", row=rows)
     way = data.joint.way
     unit = f"{way}/V" if data.input_kind == "voltage" else f"{way} per unit"
     titles = (f"|θ/u| in {unit}", "phase in °", "gain error in %", "phase error in °")
-    for row, title in enumerate(titles, start=1):
+    for row, title in enumerate(titles[:rows], start=1):
         figure.update_yaxes(title=title, row=row)
-    figure.update_yaxes(type="log", row=1)
-    figure.update_layout(height=820)
+    figure.update_yaxes(type="log", dtick="D2", row=1)
+    figure.update_layout(height=820 if data.sines else 520)
     return figure
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.logs.remarks import Condition
 from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import JointKind
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.frequency_figure import frequency_response_figure
 from butterfly.report.inspection import conditions_said
@@ -37,16 +39,26 @@ from butterfly.report.physical import (
 )
 from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
 from butterfly.report.time_figure import time_figure, time_series
-from butterfly.report.words import fit_said, summary, verdict_on
+from butterfly.report.words import counted, fit_said, summary, verdict_on
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from butterfly.identify.data import DataSet
     from butterfly.identify.identification import Identification
     from butterfly.logs.health import Health
     from butterfly.model.parameters import LumpedParameters
     from butterfly.report.parameter_rows import ParameterRow
 
+_RESPONSE = (
+    "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
+    "by its describing functions. Below, what is left between the two."
+)
+_RESPONSE_UNASKED = (
+    "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
+    "of a sine, so there is nothing measured to set beside them."
+)
+_MANY = 10  # times, from which whole ones are told
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
 
@@ -90,8 +102,7 @@ def identification_page(
     sections = [
         Section(
             title="Frequency response",
-            text="Points: measured, with two standard errors. Lines: the model at the swing that "
-            "was measured, by its describing functions. Below, what is left between the two.",
+            text=_RESPONSE if data.sines else _RESPONSE_UNASKED,
             figures={"frequency-response": frequency_response_figure(identification)},
         ),
         Section(
@@ -114,12 +125,13 @@ def identification_page(
         *_correlations(identification),
         Section(
             title="FIT log by log",
-            text=f"Health of the {conditions_said(states)} A click on a point chooses its log.",
+            text=f"Health of the {conditions_said(states)} A click on a point chooses its log."
+            f"{_undrawn(identification)}",
             figures={"fit": ranked_figure(identification)},
             tables=(_logs_table(identification),),
         ),
         *_physical(identification),
-        Section(title="Resonances", tables=(_resonances(identification),)),
+        *_resonances(identification),
         *_against(identification, rows),
         *_held_out(identification),
     ]
@@ -129,7 +141,7 @@ def identification_page(
         kind="identification",
         verdict=verdict_on(identification.estimate),
         facts=_facts(identification),
-        lead=_lead(rows, with_truth=truth is not None),
+        lead=_lead(rows, data, with_truth=truth is not None),
         summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
         sections=sections,
         numbers=told_identification(identification, truth).document(),
@@ -151,12 +163,26 @@ def _facts(identification: Identification) -> list[Fact]:
     return [
         Fact("FIT, median of all logs", f"{fit_said(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_said(fit.worst)} %"),
+        *_left_over(identification.misfit.times),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),
     ]
 
 
-def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
+def _undrawn(identification: Identification) -> str:
+    """Say how many logs have no FIT that could be drawn."""
+    count = int(np.sum(~np.isfinite(identification.fits)))
+    return f" Not drawn: {counted(count, 'log')} from which the model runs away." if count else ""
+
+
+def _left_over(times: float) -> list[Fact]:
+    """Return how much the model leaves over, where that can be said."""
+    said = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
+    detail = "what the sensors explain"
+    return [Fact("left over", said, detail)] if math.isfinite(times) else []
+
+
+def _lead(rows: list[ParameterRow], data: DataSet, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
     checked = any(row.left_out for row in rows)
     told = checked and not with_truth  # in numbers too, where there is room
@@ -176,9 +202,12 @@ def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
             )
             for row in rows
         ],
-        caption="Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
-        + ("; orange: the truth" if with_truth else "")
-        + "; dashed: zero."
+        caption=(
+            "Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
+            f"{'; orange: the truth' if with_truth else ''}; dashed: zero."
+            if any(row.whisker.drawn for row in rows)
+            else ""
+        )
         + (
             " Grey, below: the estimates without the logs of one added mass, which the interval is "
             "widened to hold: where it is wide, the model misses something that depends on the "
@@ -188,8 +217,10 @@ def _lead(rows: list[ParameterRow], *, with_truth: bool) -> Section:
         ),
     )
     further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
-    equation = "p₁ θ̈ + p₂ θ̇ + p₃ sin θ + T_c sgn θ̇ = p₄ u(t − delay), for the bare hand"
-    return Section(title="Parameters", text=f"{equation}{further}.", tables=(table,))
+    weight = " + p₃ sin θ" if data.hangs else ""
+    bare = "the bare hand" if data.joint is JointKind.HINGE else "the bare slide, θ its way"
+    text = f"p₁ θ̈ + p₂ θ̇{weight} + T_c sgn θ̇ = p₄ u(t − delay), for {bare}{further}."
+    return Section(title="Parameters", text=text, tables=(table,))
 
 
 def _correlations(identification: Identification) -> list[Section]:
@@ -244,7 +275,7 @@ def _logs_table(identification: Identification) -> Table:
 def _physical(identification: Identification) -> list[Section]:
     if not identification.data.known.physical and not identification.physical.unseparated:
         return []
-    text = " ".join(physical_sentences(identification.physical))
+    text = "\n".join(physical_sentences(identification.physical))
     tables: tuple[Table, ...] = ()
     if identification.data.known.physical:
         caption = (
@@ -255,18 +286,22 @@ def _physical(identification: Identification) -> list[Section]:
     return [Section(title=TITLE, text=text, tables=tables)]
 
 
-def _resonances(identification: Identification) -> Table:
+def _resonances(identification: Identification) -> list[Section]:
+    """Tabulate where each added mass swings by itself; without gravity none does."""
+    if not identification.data.hangs:
+        return []
     estimate, data = identification.estimate, identification.data
     thesis = bool(estimate.resonances)
     rows = []
     for mass, angle in data.equilibria.items():
         loaded = estimate.parameters.with_added_mass(mass)
-        row = [str(mass), f"{resonance_frequency(loaded):.4g}"]
-        row += [f"{estimate.resonances.get(mass, np.nan):.4g}"] if thesis else []
-        rows.append((*row, f"{angle:.4f}" if data.hangs else "–"))
+        row = [str(mass), f"{resonance_frequency(loaded):#.4g}"]
+        row += [f"{estimate.resonances.get(mass, np.nan):#.4g}"] if thesis else []
+        rows.append((*row, f"{angle:z.4f}"))
     headers = ["added mass", "resonance in rad/s, of small swings"]
     headers += ["resonance in rad/s, by the thesis"] if thesis else []
-    return Table(headers=(*headers, "rest angle in rad"), rows=rows)
+    table = Table(headers=(*headers, "rest angle in rad"), rows=rows)
+    return [Section(title="Resonances", tables=(table,))]
 
 
 def _against(identification: Identification, rows: list[ParameterRow]) -> list[Section]:
@@ -280,14 +315,14 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
         (
             "this identification",
             *(own.get(key, "–") for key in _COMPARED),
-            *(f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst)),
+            *map(fit_said, (fit.median, fit.mean, fit.worst)),
         )
     ]
     for other in identification.comparisons:
         values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
         values[3] += " (fitted)" if other.gain_fitted else ""
         fits = (other.summary.median, other.summary.mean, other.summary.worst)
-        lines.append((other.name, *values, *(f"{value:.1f}" for value in fits)))
+        lines.append((other.name, *values, *map(fit_said, fits)))
     headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
     table = Table(name="against", headers=headers, rows=lines)
     return [Section(title="Against other parameters", tables=(table,))]
@@ -296,7 +331,7 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
 def _held_out(identification: Identification) -> list[Section]:
     if not identification.held_out:
         return []
-    rows = [(name, f"{value:.1f}") for name, value in identification.held_out.items()]
+    rows = [(name, fit_said(value)) for name, value in identification.held_out.items()]
     caption = "Logs that were not used for the fit, simulated with its values."
     table = Table(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
     return [Section(title="Held out", tables=(table,))]

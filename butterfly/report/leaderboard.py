@@ -55,7 +55,7 @@ def _table(entries: Sequence[Entry]) -> Table:
             found = entry.estimate
             estimated = {*found.names, *found.held} - found.unestimated
             values = [
-                f"{getattr(found.parameters, name):.4g}" if name in estimated else "–"
+                f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
                 for name in names
             ]
         fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
@@ -69,18 +69,19 @@ def _table(entries: Sequence[Entry]) -> Table:
 
 
 def _fit(fit: FitSummary | None) -> tuple[str, str]:
-    return ("–", "–") if fit is None else (f"{fit.median:.1f}", f"{fit.worst:.1f}")
+    return ("–", "–") if fit is None else (fit_said(fit.median), fit_said(fit.worst))
 
 
 def _figure(entries: Sequence[Entry]) -> Figure:
     """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
     figure = Figure()
-    kinds = (("left out", "held_out", "top"), ("in sample", "in_sample", "bottom"))
-    for number, (name, field, place) in enumerate(kinds):
+    kinds = (("left out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
+    for number, (name, field, place, size) in enumerate(kinds):
         fits = {each.method: getattr(each, field) for each in entries}
         medians = {method: fit.median for method, fit in fits.items() if fit is not None}
         shown = {method: fit for method, fit in medians.items() if math.isfinite(fit)}
         colour, symbol = look(number)
+        marker = {"color": colour, "symbol": symbol + "-open" * number, "size": size}
         drawn = Scatter(
             x=[max(100 - fit, _LEAST) for fit in shown.values()],
             y=list(shown),
@@ -88,7 +89,7 @@ def _figure(entries: Sequence[Entry]) -> Figure:
             textposition=f"{place} center",
             mode="markers+text",
             name=f"{name}, median FIT",
-            marker={"color": colour, "symbol": symbol, "size": 10},
+            marker=marker,
             hovertemplate="%{y}: %{text}",
         )
         figure.add_trace(drawn)

@@ -64,7 +64,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         Section(
             title="Parameters",
             tables=(_parameters_table(study, truth),),
-            text=" ".join(sentences(study.estimate)[1:]),
+            text="\n".join(sentences(study.estimate)[1:]),
         ),
         Section(
             title="Free-run prediction next to the orbit",
@@ -146,7 +146,7 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Tabl
         before = f"{getattr(generic, name) / scale:.5g}" if ratio else "–"
         ends = (float(estimate.lower[k]), float(estimate.upper[k]))
         whisker = Whisker(value=value, limits=ends, true=told)
-        row = (symbol, with_error(value, error), whisker, limits, f"{error:.2g}", before, true)
+        row = (symbol, with_error(value, error), whisker, limits, f"{error:#.2g}", before, true)
         rows.append(row)
     return Table(
         headers=("", "value", "", "95 % interval", "std error", "at first", "true"),

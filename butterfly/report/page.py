@@ -127,10 +127,9 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
-    """A part of a report: text, then figures by name, then tables.
+    """A part of a report: text, a line a paragraph, then figures by name, then tables.
 
-    ``series`` are figures of the log that is chosen, by name; ``folded`` sections show their title
-    alone until they are opened.
+    ``series`` are figures of the log that is chosen, by name.
     """
 
     title: str
@@ -138,7 +137,6 @@ class Section:
     tables: tuple[Table, ...] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
-    folded: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,7 +191,8 @@ class Page:
         if self.badge is not None or self.verdict is None:
             return self.badge
         standing = str(self.verdict.standing)
-        return Badge(standing.replace(" ", "-"), standing.capitalize(), self.verdict.paragraphs)
+        said = standing if self.kind == "identification" else f"parameters: {standing}"
+        return Badge(standing.replace(" ", "-"), said.capitalize(), self.verdict.paragraphs)
 
     @property
     def parts(self) -> list[Section]:

@@ -70,7 +70,7 @@ def rows_of(
     return [
         ParameterRow(
             symbol=TERMS[each.parameter].symbol,
-            meaning=_meaning(TERMS[each.parameter]),
+            meaning=_meaning(TERMS[each.parameter], joint),
             unit=unit_of(each.parameter, input_kind, joint),
             value=with_error(each.value, or_nan(each.standard_error)),
             error=_error(each),
@@ -85,17 +85,22 @@ def rows_of(
     ]
 
 
-def _meaning(term: Term) -> str:
-    """Say in a few words what a parameter is."""
-    return (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
+def _meaning(term: Term, joint: JointKind) -> str:
+    """Say in a few words what a parameter is, on a slide of mass and force."""
+    said = (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
+    if joint is JointKind.HINGE:
+        return said
+    return said.replace("inertia", "mass that moves").replace("torque", "force")
 
 
 def _width(record: ParameterRecord) -> str:
     """Return half the interval over the value; of one that may as well be 0, that it may."""
-    if record.known or record.lower is None or record.upper is None or not record.value:
+    if record.known or record.lower is None or record.upper is None:
         return "–"
     if record.lower <= 0 <= record.upper:
         return "may be 0"
+    if not record.value:
+        return "–"
     return f"± {50 * (record.upper - record.lower) / abs(record.value):.2g} %"
 
 

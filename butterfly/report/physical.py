@@ -104,7 +104,7 @@ _SENTENCES: dict[Lack, Callable[[Unseparated], str]] = {
         "N m at the joint, the gear ratio where it is N m at the motor, N k_t where it is A."
     ),
     Lack.UNUSED: lambda left: (
-        f"{' and '.join(left.names)} say nothing here: the command is a torque, and R and back EMF "
-        "are hidden behind a current loop."
+        f"{' and '.join(left.names)} {'says' if len(left.names) == 1 else 'say'} nothing here: the "
+        "command is a torque, and R and back EMF are hidden behind a current loop."
     ),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +24,7 @@ _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # c
 
 def share_figure(predictions: Sequence[Prediction]) -> Figure:
     """Draw the share of measured samples inside each band, a point for each log."""
-    labels = [each.run.log.label for each in predictions]
+    labels = [escape(each.run.log.label) for each in predictions]
     figure = Figure(
         [
             Scatter(

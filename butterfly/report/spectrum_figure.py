@@ -78,7 +78,8 @@ def _curves(run: FreeRun, misfit: LogMisfit) -> tuple[Samples, ...]:
         resample(time, each[::every], grid) for each in (log.angle, log.angle - run.simulated)
     ]
     step = float(grid[1] - grid[0])
-    spectra = [periodogram(values - values.mean(), step) for values in columns]
+    with np.errstate(over="ignore", invalid="ignore"):  # of a run that ran away there is none
+        spectra = [periodogram(values - values.mean(), step) for values in columns]
     omega = spectra[0][0]
     edges = np.unique(np.searchsorted(omega, np.geomspace(omega[0], omega[-1], _POINTS + 1)[:-1]))
     peaks = [np.sqrt(4 * np.maximum.reduceat(power, edges) / grid.size) for _, power in spectra]

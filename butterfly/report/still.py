@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Still
+from matplotlib.ticker import LogFormatterSciNotation
 
 from butterfly.files import replacing
 from butterfly.report.figures import GREY
@@ -27,6 +28,7 @@ _MARGIN = 0.1  # inches
 _BAR = 0.35  # width of a bar
 _ACROSS = 4  # names in a line of the legend
 _SHADE = 0.22  # of a band, from clear to opaque
+_FEW_NOUGHTS = 1e-3  # a number from which no power of ten is needed to read it
 _PALE = 0.6  # size from which a cell between -1 and 1 is dark
 _DASHES = {"dot": ":", "dash": "--", "dashdot": "-."}
 _MARKERS = {
@@ -39,6 +41,14 @@ _MARKERS = {
     "pentagon": "p",
     "x": "x",
 }
+
+
+class _PlainPowers(LogFormatterSciNotation):
+    """Marks of a logarithmic axis, without powers where none are needed."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        text = super().__call__(x, pos)
+        return f"{x:g}" if text and _FEW_NOUGHTS <= x <= 1 / _FEW_NOUGHTS else text
 
 
 def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
@@ -97,12 +107,15 @@ def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
     box = (0.08 + 0.84 * left, 0.08 + 0.84 * bottom, 0.84 * (right - left), 0.84 * (top - bottom))
     axes = still.add_axes(box)
     axes.grid(visible=True, alpha=0.3)
-    for axis, setter, label in (
-        (across, axes.set_xscale, axes.set_xlabel),
-        (up, axes.set_yscale, axes.set_ylabel),
+    axes.ticklabel_format(useOffset=False)
+    for axis, setter, ticks, label in (
+        (across, axes.set_xscale, axes.xaxis, axes.set_xlabel),
+        (up, axes.set_yscale, axes.yaxis, axes.set_ylabel),
     ):
         if axis.get("type") == "log":
             setter("log")
+            ticks.set_major_formatter(_PlainPowers())
+            ticks.set_minor_formatter(_PlainPowers())
         label(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
     for axis, mark in ((across, axes.set_xticks), (up, axes.set_yticks)):
         if axis.get("ticktext"):

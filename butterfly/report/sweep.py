@@ -114,11 +114,10 @@ def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
     facts = [Fact("runs with a result", f"{int((status == OK).sum())}", f"of {status.size}")]
     size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
     if size.size:
-        known = np.isfinite(table["lower"])
         facts += [
             Fact("deviation from the truth", f"{100 * np.median(size):.2g} %", "median"),
-            Fact("95 % intervals hold the truth", f"{100 * table.inside[known].mean():.1f} %"),
-            Fact("FIT", f"{np.median(table['fit_median']):.2f} %", "median"),
+            Fact("95 % intervals hold the truth", _share(table.coverage, " %")),
+            Fact("FIT of a run's logs", f"{np.median(table['fit_median']):.2f} %", "median"),
         ]
     return facts
 
@@ -163,15 +162,13 @@ def _recovery_table(table: Estimates) -> Table:
     rows = []
     for method, name, group in _groups(table):
         deviation = group["deviation"][np.isfinite(group["deviation"])]
-        known = np.isfinite(group["lower"]) & np.isfinite(group["upper"])
-        coverage = f"{100 * group.inside[known].mean():.1f}" if known.any() else "–"
         statistics: tuple[str, ...] = ("–", "–", "–")
         if deviation.size:
             rms, middle = math.sqrt(np.mean(deviation**2)), float(np.median(deviation))
             largest = float(np.abs(deviation).max())
             statistics = tuple(f"{100 * value:.3g}" for value in (middle, rms, largest))
         count = str(group["value"].size)
-        rows.append((method, TERMS[name].symbol, count, *statistics, coverage))
+        rows.append((method, TERMS[name].symbol, count, *statistics, _share(group.coverage)))
     headers = (
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
         *("largest in %", "coverage in %"),
@@ -185,12 +182,13 @@ def _ranking_table(table: Estimates) -> Table:
         group = table.take(table["estimator"] == method)
         size = np.abs(group["deviation"][np.isfinite(group["deviation"])])
         fits = group["fit_median"]
-        rows.append((float(np.median(size)), method, float(np.median(fits)), group.inside.mean()))
+        middle = float(np.median(size)) if size.size else math.inf
+        rows.append((middle, method, float(np.median(fits)), group.coverage))
     return Table(
         headers=("estimator", "median |deviation| in %", "median FIT in %", "coverage in %"),
         rows=[
-            (method, f"{100 * size:.3g}", f"{fit:.2f}", f"{100 * share:.1f}")
-            for size, method, fit, share in sorted(rows)
+            (method, f"{100 * size:.3g}" if size < math.inf else "–", f"{fit:.2f}", _share(share))
+            for size, method, fit, share in sorted(rows, key=lambda row: row[:2])
         ],
         caption="FIT is in sample. Deviations are over all parameters that are not 0.",
     )
@@ -217,7 +215,8 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
         "it in words."
     )
-    return Table(headers=(*told, *map(said_field, fields)), rows=rows, caption=caption)
+    headers = (*told, *map(said_field, fields))
+    return Table(headers=headers, rows=rows, words=(1,), caption=caption)
 
 
 def _endings(table: Estimates) -> dict[tuple[float, str], str]:
@@ -235,6 +234,7 @@ def _unconverged_table(table: Estimates) -> Table:
     return Table(
         headers=("run", "estimator", "ending", "findings"),
         rows=rows,
+        words=(1, 2, 3),
         caption=f"{len(listed)} in all.",
     )
 
@@ -249,7 +249,8 @@ def _failures(runs: pa.Table) -> Table:
     rows = [
         (_link(row["number"], row["key"]), row["status"], row["error"]) for row in bad[:_LISTED]
     ]
-    return Table(headers=("run", "status", "error"), rows=rows, caption=f"{len(bad)} in all.")
+    caption = f"{len(bad)} in all."
+    return Table(headers=("run", "status", "error"), rows=rows, words=(1, 2), caption=caption)
 
 
 def _orbits(runs: pa.Table) -> Table:
@@ -287,15 +288,26 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
         )
     size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
     if size.size:
-        share = 100 * np.mean(table.inside[np.isfinite(table["lower"])])
         sentences += [
             f"Half of all estimates are within {100 * np.median(size):.3g} % of the truth, "
             f"95 % of them within {100 * np.percentile(size, 95):.3g} %.",
-            f"The 95 % intervals hold the truth in {share:.1f} % of the cases.",
+            *_coverage_said(table),
             f"The models follow their logs with a median FIT of "
             f"{np.median(table['fit_median']):.2f} %.",
         ]
     return sentences
+
+
+def _coverage_said(table: Estimates) -> list[str]:
+    share = table.coverage
+    if share is None:
+        return []
+    return [f"The 95 % intervals hold the truth in {100 * share:.1f} % of the cases."]
+
+
+def _share(share: float | None, unit: str = "") -> str:
+    """Return a share in per cent; a dash for none."""
+    return "–" if share is None else f"{100 * share:.1f}{unit}"
 
 
 def _numbers(table: Estimates, status: NDArray[Any]) -> dict[str, Any]:
@@ -310,7 +322,7 @@ def _numbers(table: Estimates, status: NDArray[Any]) -> dict[str, Any]:
                 "parameter": name,
                 "runs": int(group["value"].size),
                 "rms_deviation": _rms(group["deviation"]),
-                "coverage": float(group.inside.mean()),
+                "coverage": group.coverage,
             }
             for method, name, group in _groups(table)
         ],

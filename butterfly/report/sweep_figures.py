@@ -47,6 +47,12 @@ class Estimates:
             (self["lower"] <= self["true"]) & (self["true"] <= self["upper"]), dtype=np.bool_
         )
 
+    @property
+    def coverage(self) -> float | None:
+        """Share of the intervals that hold the truth; None if there is no interval."""
+        there = np.isfinite(self["lower"]) & np.isfinite(self["upper"])
+        return float(self.inside[there].mean()) if there.any() else None
+
     def distinct(self, name: str) -> list[Any]:
         """Different values of a column, in the order of their first row."""
         return list(dict.fromkeys(self[name].tolist()))

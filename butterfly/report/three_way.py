@@ -9,7 +9,7 @@ import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.report.figures import look
+from butterfly.report.figures import MARKS, look
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
@@ -134,7 +134,7 @@ def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:
     figure = Figure()
     for trace in _by_mass(ranked, list(range(1, len(ranked) + 1)), values):
         figure.add_trace(trace)
-    figure.update_xaxes(title="log, the worst first")
+    figure.update_xaxes(title="log, the worst first", dtick=max(1, round(len(ranked) / MARKS)))
     figure.update_yaxes(title="FIT in %")
     figure.update_layout(height=320)
     return figure

@@ -81,4 +81,5 @@ def _curves(run: FreeRun, band: ErrorBand | None, most: int) -> Curves:
     every = max(1, round(_STEP / log.mean_step))
     some = seen_samples([log.angle, difference], most, every=every)
     columns = (log.time, log.angle, run.simulated, -reach, reach, difference)
-    return tuple(np.asarray(column[some], dtype=np.float32) for column in columns)
+    with np.errstate(over="ignore"):  # what ran away is not drawn
+        return tuple(np.asarray(column[some], dtype=np.float32) for column in columns)

@@ -21,5 +21,13 @@ def test_a_slide_s_table_is_in_kilograms_and_it_makes_no_hinge(tmp_path):
     units = {row["parameter"]: row["unit"] for row in found.rows()}
     assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
     assert "kg m²" not in repr(found) + str(found)
+    found.report(tmp_path / "slide.html")
+    page = (tmp_path / "slide.html").read_text(encoding="utf-8")
+    assert "p₁ θ̈ + p₂ θ̇ + T_c sgn θ̇ = p₄ u(t − delay), for the bare slide, θ its way." in page
+    assert "mass that moves" in page
+    assert "Resonances" not in page
+    panels = found.plot.frequency_response().to_dict()["layout"]
+    assert panels["yaxis2"]["title"]["text"] == "phase in °"
+    assert "yaxis3" not in panels  # without sines there is nothing measured
     with pytest.raises(InputError, match="hinge"):
         found.model.export(tmp_path / "slide.xml")

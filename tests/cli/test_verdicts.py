@@ -93,7 +93,8 @@ def test_the_numbers_and_the_page_say_the_verdict(
     text = report.read_text(encoding="utf-8")
     head, _, after = text.partition('<section class="summary"')
     assert '<div class="verdict do-not-use">' in head
-    assert "✕ Do not use" in head
+    said = "Do not use" if command == "identify" else "Parameters: do not use"
+    assert f"✕ {said}" in head
     for reason in numbers["reasons"]:
         assert reason in out
         assert reason in head

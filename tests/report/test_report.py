@@ -10,11 +10,13 @@ import subprocess
 import numpy as np
 import pytest
 
+from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.experiment.perform import perform
 from butterfly.experiment.reading import read_experiment
 from butterfly.identify.estimators import Linear
 from butterfly.identify.identification import identify
 from butterfly.logs.health import examine
+from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.plant.joints import Simulator
@@ -31,7 +33,7 @@ from butterfly.report.misfit import (
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.parameter_rows import parameter_rows, rows_of
 from butterfly.report.series import packable
 from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.whisker import Whisker
@@ -276,6 +278,41 @@ def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
     assert all(result.fits[log] == y for _, y, log in points)
 
 
+def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
+    result = simulated[0]
+    ends = {1: np.inf, 2: 1e300, 4: np.nan}
+    runs = [
+        dataclasses.replace(run, simulated=np.where(run.log.time > 6, ends[k], run.simulated))
+        if k in ends
+        else run
+        for k, run in enumerate(result.free_runs)
+    ]
+    page = identification_page(dataclasses.replace(result, free_runs=tuple(runs)))
+    (section,) = [each for each in page.sections if each.title == "FIT log by log"]
+    assert "Not drawn: 3 logs from which the model runs away." in section.text
+    (whole,) = [
+        each for each in identification_page(result).sections if each.title == section.title
+    ]
+    assert "Not drawn" not in whole.text
+
+
+def test_labels_of_logs_are_no_markup_in_figures(simulated):
+    result = simulated[0]
+    logs = [
+        dataclasses.replace(log, excitation=None, source="<b>x.csv") for log in result.data.logs
+    ]
+    data = dataclasses.replace(result.data, logs=tuple(logs))
+    figure = ranked_figure(dataclasses.replace(result, data=data))
+    texts = [text for trace in figure.data for text in trace.text]
+    assert {text.partition(", ")[2] for text in texts} == {"&lt;b&gt;x.csv"}
+
+
+def test_a_value_of_0_inside_its_interval_may_be_0():
+    record = ParameterRecord(parameter="p2", value=0.0, standard_error=0.1, lower=0.0, upper=0.2)
+    (row,) = rows_of([record], InputKind.VOLTAGE)
+    assert row.width == "may be 0"
+
+
 def test_the_forest_plot_has_a_panel_for_each_parameter(simulated):
     rows = parameter_rows(*simulated)
     figure = parameter_figure(rows)
@@ -291,7 +328,7 @@ def test_a_browser_draws_every_figure_without_error_or_request(page, tmp_path):
     assert "CONSOLE" not in seen.stderr
     assert seen.stdout.count('class="main-svg"') >= 2
     assert len(re.findall(r'class="trace scatter', seen.stdout)) > 20
-    assert 'aria-selected="true"' in seen.stdout
+    assert 'aria-current="true"' in seen.stdout
 
 
 def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
@@ -317,6 +354,7 @@ def test_health_rows_find_the_frequency_and_the_swing(sine_log, tmp_path):
         (0.5, float("nan"), "0.5"),
         (0.0, 0.1, "0"),
         (-1.0e-5, 0.0011, "-1e-05"),
+        (float("nan"), 0.1, "–"),
     ],
 )
 def test_values_are_written_to_the_second_digit_of_their_error(value, error, text):

@@ -1,13 +1,17 @@
 """Names are texts in every figure and page: no markup, no formulas, no scripts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
-from butterfly.report.page import Page, Section, Table, write_page
+from butterfly.identify.judgement.verdict import Standing
+from butterfly.report.page import Page, Section, Table, rendered, write_page
 from butterfly.report.still import draw, write_stills
 from butterfly.report.sweep_figures import Estimates, axis_figure
+from butterfly.report.verdict import SaidVerdict
 
 ODD = ("a$b", r"$\frac{$ <b>bold</b>", "<script>alert(1)</script>")
 
@@ -58,3 +62,49 @@ def test_a_page_runs_no_text(tmp_path):
     about = {"name": script, "description": script, "kind": "sweep", "numbers": {script: 1}}
     write_page(Page(**about, summary=[script], sections=[section]), tmp_path / "page.html")
     assert "<script>alert" not in (tmp_path / "page.html").read_text()
+
+
+def _page(kind, verdict):
+    lead = Section(title="Lead")
+    return Page(
+        name="n",
+        description="",
+        kind=kind,
+        summary=["Said."],
+        lead=lead,
+        sections=[],
+        verdict=verdict,
+        numbers={},
+    )
+
+
+def test_the_answer_stands_first_be_it_a_verdict_or_words():
+    judged = rendered(_page("comparison", SaidVerdict(Standing.GOOD)))
+    assert judged.index("Parameters: good") < judged.index("Lead") < judged.index("Said.")
+    plain = rendered(_page("change", None))
+    assert plain.index("Said.") < plain.index("Lead")
+
+
+def test_long_words_in_tables_may_be_broken_and_numbers_may_not():
+    table = Table(headers=("log", "FIT"), rows=[("x" * 50, "99.6")])
+    page = _page("identification", None)
+    text = rendered(replace(page, sections=[Section(title="Logs", tables=(table,))]))
+    assert f'<td class="long">{"x" * 50}</td><td>99.6</td>' in text
+
+
+def test_marks_of_a_logarithmic_axis_are_plain_numbers_in_pictures():
+    figure = Figure(Scatter(x=[2, 9], y=[1e-6, 1e-5]))
+    figure.update_xaxes(type="log").update_yaxes(type="log")
+    still = draw(figure)
+    FigureCanvasAgg(still).draw()
+    (axes,) = still.axes
+    texts = [label.get_text() for label in axes.get_xticklabels(which="both")]
+    assert {"2", "3"} <= {*texts}
+    assert all("10^" in label.get_text() for label in axes.get_yticklabels() if label.get_text())
+
+
+def test_estimates_without_intervals_have_no_coverage():
+    bounds = {"lower": [0.0, 2.0, np.nan], "upper": [2.0, 3.0, np.nan], "true": [1.0, 1.0, 1.0]}
+    columns = {name: np.array(values) for name, values in bounds.items()}
+    assert Estimates(columns).coverage == 0.5
+    assert Estimates({name: values[2:] for name, values in columns.items()}).coverage is None

@@ -2,7 +2,7 @@ const OPTIONS = {responsive: true, displaylogo: false, modeBarButtonsToRemove: [
 const DARK = {"#0072B2": "#5aaee8", "#E69F00": "#f2b63c", "#009E73": "#35c99c", "#CC79A7": "#e59cc5", "#56B4E9": "#9bd6f7",
   "#D55E00": "#ff8f4a", "#F0E442": "#f5ec7a", "#888888": "#9aa5b0"};
 const LIGHT = {"#F0E442": "#a89b00"};
-const PRINTED = {ink: "#1b1f24", rule: "#d8dde2", width: 680};
+const PRINTED = {ink: "#1b1f24", rule: "#d8dde2", width: 680, height: 860};
 const dark = matchMedia("(prefers-color-scheme: dark)");
 let printing = false;
 
@@ -19,16 +19,16 @@ function themed({data, layout}) {
   const colours = dark.matches && !printing ? DARK : LIGHT;
   const narrow = innerWidth < 640 && !printing;
   const own = recoloured(layout, colours);
-  const result = {...own, template: {}, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-    font: {color: ink, size: narrow ? 11 : 12}, margin: {l: narrow ? 48 : 70, r: narrow ? 10 : 45, t: 15, b: 50},
+  const result = {xaxis: {}, yaxis: {}, ...own, template: {}, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+    font: {color: ink, size: narrow ? 11 : 12}, margin: {l: narrow ? 48 : 70, r: narrow ? 18 : 45, t: 15, b: 50},
     modebar: {orientation: "v", bgcolor: "rgba(0,0,0,0)", color: rule, activecolor: ink},
     legend: {orientation: "h", y: 1.01, yanchor: "bottom"}, hoverlabel: {namelength: -1},
     dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom"};
-  if (printing) result.width = PRINTED.width; else { result.autosize = true; delete result.width; }
+  if (printing) Object.assign(result, {width: PRINTED.width, height: Math.min(own.height ?? 450, PRINTED.height)}); else { result.autosize = true; delete result.width; }
   for (const key of Object.keys(result)) {
     if (/^[xy]axis/.test(key)) result[key] = {...result[key], gridcolor: rule, zerolinecolor: rule, linecolor: rule, automargin: true, exponentformat: "power"};
   }
-  return [data.map(trace => recoloured(trace, colours)), result, {...OPTIONS, displayModeBar: narrow ? false : "hover"}];
+  return [data.map(trace => recoloured(trace, colours)), result, {...OPTIONS, displayModeBar: narrow || data.some(trace => trace.type === "heatmap") ? false : "hover"}];
 }
 function numbers({quantum, steps, logarithmic}) {
   let whole = 0;
@@ -44,7 +44,7 @@ function ofLog({data, layout, curves}, log) {
 }
 function drawChosen() {
   document.querySelectorAll(".chooser").forEach(each => { each.value = chosen; });
-  document.querySelectorAll("tr.pick").forEach(row => row.setAttribute("aria-selected", row.dataset.index == chosen));
+  document.querySelectorAll("tr.pick").forEach(row => row.setAttribute("aria-current", row.dataset.index == chosen));
   for (const place of document.querySelectorAll(".series")) Plotly.react(place, ...themed(ofLog(series[place.dataset.figure], chosen)));
 }
 function draw() {
@@ -84,4 +84,3 @@ addEventListener("beforeprint", () => {
   draw();
 });
 addEventListener("afterprint", () => { printing = false; draw(); });
-document.querySelectorAll("details:has(.figure, .series)").forEach(each => each.addEventListener("toggle", draw));
