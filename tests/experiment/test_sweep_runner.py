@@ -183,7 +183,7 @@ def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
     assert code == 0, err
     assert "6 found done" in out
     page = (folder / "one/report.html").read_text(encoding="utf-8")
-    assert "plant.encoder.noise" in page
+    assert "encoder noise, rad" in page
     numbers = json.loads((folder / "one/report.json").read_text())
     assert numbers["ok"] == 6
     told = butterfly("run", folder / "small.yaml", "--out", folder / "one", "--json", "-")[1]
