@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
 from typing import Annotated
 
 import typer
@@ -80,11 +81,11 @@ def design_command(
             for rank, candidate in enumerate(ranked[:limit], start=1)
         ],
     )
+    tell = cache(partial(told_design, logs, chosen, found, ranked))
     if report is not None:
         from butterfly.api.tabulated import Designed  # noqa: PLC0415 - slow to import
 
-        told = told_design(logs, chosen, found, ranked)
-        Designed.of_told(told).report(report, figures=figures)
+        Designed.of_told(tell()).report(report, figures=figures)
         typer.echo(f"Report: {report}")
-    answer.give(lambda: told_design(logs, chosen, found, ranked))
+    answer.give(tell)
     end_with(found.verdict.standing)

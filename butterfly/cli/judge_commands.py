@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -119,13 +120,13 @@ def validate_command(
             ("", "estimate", "lower", "upper"),
             [(name, *(f"{number:.4g}" for number in numbers)) for name, *numbers in rows],
         )
+    tell = cache(partial(told_validation, logs, chosen, held, whole, drawn))
     if report is not None:
         from butterfly.api.tabulated import Validated  # noqa: PLC0415 - slow to import
 
-        told = told_validation(logs, chosen, held, whole, drawn)
-        Validated.of_told(told).report(report, figures=figures)
+        Validated.of_told(tell()).report(report, figures=figures)
         typer.echo(f"Report: {report}")
-    answer.give(lambda: told_validation(logs, chosen, held, whole, drawn))
+    answer.give(tell)
     end_with(whole.verdict.standing)
 
 
@@ -165,13 +166,13 @@ def select_command(
     say(chosen_said(passed))
     table = structures_table(passed)
     show_table(f"{logs.name}: FIT in %, in sample and left out", table.headers, table.rows)
+    tell = cache(partial(told_selection, logs, chosen, terms, passed, found))
     if report is not None:
         from butterfly.report.page import write_page  # noqa: PLC0415 - slow to import
 
-        told = told_selection(logs, chosen, terms, passed, found)
-        write_page(selection_page(logs, passed, told), report, figures=figures)
+        write_page(selection_page(logs, passed, tell()), report, figures=figures)
         typer.echo(f"Report: {report}")
-    answer.give(lambda: told_selection(logs, chosen, terms, passed, found))
+    answer.give(tell)
     end_with(found.verdict.standing)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import io
+import os
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import typer
@@ -24,16 +25,14 @@ class _Loudness:
 
     def hush(self) -> None:
         if self.kept is None:
-            self.kept, sys.stdout = sys.stdout, _Nowhere()
+            nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - see `speak`
+            self.kept, sys.stdout = sys.stdout, nowhere
 
-
-class _Nowhere(io.TextIOBase):
-    """A standard output that nobody reads."""
-
-    encoding = "utf-8"
-
-    def write(self, text: str) -> int:
-        return len(text)
+    def speak(self) -> None:
+        if self.kept is not None:
+            sys.stdout.close()
+            sys.stdout = self.kept
+        self.quiet, self.document_alone, self.kept = False, False, None
 
 
 _now = _Loudness()
@@ -45,9 +44,7 @@ def one_command() -> Iterator[None]:
     try:
         yield
     finally:
-        if _now.kept is not None:
-            sys.stdout = _now.kept
-        _now.quiet, _now.document_alone, _now.kept = False, False, None
+        _now.speak()
 
 
 def be_quiet() -> None:

@@ -182,7 +182,8 @@ def _run_here(
         _show_reports(folder, record)
         if record.status != OK:
             raise ButterflyError(record.reason)
-        asked.answer.write(json.loads((folder / RESULT).read_text(encoding="utf-8")))
+        if asked.answer.wanted:
+            asked.answer.write(json.loads((folder / RESULT).read_text(encoding="utf-8")))
         end_with(record.standing)
         return
     kept = keep_experiment(asked.source, folder)

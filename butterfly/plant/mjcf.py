@@ -114,7 +114,8 @@ def _built(robot: Robot, added: AddedMass, *, scene: bool, assisted: bool) -> El
             "Friction",
             "bristle_stiffness",
             0,
-            "more than 0: in a model of its own, MuJoCo has Stribeck friction with bristles only",
+            "more than 0: MuJoCo's friction sticks harder with bristles only, or by the actuators "
+            "that `butterfly model export` adds",
         )
     root = _parse(shipped(MODEL))
     _set_gravity(root, robot.hand.tilt)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.twin import MASS, twin
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from butterfly.model.parameters import AddedMass
+    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
 def models(
@@ -24,7 +24,7 @@ def models(
 ) -> Iterator[str]:
     """Yield the MJCF text of a robot for each set of parameters, which loads in plain MuJoCo.
 
-    The input delay is left out, as of any such model (see `butterfly.plant.twin.twin`).
+    The input delay is left out (`butterfly.plant.stand_alone` has it).
 
     Parameters
     ----------
@@ -35,7 +35,8 @@ def models(
     mass
         Of the hand in kg; the motion does not tell it.
     bristle_stiffness
-        In N m/rad, of friction that is larger at rest: MuJoCo has it with bristles only.
+        In N m/rad, of friction that is larger at rest, which these models have with bristles only
+        (`butterfly.plant.stand_alone` has it without).
 
     Raises
     ------
@@ -43,7 +44,6 @@ def models(
         If no hand of that mass moves so, or such friction has no bristles.
     """
     for parameters in drawn:
-        plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
-        if plain.stribeck > 0 and bristle_stiffness:
-            plain = replace(plain, bristle_stiffness=bristle_stiffness)
-        yield mjcf(twin(plain, mass), added)
+        bends = bristle_stiffness if parameters.stribeck > 0 else 0.0
+        bent = replace(parameters, bristle_stiffness=bends) if bends else parameters
+        yield mjcf(twin(bent, mass), added)

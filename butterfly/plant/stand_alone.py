@@ -159,7 +159,11 @@ def _step_for(
             f"Friction this strong is up to some {strength * step:.1g} rad off at MuJoCo's step of "
             f"{1e3 * step:g} ms"
         )
-    if abs(delay) > _NO_DELAY and not _can_delay(delay, step):
+    if delay < -_NO_DELAY:
+        said.append(
+            f"The delay of {1e3 * delay:.3g} ms is left out: no robot moves before it is told"
+        )
+    elif delay > _NO_DELAY and not _can_delay(delay, step):
         said.append(
             f"The delay of {1e3 * delay:.3g} ms is left out: MuJoCo has none shorter than one and "
             f"a half of its steps of {1e3 * step:g} ms"

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, unlump
+from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, LumpedParameters, unlump
 from butterfly.plant.robot import Robot
 
 if TYPE_CHECKING:
-    from butterfly.model.parameters import AddedMass, LumpedParameters
+    from butterfly.model.parameters import AddedMass
 
 MASS = 0.3
 """Mass in kg given to an identified hand; the motion does not tell it."""
 
 
 def twin(parameters: LumpedParameters, mass: float = MASS) -> Robot:
-    """Return a robot that moves as ``parameters`` say (see `unlump`)."""
-    hand, drive, friction = unlump(parameters, mass)
+    """Return a robot that moves as ``parameters`` say (see `unlump`), numbers of any kind."""
+    plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
+    hand, drive, friction = unlump(plain, mass)
     return Robot(hand=hand, drive=drive, friction=friction)
 
 
@@ -35,4 +36,4 @@ def carrying_twin(
 
 def command_of(parameters: LumpedParameters) -> dict[str, float]:
     """Return what becomes of the command before it is a torque, as `stand_alone` takes it."""
-    return {"delay": parameters.delay, "compression": parameters.compression}
+    return {"delay": float(parameters.delay), "compression": float(parameters.compression)}

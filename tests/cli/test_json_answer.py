@@ -16,6 +16,7 @@ import butterfly as bf
 from butterfly.cli import main
 from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.loudness import be_quiet, one_command, standard_output
 from butterfly.report.numbers.document import HEAD
 from tests.cli.one_line import assert_one_line_error
 from tests.cli.test_orbit_commands import ORBIT
@@ -220,6 +221,17 @@ def test_quietly_nothing_is_printed_where_there_is_no_verdict_but_what_was_asked
     assert json.loads(butterfly("-q", "inspect", quick_data, "--json", "-")[1])["logs"]
     assert json.loads(butterfly("-q", "schema")[1])["properties"]
     assert "samples" in butterfly("inspect", quick_data, "--log", 0)[1]  # and loud again
+
+
+def test_quietly_standard_output_is_a_file_still_and_comes_back():
+    before = sys.stdout
+    with one_command():
+        be_quiet()
+        assert sys.stdout is not before
+        sys.stdout.buffer.write(b"nothing")
+        assert os.isatty(sys.stdout.fileno()) is False
+        assert standard_output() is before
+    assert sys.stdout is before
 
 
 def _program(*words, **how):

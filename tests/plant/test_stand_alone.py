@@ -167,7 +167,7 @@ def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity()
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        ({"delay": -2e-4}, r"The delay of -0\.2 ms is left out"),
+        ({"delay": -2e-4}, r"The delay of -0\.2 ms is left out: no robot moves before"),
         ({"delay": 2e-5}, r"The delay of 0\.02 ms is left out"),
         ({"compression": 0.05}, r"set ctrl to u/\(1 \+ 0\.05 \|u\|\) yourself"),
         ({"resolution": 0.01}, r"set ctrl to multiples of 0\.01 yourself"),
@@ -206,3 +206,12 @@ def test_a_clutch_s_friction_brakes_the_rotor_alone_and_asks_for_shorter_steps()
     loose = replace(robot, clutch=Clutch(backlash=0.01, rotor_inertia=3e-4))
     assert stand_alone(loose).step < stand_alone(robot).step
     assert mujoco.MjModel.from_xml_string(stand_alone(loose).text).njnt == 2
+
+
+def test_a_twin_takes_numbers_of_any_kind():
+    numbers = {"p1": 0.003, "p2": 0.001, "p3": 0.05, "p4": 1.0, "coulomb": 0.003, "delay": 0.004}
+    plain = LumpedParameters(**numbers)
+    drawn = LumpedParameters(**{name: np.float64(number) for name, number in numbers.items()})
+    texts = [stand_alone(twin(each), **command_of(each)).text for each in (plain, drawn)]
+    assert texts[0] == texts[1]
+    assert mujoco.MjModel.from_xml_string(texts[0]).nhistory
