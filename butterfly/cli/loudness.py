@@ -24,11 +24,13 @@ class _Loudness:
     kept: TextIO | None = None  # standard output, while what is printed goes nowhere
 
     def hush(self) -> None:
+        """Print into nowhere, which is a file, for whoever asks standard output for its own."""
         if self.kept is None:
             nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - see `speak`
             self.kept, sys.stdout = sys.stdout, nowhere
 
     def speak(self) -> None:
+        """Print everything again."""
         if self.kept is not None:
             sys.stdout.close()
             sys.stdout = self.kept
