@@ -77,7 +77,7 @@ def _figure(entries: Sequence[Entry]) -> Figure:
     figure = Figure()
     kinds = (("left out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
     for number, (name, field, place, size) in enumerate(kinds):
-        fits = {each.method: getattr(each, field) for each in entries}
+        fits = {each.method: getattr(each, field) for each in reversed(entries)}
         medians = {method: fit.median for method, fit in fits.items() if fit is not None}
         shown = {method: fit for method, fit in medians.items() if math.isfinite(fit)}
         colour, symbol = look(number)

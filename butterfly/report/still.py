@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Still
-from matplotlib.ticker import LogFormatterSciNotation
+from matplotlib.ticker import LogFormatterSciNotation, MultipleLocator
 
 from butterfly.files import replacing
 from butterfly.report.figures import GREY
@@ -54,8 +54,8 @@ class _PlainPowers(LogFormatterSciNotation):
 def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write each figure as ``folder``/NAME.png and NAME.svg.
 
-    Line and scatter plots (with error bars), filled shapes, bars and heat maps in any grid of axes
-    are drawn, which is all that the reports use.
+    Line and scatter plots (with error bars), filled shapes, bars and heat maps in any grid of axes,
+    and lines across the first of them, are drawn, which is all that the reports use.
 
     Raises
     ------
@@ -81,12 +81,26 @@ def draw(figure: Figure) -> Still:
         if key not in panels:
             panels[key] = _panel(still, layout, key)
         _DRAWN[trace.type](panels[key], trace)
+    for shape in layout.get("shapes", []):
+        if ("x", "y") in panels:
+            _limit(panels["x", "y"], shape)
     for note in layout.get("annotations", []):
         if note.get("xref", "x") == "x" and ("x", "y") in panels:
             axes = panels["x", "y"]
             axes.text(note["x"], note["y"], f" {_plain(note['text'])}", fontsize="x-small")
     _explain(list(panels.values()))
     return still
+
+
+def _limit(axes: Axes, shape: dict[str, Any]) -> None:
+    """Draw a line across all of a panel, as plotly's add_hline and add_vline do."""
+    line = shape["line"]
+    style: dict[str, Any] = {"color": line["color"], "linewidth": line["width"], "zorder": 1}
+    style["linestyle"] = _DASHES.get(line.get("dash"), "-")
+    if shape["xref"].endswith("domain"):
+        axes.axhline(shape["y0"], **style)
+    else:
+        axes.axvline(shape["x0"], **style)
 
 
 def _explain(panels: list[Axes]) -> None:
@@ -116,6 +130,8 @@ def _panel(still: Still, layout: dict[str, Any], key: tuple[str, str]) -> Axes:
             setter("log")
             ticks.set_major_formatter(_PlainPowers())
             ticks.set_minor_formatter(_PlainPowers())
+        elif axis.get("dtick"):
+            ticks.set_major_locator(MultipleLocator(axis["dtick"]))
         label(_plain((axis.get("title") or {}).get("text", "")), fontsize="small")
     for axis, mark in ((across, axes.set_xticks), (up, axes.set_yticks)):
         if axis.get("ticktext"):

@@ -108,3 +108,13 @@ def test_estimates_without_intervals_have_no_coverage():
     columns = {name: np.array(values) for name, values in bounds.items()}
     assert Estimates(columns).coverage == 0.5
     assert Estimates({name: values[2:] for name, values in columns.items()}).coverage is None
+
+
+def test_lines_across_a_figure_are_in_its_picture():
+    figure = Figure(Scatter(x=[0, 1], y=[2, 3], mode="markers"))
+    line = {"color": "#888888", "width": 1, "dash": "dash"}
+    figure.add_hline(y=2.5, line=line).add_vline(x=0.5, line=line)
+    points, across, up = draw(figure).axes[0].lines
+    assert list(points.get_xdata()) == [0, 1]
+    assert list(across.get_ydata()) == [2.5, 2.5]
+    assert list(up.get_xdata()) == [0.5, 0.5]
