@@ -353,7 +353,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.COMBINATION: lambda f, _: (
         f"{_joined(f, ' and ')} are known mainly in one combination (condition number "
-        f"{_number(f):.0f}): add a run that tells them apart."
+        f"{_number(f):.2g}): add a run that tells them apart."
     ),
     FindingKind.ROUNDS: lambda f, _: (
         f"The iteration did not settle in {_number(f):.0f} rounds: do not trust the values."

@@ -12,6 +12,7 @@ def test_unseen_masses_and_frequencies_are_predicted(butterfly, quick_data):
         assert code == 0, err
         assert f"Left out by {split}: as asked." in out
         assert "above 90 %" in out
+        assert re.search(r"^ +p1 .*kg m²$", out, re.MULTILINE)
 
 
 def test_a_weighed_hand_and_the_bootstrap(butterfly, quick_data, tmp_path):
