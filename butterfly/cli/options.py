@@ -184,9 +184,11 @@ def picked(numbers: str | None, count: int) -> list[int]:
 
 
 def require_report(figures: bool, report: Path | None) -> None:
-    """Raise InputError where figures are asked for without the report that they belong to."""
+    """Raise InputError where a report cannot be a file, or figures lack theirs: before the work."""
     if figures and report is None:
         raise InputError("butterfly", "--figures", "no report", "--report FILE beside it")
+    if report is not None and report.is_dir():
+        raise InputError(report, "--report", "a folder", "a file, as report.html in it")
 
 
 def parse_pairs(text: str, option: str) -> dict[str, str]:

@@ -31,7 +31,7 @@ from butterfly.experiment.record import OK
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
 from butterfly.logs.log import InputKind
-from butterfly.report.field_names import said_name
+from butterfly.report.field_names import said_field, said_name
 from butterfly.report.format import with_error
 from butterfly.report.numbers.record_numbers import (
     told_record,
@@ -107,7 +107,7 @@ def show_command(
         if each.parameters:
             say(f"{each.estimator}: {verdict_of(each).sentence}")
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
-    pairs += [(name, str(value)) for name, value in record.overrides.items()]
+    pairs += [(said_field(name), str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
     pairs += [(f"version, {name}", value) for name, value in record.versions.items()]
     if record.error:
@@ -228,7 +228,11 @@ def compare_command(
                 say(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
-    unlike = [(name, *map(shown_text, pair)) for name, pair in pairs.items() if pair[0] != pair[1]]
+    unlike = [
+        (said_field(name), *map(shown_text, pair))
+        for name, pair in pairs.items()
+        if pair[0] != pair[1]
+    ]
     if unlike:
         show_table("What was set", ("", one, other), unlike)
     else:

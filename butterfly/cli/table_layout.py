@@ -19,6 +19,7 @@ _PROSE = 24  # characters beyond which a cell of words may be folded at its spac
 _FEW_WORDS = 2  # of a cell that is never folded: an interval, say
 _OF_A_NUMBER = 4  # words at most, with its unit and its error
 _FOLDED = 3  # lines at most, into which it is
+_LEADS = 3  # columns at most, taken to tell rows apart in each block, less one
 _MANY = 3  # rows, up to which those that say the same are named
 _EASY, _HEADER = 40, 3  # characters of words, lines of a header, where a table is split anyhow
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
@@ -88,7 +89,8 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
     width
         In characters. Only what cannot be folded is wider.
     lead
-        Columns at the left that name a row; each block repeats them.
+        Columns at the left that name a row; each block repeats them, and those after them that it
+        takes to tell rows apart.
     """
     names = headers or [""] * max(map(len, rows), default=0)
     columns = [
@@ -100,6 +102,8 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
     if len(rest) > 1 and rest[-1].prose and (rest[-1].same or not _fit([*first, *rest], width)):
         notes = _notes(first[0], rest.pop())
     split = not _fit([*first, *rest], width)
+    if split:
+        first, rest = _told_apart(first, rest)
     blocks: list[Block] = []
     while rest or not blocks:
         count = len(rest)
@@ -108,6 +112,16 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
         blocks.append(_block([*first, *rest[:count]], width, headed=bool(headers)))
         rest = rest[count:]
     return Layout(blocks, notes)
+
+
+def _told_apart(first: list[_Column], rest: list[_Column]) -> tuple[list[_Column], list[_Column]]:
+    """Take columns from the others until no two rows begin alike, if few do for that."""
+    for more in range(_LEADS):
+        leading = [*first, *rest[:more]]
+        rows = list(zip(*(each.cells for each in leading), strict=True))
+        if len(set(rows)) == len(rows):
+            return leading, rest[more:]
+    return first, rest
 
 
 class _Column:

@@ -47,6 +47,16 @@ def test_a_table_too_wide_stands_in_blocks_that_each_name_their_rows():
     assert all(line.split()[:2] == ["1", "weak-form"] for block in blocks for line in block.rows[1])
 
 
+def test_blocks_repeat_the_columns_that_tell_rows_apart():
+    headers = ("estimator", "parameter", *(f"value{k}" for k in range(9)))
+    rows = [("weak-form", name, *["0.123456"] * 9) for name in ("p1", "p2")]
+    blocks = laid_out(headers, rows, 80).blocks
+    assert len(blocks) > 1
+    assert all(
+        line.split()[:2] == ["weak-form", "p2"] for block in blocks for line in block.rows[1]
+    )
+
+
 def test_long_remarks_that_do_not_fit_are_told_below_each_once():
     text = "the fit did not settle, since two of the parameters say the same"
     headers = ("log", *(f"a number {k}" for k in range(6)), "remark")
