@@ -65,7 +65,7 @@ def compare_command(
     input. Prints FIT, amplitude and phase error of each, and what the model leaves over; the report
     draws time, frequency, phase plane, correlations of the errors and residual torque.
 
-    Example: `butterfly compare real-logs --root LOGS --report compare.html`
+    Example: `butterfly compare real-logs --report compare.html`
     """
     require_report(figures, report)
     read = options.read(data).holding_out(parse_names(holdout))
@@ -96,7 +96,7 @@ def leaderboard_command(
 ) -> None:
     """Rank estimators by how well they predict what they have not seen.
 
-    Example: `butterfly leaderboard results/quickstart real-logs --root LOGS`
+    Example: `butterfly leaderboard results/quickstart real-logs`
     """
     require_report(figures, report)
     names = [part.strip() for part in methods.split(",")]

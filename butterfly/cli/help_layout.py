@@ -43,6 +43,8 @@ _WORDS = {
     ),
     "RESULT": ("given",),
     "TABLE": ("table",),
+    "PATH": ("out",),
+    "ADDRESS": ("scheduler",),
     "PAIRS": ("columns", "units", "known", "against", "where"),
     "kg": ("hand_mass", "added_mass"),
     "m": ("arm",),
@@ -59,7 +61,7 @@ _RENAMED = {
 }
 """Options that were called otherwise, by the names that they had."""
 
-_SHORT = {"out": "-o", "method": "-m", "report": "-r"}
+_SHORT = {"out": "-o", "method": "-m", "methods": "-m", "report": "-r"}
 
 _GROUP_OF = {name: group for group, names in _GROUPS.items() for name in names}
 _WORD_OF = {name: word for word, names in _WORDS.items() for name in names}
@@ -93,6 +95,7 @@ def arranged(parameters: list[Any]) -> list[Any]:
     """Give options their groups, words and short forms; what has them keeps them."""
     for each in parameters:
         if each.param_type_name != "option":
+            each.metavar = each.metavar or each.name.upper()
             continue
         each.rich_help_panel = _GROUP_OF.get(each.name, each.rich_help_panel)
         short = _SHORT.get(each.name)

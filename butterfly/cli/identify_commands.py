@@ -60,15 +60,14 @@ def identify_command(
 ) -> None:
     """Identify the robot from a data set.
 
-    Prints the parameters with standard errors and intervals, how far to trust them, and how well
-    a free-run simulation with them follows every log (FIT). A folder without manifest.yaml needs
-    --arm, and files named like Data_120_5__3_5__0015.mat (120.5 g, 3.5 rad/s, amplitude 0.015).
+    Prints the verdict, how well a free-run simulation follows the logs (FIT), and the parameters
+    with standard errors and intervals. A folder without manifest.yaml needs --arm, and files named
+    like Data_120_5__3_5__0015.mat (120.5 g, 3.5 rad/s, amplitude 0.015).
 
-    Exit code 3 says that the values are not to be used: they did not converge, or a warning stands
-    below them.
+    Exit code 3 says that the values are not to be used; the verdict says why.
 
     Try `butterfly identify results/quickstart` after `butterfly run quickstart`, or
-    `butterfly identify real-logs --root LOGS --report report.html`.
+    `butterfly identify real-logs --report report.html` after `butterfly logs fetch`.
     """
     require_report(figures, report)
     others = {

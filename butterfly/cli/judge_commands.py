@@ -43,12 +43,14 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
+from butterfly.report.parameter_rows import unit_of
 from butterfly.report.recommendations import chosen_said
 from butterfly.report.words import held_out_sentences, verdict_on
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from butterfly.identify.data import DataSet
     from butterfly.identify.estimate import ParameterEstimate
 
 _WELL = 90  # FIT in per cent above which a log that was left out is followed well
@@ -110,15 +112,22 @@ def validate_command(
         ("", "median", "mean", "worst"),
         [(name, *_fit(fit)) for name, fit in fits.items()],
     )
-    _show_estimates({"nothing": whole, **held.estimates})
+    _show_estimates({"nothing": whole, **held.estimates}, logs)
     drawn = None
     if repetitions:
         drawn = bootstrap(logs, quick, whole, repetitions=repetitions, track=show_progress)
         rows = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
         show_table(
             "95 % intervals by bootstrap over logs",
-            ("", "estimate", "lower", "upper"),
-            [(name, *(f"{number:.4g}" for number in numbers)) for name, *numbers in rows],
+            ("", "estimate", "lower", "upper", "unit"),
+            [
+                (
+                    name,
+                    *(f"{number:.4g}" for number in numbers),
+                    unit_of(name, logs.input_kind, logs.joint),
+                )
+                for name, *numbers in rows
+            ],
         )
     tell = cache(partial(told_validation, logs, chosen, held, whole, drawn))
     if report is not None:
@@ -244,16 +253,20 @@ def _show_shares(left_over: LeftOver) -> None:
         )
 
 
-def _show_estimates(estimates: Mapping[str, ParameterEstimate]) -> None:
+def _show_estimates(estimates: Mapping[str, ParameterEstimate], logs: DataSet) -> None:
     """Print what each estimate found, by what was left out of it."""
     names = dict.fromkeys(name for each in estimates.values() for name in each.names)
     found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
     show_table(
         "Estimates, by what was left out",
-        ("left out", *names),
+        ("", *estimates, "unit"),
         [
-            (without, *(f"{own[name]:.4g}" if name in own else "–" for name in names))
-            for without, own in zip(estimates, found, strict=True)
+            (
+                name,
+                *(f"{own[name]:#.4g}".rstrip(".") if name in own else "–" for own in found),
+                unit_of(name, logs.input_kind, logs.joint),
+            )
+            for name in names
         ],
     )
 

@@ -29,6 +29,7 @@ from butterfly.logs.drafted import (
     manifest_from_names,
     manifest_of_files,
     open_questions,
+    with_columns,
 )
 from butterfly.logs.formats import FORMATS
 from butterfly.logs.health import DEFAULT_REPAIRS, examine
@@ -107,7 +108,7 @@ def manifest_command(
     arm: Annotated[
         float | None,
         typer.Option(
-            help="Pivot to added mass in m, of logs named like Data_52__8__002.mat.",
+            help="Pivot to added mass, of logs named like Data_52__8__002.mat.",
             show_default=False,
         ),
     ] = None,
@@ -142,6 +143,8 @@ def manifest_command(
     Example: `butterfly manifest logs --units time=ms,angle=deg`
     """
     path = out or folder / MANIFEST_NAME
+    if out is None and path.exists():
+        raise InputError(path, "path", "a manifest that is there", "--out with another file")
     said: dict[str, Any] = {
         "arm": arm,
         "input_kind": input_kind or InputKind.VOLTAGE,
@@ -153,11 +156,12 @@ def manifest_command(
     named = has_thesis_names(folder)
     if named and arm is None:
         raise InputError(folder, "--arm", "nothing", "the arm in m, of the masses in the names")
-    manifest = (manifest_from_names if named else manifest_of_files)(folder, **said)
+    manifest = with_columns((manifest_from_names if named else manifest_of_files)(folder, **said))
     if out is None:
         manifest = manifest.model_copy(update={"root": "."})
-    told = {"input": input_kind, "intersample": intersample}
-    asked = open_questions({key for key, value in told.items() if value is not None}, named=named)
+    given = {"input": input_kind, "intersample": intersample, "columns": columns}
+    told = {key for key, value in given.items() if value is not None}
+    asked = open_questions(manifest, told, named=named)
     with replacing(path) as draft:
         draft.write_text(draft_text(manifest, asked), encoding="utf-8")
     typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")

@@ -24,7 +24,9 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.plant.twin import MASS, carrying_twin, command_of
 from butterfly.plant.watch.picture import render
+from butterfly.report.field_names import unit_of_field
 from butterfly.report.numbers.table_numbers import rests_on
+from butterfly.report.parameter_rows import unit_of
 from butterfly.resources import locate
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ SourceArgument = Annotated[
 ]
 AddedOption = Annotated[
     float,
-    typer.Option("--added-mass", help="Added mass in kg, at --arm (0.104 m if that is not given)."),
+    typer.Option("--added-mass", help="Added mass, at --arm (0.104 m if that is not given)."),
 ]
 _ARM = 0.104  # m
 
@@ -68,11 +70,11 @@ def show_command(
         "drive": _numbers(robot.drive),
         "friction": _numbers(robot.friction) or "none",
         "clutch": _numbers(robot.clutch) if robot.clutch else "rigid",
-        "added mass": str(carried),
+        "added mass": str(carried) if carried.mass else "none",
         "p1": f"{loaded.p1:.6g} kg m²",
         "p2": f"{loaded.p2:.6g} N m s/rad",
         "p3": f"{loaded.p3:.6g} N m",
-        "p4": f"{loaded.p4:.6g} N m per unit of input",
+        "p4": f"{loaded.p4:.6g} {unit_of('p4', named.input_kind)}",
         "resonance": f"{resonance_frequency(loaded):.5g} rad/s",
     }
     show_pairs(rows.items())
@@ -81,9 +83,11 @@ def show_command(
 
 
 def _numbers(part: object) -> str:
-    """Name the numbers of one part that are not at their defaults (SI units)."""
+    """Name the numbers of one part that are not at their defaults, with their units."""
     return ", ".join(
-        f"{each.name} {getattr(part, each.name):.6g}"
+        f"{each.name} {getattr(part, each.name):.6g} {unit_of_field(f'part.{each.name}')}".rstrip(
+            " –"
+        )
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
     )
@@ -94,7 +98,7 @@ def render_command(
     *,
     source: SourceArgument,
     out: Annotated[Path, typer.Option(help="Picture to write: .png, .jpg or .webp.")],
-    angle: Annotated[float, typer.Option(help="Angle of the hand in rad.")] = 0.5,
+    angle: Annotated[float, typer.Option(help="Angle of the hand.")] = 0.5,
     size: Annotated[int, typer.Option(min=16, max=4096, help="Width and height in pixels.")] = 640,
     hand_mass: HandMassOption = MASS,
     added_mass: AddedOption = 0.0,

@@ -140,7 +140,7 @@ ResultsOption = Annotated[
 HandMassOption = Annotated[
     float,
     typer.Option(
-        "--hand-mass", help="Mass in kg given to an identified hand; the motion does not tell it."
+        "--hand-mass", help="Mass given to an identified hand; the motion does not tell it."
     ),
 ]
 LimitOption = Annotated[int, typer.Option("--limit", min=1, help="Rows to print, at most.")]
@@ -160,8 +160,8 @@ HoldoutOption = Annotated[
 ]
 
 SPLITS = (
-    "What is left out together: one added mass; some of the sines' frequencies; some logs; a "
-    "stretch of time of every log; or the first of these that suits the logs."
+    "What is left out together: one added mass (mass), some of the sines' frequencies (frequency), "
+    "some logs (log), a stretch of every log (time), or the first of these that suits (auto)."
 )
 """What `butterfly.identify.judgement.splits.Split` offers."""
 
@@ -184,9 +184,11 @@ def picked(numbers: str | None, count: int) -> list[int]:
 
 
 def require_report(figures: bool, report: Path | None) -> None:
-    """Raise InputError where figures are asked for without the report that they belong to."""
+    """Raise InputError where a report cannot be a file, or figures lack theirs: before the work."""
     if figures and report is None:
         raise InputError("butterfly", "--figures", "no report", "--report FILE beside it")
+    if report is not None and report.is_dir():
+        raise InputError(report, "--report", "a folder", "a file, as report.html in it")
 
 
 def parse_pairs(text: str, option: str) -> dict[str, str]:

@@ -24,19 +24,22 @@ from butterfly.cli.picked_rows import chosen_rows, without_formulas
 from butterfly.cli.shown_rows import show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
+from butterfly.experiment.estimate_record import or_nan
 from butterfly.experiment.kept import EXPERIMENT
 from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.record import OK
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
 from butterfly.logs.log import InputKind
-from butterfly.report.field_names import said_name
+from butterfly.report.field_names import said_field, said_name
+from butterfly.report.format import with_error
 from butterfly.report.numbers.record_numbers import (
     told_record,
     told_rows,
     told_runs,
     told_table,
 )
+from butterfly.report.parameter_rows import rows_of
 from butterfly.report.words import verdict_of
 
 if TYPE_CHECKING:
@@ -104,7 +107,7 @@ def show_command(
         if each.parameters:
             say(f"{each.estimator}: {verdict_of(each).sentence}")
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
-    pairs += [(name, str(value)) for name, value in record.overrides.items()]
+    pairs += [(said_field(name), str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
     pairs += [(f"version, {name}", value) for name, value in record.versions.items()]
     if record.error:
@@ -114,10 +117,10 @@ def show_command(
         if each.parameters:
             show_table(
                 each.estimator,
-                ("parameter", "true", "value", "lower", "upper"),
+                ("", "true", "estimate", "95 % interval", "unit"),
                 [
-                    (row.parameter, *map(shown_text, (row.true, row.value, row.lower, row.upper)))
-                    for row in each.parameters
+                    (row.symbol, row.true, row.value, row.interval, row.unit)
+                    for row in rows_of(each.parameters, _input_kind(folder))
                 ],
             )
         if not each.converged:
@@ -225,11 +228,15 @@ def compare_command(
                 say(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
-    show_table(
-        "What was set",
-        ("", one, other),
-        [(name, *map(shown_text, pair)) for name, pair in pairs.items() if pair[0] != pair[1]],
-    )
+    unlike = [
+        (said_field(name), *map(shown_text, pair))
+        for name, pair in pairs.items()
+        if pair[0] != pair[1]
+    ]
+    if unlike:
+        show_table("What was set", ("", one, other), unlike)
+    else:
+        say("Nothing was set otherwise.")
     for each in first.estimates:
         if each.estimator not in others:
             continue
@@ -315,4 +322,5 @@ def _difference(row: ParameterRecord, twin: ParameterRecord) -> tuple[str, ...]:
     errors = [each.standard_error for each in (row, twin) if each.standard_error is not None]
     spread = math.hypot(*errors)
     in_errors = f"{change / spread:.2g}" if len(errors) == 2 and spread > 0 else "–"  # noqa: PLR2004 - both
-    return shown_text(row.value), shown_text(twin.value), f"{change:.3g}", in_errors
+    values = (with_error(each.value, or_nan(each.standard_error)) for each in (row, twin))
+    return *values, f"{change:.3g}", in_errors

@@ -18,6 +18,9 @@ _ASKED = (
 )
 """Columns that are shown where they are asked for, so that the others can be read."""
 
+_FITS = ("fit_", "held_out_", "holdout_")
+"""How columns of FIT begin."""
+
 _NOTHING = {"", "–"}
 
 
@@ -48,7 +51,7 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
     named = [name for name in _NAMES if name in cells and name not in same]
     others = [name for name in shown if name not in {*same, *named}]
     told = [
-        f"{said_name(name)} {cells[name][0]} {unit_of_field(name)}".rstrip()
+        f"{said_name(name)} {cells[name][0]} {_unit(name)}".rstrip()
         for name in same
         if cells[name][0] not in _NOTHING
     ]
@@ -71,7 +74,16 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
 
 
 def _header(name: str) -> str:
-    return said_field(name) if "." in name else said_name(name)
+    if "." in name or not _unit(name):
+        return said_field(name)
+    return f"{said_name(name)}, {_unit(name)}"
+
+
+def _unit(name: str) -> str:
+    """Return the unit of a column; a deviation is told as a share of the true value."""
+    if name == "deviation":
+        return "share of true"
+    return "%" if name.startswith(_FITS) else unit_of_field(name)
 
 
 def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table

@@ -19,8 +19,11 @@ _PROSE = 24  # characters beyond which a cell of words may be folded at its spac
 _FEW_WORDS = 2  # of a cell that is never folded: an interval, say
 _OF_A_NUMBER = 4  # words at most, with its unit and its error
 _FOLDED = 3  # lines at most, into which it is
+_LEADS = 3  # columns at most, taken to tell rows apart in each block, less one
+_MANY = 3  # rows, up to which those that say the same are named
 _EASY, _HEADER = 40, 3  # characters of words, lines of a header, where a table is split anyhow
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
+_KEPT = re.compile(r"(?<=\d) (?=\S)|(?<=\bN) (?=m\b)|(?<=\bm) (?=s²?/rad)|(?<=\bkg) (?=m²)")
 _GLUE = "\N{NO-BREAK SPACE}"
 
 
@@ -58,8 +61,8 @@ class Layout:
 
 
 def folded(text: str, width: int, *, hanging: str = "") -> list[str]:
-    """Fold a text at its spaces, but not between a number and its unit; words stay whole."""
-    glued = re.sub(r"(?<=\d) (?=\S)", _GLUE, text)
+    """Fold a text at its spaces, but not between a number and its unit, nor within that."""
+    glued = _KEPT.sub(_GLUE, text)
     return [
         line.replace(_GLUE, " ")
         for line in textwrap.wrap(
@@ -76,7 +79,8 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
     """Lay out a table.
 
     Columns without any text are left out. Headers are folded where need be, then texts; where that
-    is not enough, the last column's texts are told below, and the rest is laid out in blocks.
+    is not enough, or all say the same, the last column's texts are told below, and the rest is laid
+    out in blocks.
 
     Parameters
     ----------
@@ -85,7 +89,8 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
     width
         In characters. Only what cannot be folded is wider.
     lead
-        Columns at the left that name a row; each block repeats them.
+        Columns at the left that name a row; each block repeats them, and those after them that it
+        takes to tell rows apart.
     """
     names = headers or [""] * max(map(len, rows), default=0)
     columns = [
@@ -94,9 +99,11 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
     told = [each for k, each in enumerate(columns) if k < lead or each.says]
     first, rest = told[:lead], told[lead:]
     notes: list[str] = []
-    if len(rest) > 1 and rest[-1].prose and not _fit([*first, *rest], width):
+    if len(rest) > 1 and rest[-1].prose and (rest[-1].same or not _fit([*first, *rest], width)):
         notes = _notes(first[0], rest.pop())
     split = not _fit([*first, *rest], width)
+    if split:
+        first, rest = _told_apart(first, rest)
     blocks: list[Block] = []
     while rest or not blocks:
         count = len(rest)
@@ -105,6 +112,16 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
         blocks.append(_block([*first, *rest[:count]], width, headed=bool(headers)))
         rest = rest[count:]
     return Layout(blocks, notes)
+
+
+def _told_apart(first: list[_Column], rest: list[_Column]) -> tuple[list[_Column], list[_Column]]:
+    """Take columns from the others until no two rows begin alike, if few do for that."""
+    for more in range(_LEADS):
+        leading = [*first, *rest[:more]]
+        rows = list(zip(*(each.cells for each in leading), strict=True))
+        if len(set(rows)) == len(rows):
+            return leading, rest[more:]
+    return first, rest
 
 
 class _Column:
@@ -119,6 +136,7 @@ class _Column:
         numbers = sum(
             _NUMBER.match(cell) is not None and len(cell.split()) <= _OF_A_NUMBER for cell in told
         )
+        self.same = len(told) == len(cells) > 1 and len(set(told)) == 1
         self.right = not (names or self.prose) and 2 * numbers > len(told)
         least = self._width_of(_FOLDED) if self.prose else longest
         self.least = max(least, _longest_word([header]))
@@ -193,13 +211,15 @@ def _lines(columns: Sequence[_Column], cells: Sequence[str], *, below: bool = Tr
 
 
 def _notes(names: _Column, texts: _Column) -> list[str]:
-    """Tell texts with the rows that they are about, each once."""
+    """Tell texts with the rows that they are about, each once; what most rows say comes last."""
     about: dict[str, list[str]] = {}
     for name, text in zip(names.cells, texts.cells, strict=True):
-        if _says(text):
-            about.setdefault(text, []).append(name)
-    count = len(names.cells)
-    return [
-        f"{'all' if len(rows) == count > 1 else '; '.join(rows)}: {text}"
-        for text, rows in about.items()
-    ]
+        about.setdefault(text, []).append(name)
+    subjects = {text: "; ".join(rows) for text, rows in about.items() if _says(text)}
+    usual = max(about, key=lambda text: len(about[text]))
+    if usual in subjects and len(names.cells) > 1 == len(about):
+        subjects[usual] = "all"
+    elif usual in subjects and len(about[usual]) > max(_MANY, len(names.cells) // 2):
+        subjects.pop(usual)
+        subjects[usual] = "all others"
+    return [f"{rows}: {text}" for text, rows in subjects.items()]

@@ -32,7 +32,7 @@ def reproduce_command(
 ) -> None:
     """Print the thesis's figures beside those obtained the same way, and the right ones.
 
-    Example: `butterfly reproduce thesis --root LOGS --out figures`
+    Example: `butterfly reproduce thesis --out figures`
     """
     if what != "thesis":
         raise InputError("butterfly reproduce", "what", what, "thesis")

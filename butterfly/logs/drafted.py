@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS
-from butterfly.logs.manifest import LogEntry, Manifest, manifest_text
+from butterfly.logs.manifest import LogEntry, Manifest, manifest_text, read_entry
 from butterfly.logs.units import Units
 from butterfly.model.known import known_of
 
@@ -23,6 +23,11 @@ _QUESTIONS = {
     "intersample": "how does the input go between two samples, held (zero_order_hold) or in a line "
     "(first_order_hold)? The files do not say.",
 }
+_OF_COLUMNS = (
+    "which columns hold time, input and angle, by name or number? None is called so. Taken for the "
+    "first three, in this order."
+)
+_FIRST_THREE = {"time": 0, "input": 1, "angle": 2}
 _OF_LOGS = (
     "what was added in each log (added_mass in kg, arm in m), and omega and amplitude of a sine? "
     "The names of the files do not say."
@@ -121,17 +126,40 @@ def manifest_of_log(
     )
 
 
-def open_questions(said: Collection[str], *, named: bool) -> dict[str, str]:
+def with_columns(manifest: Manifest) -> Manifest:
+    """Return a manifest by which its first log can be read: by the first columns, if need be.
+
+    Columns that are told stay, and so does a log that cannot be read in this way either.
+    """
+    numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
+    if manifest.columns is not None or _is_read(manifest) or not _is_read(numbered):
+        return manifest
+    return numbered
+
+
+def _is_read(manifest: Manifest) -> bool:
+    try:
+        read_entry(manifest, manifest.logs[0])
+    except InputError:
+        return False
+    return True
+
+
+def open_questions(manifest: Manifest, said: Collection[str], *, named: bool) -> dict[str, str]:
     """Return what a draft takes for granted, by the key whose value it is.
 
     Parameters
     ----------
+    manifest
+        The draft.
     said
         Keys whose values were told.
     named
         Whether the names of the files tell masses and sines.
     """
     asked = {key: text for key, text in _QUESTIONS.items() if key not in said}
+    if manifest.columns is not None and "columns" not in said:
+        asked["columns"] = _OF_COLUMNS
     return asked if named else asked | {"logs": _OF_LOGS}
 
 

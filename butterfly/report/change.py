@@ -98,13 +98,14 @@ def _shown(row: Mapping[str, Any]) -> dict[str, str]:
     size, unit = (abs(before) / 100, " %") if known(row) else (1.0, "")
     digits = f".{_decimals(error / size)}f" if known(row) else ".2g"
     change, reach = (after - before) / size, (row["upper"] - row["lower"]) / 2 / size
+    seen = row["detectable"] / size
     return {
         "": row["parameter"],
         "first": with_error(before, error),
         "second": with_error(after, error),
         "change, 95 %": f"{change:+{digits}} ± {reach:{digits}}{unit}",
         "by chance": f"{row['probability']:.2g}",
-        "seen from": f"{row['detectable'] / size:.2g}{unit}",
+        "seen from": _percent(seen / 100) if known(row) else f"{seen:.2g}",
     }
 
 

@@ -247,7 +247,7 @@ def _logs_table(identification: Identification) -> Table:
         run, state = identification.free_runs[number], _state(health)
         steady = ("–", "–", "–")
         if point is not None:
-            shares = f"{100 * point.drift:+.1f}", f"{100 * point.angle.distortion:.1f}"
+            shares = f"{100 * point.drift:+z.1f}", f"{100 * point.angle.distortion:.1f}"
             steady = (f"{point.amplitude:.3f}", *shares)
         rows.append(
             (

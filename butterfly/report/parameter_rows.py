@@ -78,7 +78,7 @@ def rows_of(
             width=_width(each),
             left_out=_left_out(each),
             true="" if each.true is None else f"{each.true:.5g}",
-            deviation="" if each.deviation is None else f"{100 * each.deviation:+.2f} %",
+            deviation="" if each.deviation is None else f"{100 * each.deviation:+z.2f} %",
             whisker=_whisker(each),
         )
         for each in parameters

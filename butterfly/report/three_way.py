@@ -175,7 +175,7 @@ def _table(compared: Sequence[ThreeWay]) -> Table:
     rows, way = [], compared[0].log.added_mass.joint.way
     for each in compared:
         errors = [
-            f"{100 * (abs(gain) - 1):+.2f} %, {np.degrees(np.angle(gain)):+.2f}°"
+            f"{100 * (abs(gain) - 1):+z.2f} %, {np.degrees(np.angle(gain)):+z.2f}°"
             for gain in each.gains.values()
         ] or ["–", "–"]
         fits = [f"{fit:.2f}" for fit in each.fits.values()]

@@ -327,7 +327,8 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.MISSING_TERM: lambda f, _: (
         f"{f.parameters[0]} would help to predict logs that were left out, and move "
-        f"{_joined_after(f)} by {100 * _number(f):.0f} % or more: add it to the terms."
+        f"{_joined_after(f)} by {100 * _number(f):.0f} % or more: add "
+        f"{'them' if ',' in f.parameters[0] else 'it'} to the terms."
     ),
     FindingKind.SCANNED: lambda f, _: (
         f"{_joined(f)} is {_number(f):.2g} {TERMS[f.parameters[0]].unit}, found by trying several; "
@@ -353,7 +354,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.COMBINATION: lambda f, _: (
         f"{_joined(f, ' and ')} are known mainly in one combination (condition number "
-        f"{_number(f):.0f}): add a run that tells them apart."
+        f"{_number(f):.2g}): add a run that tells them apart."
     ),
     FindingKind.ROUNDS: lambda f, _: (
         f"The iteration did not settle in {_number(f):.0f} rounds: do not trust the values."

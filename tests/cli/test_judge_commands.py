@@ -5,6 +5,8 @@ import re
 
 import pytest
 
+from tests.cli.one_line import assert_one_line_error
+
 
 def test_unseen_masses_and_frequencies_are_predicted(butterfly, quick_data):
     for split in ("mass", "frequency"):
@@ -12,6 +14,7 @@ def test_unseen_masses_and_frequencies_are_predicted(butterfly, quick_data):
         assert code == 0, err
         assert f"Left out by {split}: as asked." in out
         assert "above 90 %" in out
+        assert re.search(r"^ +p1 .*kg m²$", out, re.MULTILINE)
 
 
 def test_a_weighed_hand_and_the_bootstrap(butterfly, quick_data, tmp_path):
@@ -63,6 +66,13 @@ def test_what_is_left_over_is_told_of_all_logs_and_drawn_of_one(butterfly, quick
     code, _, err = butterfly("residual", quick_data, "--log", 99)
     assert code == 2
     assert "numbers from 0 to 11" in err
+
+
+def test_a_folder_is_no_report_and_is_refused_before_the_work(butterfly, quick_data, tmp_path):
+    for command in ("identify", "select", "compare"):
+        result = butterfly(command, quick_data, "--report", tmp_path)
+        assert_one_line_error(result, tmp_path, "--report", "a folder")
+        assert result[1] == ""
 
 
 def test_logs_are_held_out_by_name(butterfly, quick_data, tmp_path):

@@ -185,6 +185,23 @@ def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, 
     assert butterfly("inspect", loose)[0] == 0
 
 
+def test_columns_of_other_names_are_asked_for_and_taken_in_their_order(butterfly, loose):
+    _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg")
+    assert "- columns: which columns hold time, input and angle" in out
+    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
+    assert re.search(r"^# To settle: which columns.*\ncolumns:", text, re.MULTILINE)
+    assert read_manifest(loose / "manifest.yaml").columns == {"time": 0, "input": 1, "angle": 2}
+    assert butterfly("inspect", loose, "--repair", "unwrap")[0] == 0
+
+
+def test_a_manifest_that_is_there_is_not_written_over(butterfly, quick_data, tmp_path):
+    path = quick_data / "manifest.yaml"
+    before = path.read_bytes()
+    assert_one_line_error(butterfly("manifest", quick_data), path, "expected --out")
+    assert path.read_bytes() == before
+    assert butterfly("manifest", quick_data, "--out", tmp_path / "draft.yaml")[0] == 0
+
+
 def test_what_was_said_is_not_asked_again(butterfly, loose):
     said = ("--input", "torque", "--intersample", "first_order_hold")
     _, out, _ = butterfly("manifest", loose, *COLUMNS, *said)

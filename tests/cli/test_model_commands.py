@@ -1,5 +1,7 @@
 """The commands that show, draw and export the robot."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ def test_the_model_of_an_experiment_is_shown_and_exported(butterfly, tmp_path):
     code, out, _ = butterfly("model", "show", "quickstart", "--added-mass", 0.05)
     assert code == 0
     assert "5.1306 rad/s" in out
+    assert "mass 0.1 kg, com_distance 0.05 m, inertia 0.003 kg m²" in out
+    assert re.search(r"p4 +0\.025 N m/V", out)
     code, out, _ = butterfly("model", "export", "quickstart", "--out", tmp_path / "q.xml")
     assert code == 0
     assert f"Model: {tmp_path / 'q.xml'}, with steps of 1 ms" in out

@@ -36,6 +36,17 @@ def test_columns_that_are_asked_for_are_shown(capsys):
     assert out.split()[-4:] == ["ab12", "ok", "cd34", "ok"]
 
 
+def test_deviations_and_fits_are_headed_with_what_they_count_in(capsys):
+    table = pa.table(
+        {"number": [0, 1], "deviation": [0.01, -0.02], "fit_median": [99.1, 98.2], "true": [1, 2]}
+    )
+    show_rows("estimates", table, 50, asked=False)
+    out = capsys.readouterr().out
+    assert "deviation, share of true" in out
+    assert "fit median, %" in out
+    assert "true," not in out
+
+
 def test_no_rows_are_said_to_be_none(capsys):
     show_rows("runs", TABLE.slice(0, 0), 50, asked=False)
     assert capsys.readouterr().out == "runs: no rows.\n"

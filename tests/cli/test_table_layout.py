@@ -47,6 +47,16 @@ def test_a_table_too_wide_stands_in_blocks_that_each_name_their_rows():
     assert all(line.split()[:2] == ["1", "weak-form"] for block in blocks for line in block.rows[1])
 
 
+def test_blocks_repeat_the_columns_that_tell_rows_apart():
+    headers = ("estimator", "parameter", *(f"value{k}" for k in range(9)))
+    rows = [("weak-form", name, *["0.123456"] * 9) for name in ("p1", "p2")]
+    blocks = laid_out(headers, rows, 80).blocks
+    assert len(blocks) > 1
+    assert all(
+        line.split()[:2] == ["weak-form", "p2"] for block in blocks for line in block.rows[1]
+    )
+
+
 def test_long_remarks_that_do_not_fit_are_told_below_each_once():
     text = "the fit did not settle, since two of the parameters say the same"
     headers = ("log", *(f"a number {k}" for k in range(6)), "remark")
@@ -58,9 +68,27 @@ def test_long_remarks_that_do_not_fit_are_told_below_each_once():
     assert "remark" not in "".join(_lines(layout))
 
 
+def test_what_all_rows_say_is_told_once_and_what_most_say_last():
+    text, other = "units of the file's own: time ms, angle deg", "swings a turn from the others"
+    rows = [(name, "8000", text) for name in "abcdef"]
+    layout = laid_out(("log", "samples", "findings"), rows, 80)
+    assert layout.notes == [f"all: {text}"]
+    assert "findings" not in "".join(_lines(layout))
+    rows = [*rows, ("g", "8000", other)]
+    notes = laid_out(("log", "samples", "findings"), rows, 36).notes
+    assert notes == [f"g: {other}", f"all others: {text}"]
+
+
 def test_a_text_is_folded_between_words_and_no_number_leaves_its_unit():
     text = "the harmonic-balance fit has a median FIT of 99.6 % over 24 logs, each from rest"
     for width in range(12, 80):
         lines = folded(text, width)
         assert " ".join(lines) == text
         assert not any(re.search(r"\d$", line) for line in lines[:-1])
+
+
+def test_a_unit_of_several_factors_stays_in_one_line():
+    for width in range(10, 40):
+        lines = folded("inertia 0.003 kg m², viscous in N m s/rad", width)
+        assert any("kg m²" in line for line in lines)
+        assert any("N m s/rad" in line for line in lines)

@@ -127,7 +127,7 @@ def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkey
     code, said, _ = butterfly("results", "show", out, 0)
     assert code == ExitCode.DONE
     assert "harmonic-balance: Do not use: " in said
-    assert said.index("Do not use: ") < said.index("parameter")
+    assert said.index("Do not use: ") < said.index("95 % interval")
     code, said, _ = butterfly("results", "compare", out, 0, 0)
     assert said.count("Do not use: ") == 2
     for table in ("runs", "estimates"):

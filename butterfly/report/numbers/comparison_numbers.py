@@ -85,8 +85,8 @@ def comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
         f"{len(compared)} logs, each simulated in MuJoCo and by the grey-box equation with the "
         "same parameters and the recorded input.",
         *(
-            f"{key} follows the logs with a median FIT of {np.median(fit):.2f} % "
-            f"(worst {fit.min():.2f} %)."
+            f"{key[:1].upper()}{key[1:]} follows the logs with a median FIT of "
+            f"{np.median(fit):.2f} % (worst {fit.min():.2f} %)."
             for key, fit in fits.items()
         ),
         f"The two simulators are nowhere more than {apart:.2g} {way} apart.",
