@@ -185,7 +185,10 @@ class TablePlots:
             drawn = Scatter(
                 x=places,
                 y=[row[name] for row in rows],
-                text=[escape(str(row.get("log", place))) for place, row in enumerate(rows)],
+                text=[
+                    escape(str(row.get("log", place)))
+                    for place, row in zip(places, rows, strict=True)
+                ],
                 name=name.removeprefix("FIT ").removesuffix(" in %"),
                 mode="markers",
                 marker=marker | {"size": 8 + 4 * (number % 2)},
