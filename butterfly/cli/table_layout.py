@@ -19,7 +19,7 @@ _PROSE = 24  # characters beyond which a cell of words may be folded at its spac
 _FEW_WORDS = 2  # of a cell that is never folded: an interval, say
 _OF_A_NUMBER = 4  # words at most, with its unit and its error
 _FOLDED = 3  # lines at most, into which it is
-_LEADS = 3  # columns at most, taken to tell rows apart in each block, less one
+_MORE = 2  # columns that each block repeats at most, so that no two of its rows begin alike
 _MANY = 3  # rows, up to which those that say the same are named
 _EASY, _HEADER = 40, 3  # characters of words, lines of a header, where a table is split anyhow
 _NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
@@ -116,7 +116,7 @@ def laid_out(headers: Sequence[str], rows: Rows, width: int, *, lead: int = 1) -
 
 def _told_apart(first: list[_Column], rest: list[_Column]) -> tuple[list[_Column], list[_Column]]:
     """Take columns from the others until no two rows begin alike, if few do for that."""
-    for more in range(_LEADS):
+    for more in range(_MORE + 1):
         leading = [*first, *rest[:more]]
         rows = list(zip(*(each.cells for each in leading), strict=True))
         if len(set(rows)) == len(rows):
@@ -217,9 +217,10 @@ def _notes(names: _Column, texts: _Column) -> list[str]:
         about.setdefault(text, []).append(name)
     subjects = {text: "; ".join(rows) for text, rows in about.items() if _says(text)}
     usual = max(about, key=lambda text: len(about[text]))
-    if usual in subjects and len(names.cells) > 1 == len(about):
+    silent = len(subjects) < len(about)
+    if not silent and len(names.cells) > 1 == len(about):
         subjects[usual] = "all"
-    elif usual in subjects and len(about[usual]) > max(_MANY, len(names.cells) // 2):
+    elif not silent and len(about[usual]) > max(_MANY, len(names.cells) // 2):
         subjects.pop(usual)
         subjects[usual] = "all others"
     return [f"{rows}: {text}" for text, rows in subjects.items()]

@@ -191,6 +191,10 @@ def _number(finding: Finding) -> float:
     return finding.number
 
 
+def _two_digits(number: float) -> str:
+    return f"{float(f'{number:.2g}'):.0f}"
+
+
 def _physical(name: str) -> str:
     return f"{SYMBOLS[name].symbol} ({SYMBOLS[name].meaning})"
 
@@ -354,7 +358,7 @@ _SENTENCES: dict[FindingKind, Callable[[Finding, Values], str]] = {
     ),
     FindingKind.COMBINATION: lambda f, _: (
         f"{_joined(f, ' and ')} are known mainly in one combination (condition number "
-        f"{_number(f):.2g}): add a run that tells them apart."
+        f"{_two_digits(_number(f))}): add a run that tells them apart."
     ),
     FindingKind.ROUNDS: lambda f, _: (
         f"The iteration did not settle in {_number(f):.0f} rounds: do not trust the values."

@@ -77,6 +77,9 @@ def test_what_all_rows_say_is_told_once_and_what_most_say_last():
     rows = [*rows, ("g", "8000", other)]
     notes = laid_out(("log", "samples", "findings"), rows, 36).notes
     assert notes == [f"g: {other}", f"all others: {text}"]
+    rows = [*rows[:-1], ("g", "8000", "")]
+    notes = laid_out(("log", "samples", "findings"), rows, 36).notes
+    assert notes == [f"a; b; c; d; e; f: {text}"]
 
 
 def test_a_text_is_folded_between_words_and_no_number_leaves_its_unit():

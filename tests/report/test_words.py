@@ -22,7 +22,7 @@ NUMBERS = {
     FindingKind.LEFT_OUT: (12.0, "was left out"),
     FindingKind.MISSING_TERM: (0.31, "31 %"),
     FindingKind.OTHER_END: (1.52, "1.52 times"),
-    FindingKind.COMBINATION: (4321.0, "4321"),
+    FindingKind.COMBINATION: (4321.0, "number 4300"),
     FindingKind.ROUNDS: (8.0, "8"),
     FindingKind.SIMULATIONS: (23.0, "23"),
     FindingKind.FEW_MASSES: (2.0, "Fewer than three"),
