@@ -151,7 +151,7 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
     code, out, _ = butterfly("results", "table", one, "--filter", f"seed={seed}")
     assert (code, out.split().count("ok")) == (0, 1)
     code, out, _ = butterfly("results", "compare", one, "0", "3")
-    assert (code, "plant.encoder.noise" in out) == (0, True)
+    assert (code, "encoder noise" in out) == (0, True)
     code, out, _ = butterfly("results", "clean", one)
     assert (code, out.strip()) == (0, "0 removed.")
 
