@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["docs/python.md", "README.md"])
 def test_every_block_runs_as_printed(name, quick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

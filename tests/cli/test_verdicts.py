@@ -78,6 +78,7 @@ def test_nothing_is_made_of_values_that_no_joint_has(
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["identify", "compare", "leaderboard", "predict"])
 def test_the_numbers_and_the_page_say_the_verdict(
     butterfly, quick_data, tmp_path, monkeypatch, command
@@ -135,6 +136,7 @@ def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkey
         assert "do not use" in butterfly("results", "table", out, *told)[1]
 
 
+@pytest.mark.slow
 def test_the_report_of_a_sweep_counts_verdicts(butterfly, quick, tmp_path, monkeypatch):
     follow_nothing(monkeypatch)
     content = yaml.safe_load(quick.read_text())

@@ -40,6 +40,7 @@ def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted
     assert store.clean() == []
 
 
+@pytest.mark.slow
 def test_logs_that_were_kept_are_done_again_if_they_are_not_as_they_were(folder):
     plan = small_plan(folder, keep_signals=True)
     store = ResultStore(folder / "kept-whole")
