@@ -87,7 +87,10 @@ def test_a_refusal_names_the_slip_that_explains_it(sines):
         identify(DataSet.of(degrees), HarmonicBalance())
 
 
-@pytest.mark.parametrize("factor", [0.1, 0.8, 1.3, 5.0])
+@pytest.mark.parametrize(
+    "factor",
+    [0.1, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.8, 1.3, 5.0))],
+)
 def test_of_three_masses_that_disagree_the_right_value_is_among_those_given(sines, factor):
     """Any one of three may be wrong: only their ratios are seen; the bare hand comes last."""
     _, right, other = sorted({log.added_mass for log in sines})
