@@ -14,7 +14,7 @@ from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
 from butterfly.logs.log import Lead
 from butterfly.logs.plausible import refuse_implausible
-from butterfly.logs.remarks import Remark, remarks_on
+from butterfly.logs.remarks import Condition, Remark, remarks_on
 from butterfly.logs.stamps import increasing, repeated, restarts
 from butterfly.logs.turns import Wrapping, find_wrapping, unwrapped
 from butterfly.model.parameters import JointKind
@@ -108,6 +108,11 @@ class Health:
     def remarks(self) -> list[Remark]:
         """What is to be said of the log, worst first; nothing of a healthy one."""
         return remarks_on(self)
+
+    @property
+    def condition(self) -> Condition:
+        """What may be done with the log."""
+        return Condition.worst(remark.condition for remark in self.remarks)
 
     @property
     def findings(self) -> list[str]:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.logs.remarks import Condition
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
 
     from butterfly.identify.data import DataSet
     from butterfly.identify.identification import Identification
-    from butterfly.logs.health import Health
     from butterfly.model.parameters import LumpedParameters
     from butterfly.report.parameter_rows import ParameterRow
 
@@ -98,7 +96,7 @@ def identification_page(
     rows = parameter_rows(identification, truth)
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     middle = int(np.argsort(identification.fits)[len(runs) // 2])
-    states = [_state(health) for health in data.health]
+    states = [health.condition for health in data.health]
     sections = [
         Section(
             title="Frequency response",
@@ -234,17 +232,13 @@ def _correlations(identification: Identification) -> list[Section]:
     return [Section(title="Which parameters hang together", text=text, figures={"map": drawn})]
 
 
-def _state(health: Health) -> Condition:
-    return Condition.worst(remark.condition for remark in health.remarks)
-
-
 def _logs_table(identification: Identification) -> Table:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
     order = np.argsort(identification.fits).tolist()
     for number in order:
         point, health = data.points[number], data.health[number]
-        run, state = identification.free_runs[number], _state(health)
+        run, state = identification.free_runs[number], health.condition
         steady = ("–", "–", "–")
         if point is not None:
             shares = f"{100 * point.drift:+z.1f}", f"{100 * point.angle.distortion:.1f}"

@@ -134,7 +134,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     omega, power = periodogram(swing, grid[1] - grid[0])
     bin_width, way = omega[0], log.added_mass.joint.way
     return [
-        ("state", Condition.worst(remark.condition for remark in health.remarks)),
+        ("state", health.condition),
         ("findings", "; ".join(health.findings) or "none"),
         ("samples", f"{health.samples}"),
         ("duration", f"{health.duration:.3f} s"),

@@ -39,8 +39,7 @@ def write_inspection(log: Log, health: Health, path: Path) -> None:
 
 def inspection_page(log: Log, health: Health) -> Page:
     """Put together the page of a log that can be used."""
-    remarks = health.remarks
-    state = Condition.worst(remark.condition for remark in remarks)
+    remarks, state = health.remarks, health.condition
     found = [f"{remark.text}." for remark in remarks]
     rows = [row for row in health_rows(log, health) if row[0] not in _ON_BADGE]
     badge = Badge(

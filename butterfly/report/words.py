@@ -56,9 +56,7 @@ def summary(identification: Identification) -> list[str]:
 
 def _health(data: DataSet) -> str:
     """Say in which condition the logs are, and where that is told of each."""
-    conditions = [
-        Condition.worst(each.condition for each in health.remarks) for health in data.health
-    ]
+    conditions = [health.condition for health in data.health]
     sound = Condition.worst(conditions) is Condition.OK
     where = "" if sound else " `butterfly inspect` tells which, and why."
     return f"Health of the {conditions_said(conditions)}{where}"
