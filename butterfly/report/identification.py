@@ -38,7 +38,7 @@ from butterfly.report.physical import (
 )
 from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
 from butterfly.report.time_figure import time_figure, time_series
-from butterfly.report.words import counted, fit_said, summary, verdict_on
+from butterfly.report.words import counted, fit_said
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -93,6 +93,7 @@ def identification_page(
 ) -> Page:
     """Put together the report of an identification (see `write_report`)."""
     data, misfit = identification.data, identification.misfit
+    told = told_identification(identification, truth)
     rows = parameter_rows(identification, truth)
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     middle = int(np.argsort(identification.fits)[len(runs) // 2])
@@ -137,12 +138,12 @@ def identification_page(
         name=data.name,
         description=data.description,
         kind="identification",
-        verdict=verdict_on(identification.estimate),
+        verdict=told.verdict,
         facts=_facts(identification),
         lead=_lead(rows, data, with_truth=truth is not None),
-        summary=[*summary(identification)[1:], *misfit_sentences(misfit)],
+        summary=[*told.summary[1:], *misfit_sentences(misfit)],
         sections=sections,
-        numbers=told_identification(identification, truth).document(),
+        numbers=told.document(),
         logs=[f"{run.log.label} – FIT {fit_said(run.fit)} %" for run in runs],
         chosen=middle,
         stills={

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.report.figures import look
-from butterfly.report.numbers.comparison_numbers import leaderboard_sentences, told_leaderboard
+from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.page import Chip, Page, Section, Table
 from butterfly.report.words import fit_said
 
@@ -39,7 +39,7 @@ def leaderboard_page(entries: Sequence[Entry]) -> Page:
         name="leaderboard",
         description="Estimators over data sets: " + ", ".join(sets),
         kind="leaderboard",
-        summary=leaderboard_sentences(entries),
+        summary=told.summary[1:],
         sections=sections,
         numbers=told.document(),
         verdict=told.verdict,

@@ -13,7 +13,7 @@ from butterfly.orbit.analysis import invariant
 from butterfly.orbit.study import PERIODS
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import interval, with_error
-from butterfly.report.numbers.orbit_numbers import degrees_said, orbit_sentences, told_orbit
+from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.whisker import Whisker
 from butterfly.report.words import sentences
@@ -92,7 +92,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         description=study.description,
         kind="orbit re-calibration",
         facts=_facts(study),
-        summary=orbit_sentences(study),
+        summary=told.summary[1:],
         sections=sections,
         numbers=told.document(),
         verdict=told.verdict,

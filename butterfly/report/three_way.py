@@ -13,10 +13,8 @@ from butterfly.report.figures import MARKS, look
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
-    misfit_sentences,
     misfit_table,
 )
-from butterfly.report.numbers.comparison_numbers import comparison_sentences
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.series import Series
 from butterfly.report.three_way_figures import (
@@ -98,7 +96,7 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
             text="Sorted by the grey box: large marks MuJoCo, small ones the grey box.",
             figures={"fit": _fit_figure(compared)},
         ),
-        summary=[*comparison_sentences(compared), *misfit_sentences(misfit)],
+        summary=told.summary[1:],
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=middle,

@@ -58,7 +58,7 @@ def told_comparison(
         verdict=verdict,
         summary=(
             verdict.sentence,
-            *comparison_sentences(compared),
+            *_comparison_sentences(compared),
             *misfit_sentences(misfit),
         ),
         content={
@@ -76,7 +76,7 @@ def told_comparison(
     )
 
 
-def comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
+def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
     """Say how well the simulators follow the logs, and each other."""
     apart = max(each.difference for each in compared)
     way = compared[0].log.added_mass.joint.way
@@ -111,13 +111,13 @@ def told_leaderboard(entries: Sequence[Entry]) -> Told:
         kind="leaderboard",
         title="Estimators over data sets: " + ", ".join(sets),
         verdict=verdict,
-        summary=(verdict.sentence, *leaderboard_sentences(entries)),
+        summary=(verdict.sentence, *_leaderboard_sentences(entries)),
         content={"entries": [_entry(entry) for entry in entries]},
         units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
     )
 
 
-def leaderboard_sentences(entries: Sequence[Entry]) -> list[str]:
+def _leaderboard_sentences(entries: Sequence[Entry]) -> list[str]:
     """Say which estimator predicts best what it has not seen, of each data set."""
     sentences = []
     for name in dict.fromkeys(entry.data for entry in entries):

@@ -38,7 +38,7 @@ def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
         kind="orbit",
         title=f"{study.name!r} re-calibrated next to its orbit",
         verdict=verdict,
-        summary=(verdict.sentence, *orbit_sentences(study)),
+        summary=(verdict.sentence, *_orbit_sentences(study)),
         content={
             **OrbitRecord.of(study).numbers(),
             "data": _data(study, log.input_kind),
@@ -55,7 +55,7 @@ def _data(study: OrbitStudy, kind: InputKind) -> dict[str, str]:
     return {"name": study.name, "description": study.description, "input": str(kind)}
 
 
-def orbit_sentences(study: OrbitStudy) -> list[str]:
+def _orbit_sentences(study: OrbitStudy) -> list[str]:
     """Say in plain words what was found, but for the verdict."""
     rounds, generic = study.calibration.rounds, study.errors["generic"]
     last, wanted = rounds[-1], rounds[-1].wanted
