@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -129,7 +130,7 @@ class Predicted(Tabulated):
             plain,
             sections=[courses, *plain.sections],
             logs=[each.run.log.label for each in drawn],
-            stills={"bands": band_figure(drawn[0], measured=self.measured)},
+            stills={"bands": partial(band_figure, drawn[0], measured=self.measured)},
         )
 
 

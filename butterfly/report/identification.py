@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -147,10 +148,10 @@ def identification_page(
         logs=[f"{run.log.label} – FIT {fit_said(run.fit)} %" for run in runs],
         chosen=middle,
         stills={
-            "parameters": parameter_figure(rows),
-            "time": time_figure(runs[middle], bands[middle]),
-            "left-over": correlation_figure(misfit.logs[middle]),
-            "spectrum": spectrum_figure(runs[middle], misfit.logs[middle]),
+            "parameters": partial(parameter_figure, rows),
+            "time": partial(time_figure, runs[middle], bands[middle]),
+            "left-over": partial(correlation_figure, misfit.logs[middle]),
+            "spectrum": partial(spectrum_figure, runs[middle], misfit.logs[middle]),
         },
     )
 

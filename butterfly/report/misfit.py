@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.identify.judgement.whiteness import LEVELS
-from butterfly.report.figures import GREY, PALETTE
+from butterfly.report.figures import GREY, PALETTE, add
 from butterfly.report.page import Table
 from butterfly.report.series import Series, packable
 from butterfly.report.words import said_of
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
+    from plotly.graph_objects import Figure
 
     from butterfly.identify.judgement.left_over import LeftOver
     from butterfly.identify.judgement.misfit import LogMisfit, Misfit
@@ -64,21 +64,15 @@ def misfit_table(logs: Iterable[LogMisfit], picks: Sequence[int] = ()) -> Table:
 def correlation_figure(log: LogMisfit) -> Figure:
     """Draw autocorrelation and cross-correlation of what is left of a log, with their bands."""
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
-    draw_correlations(figure, log)
-    figure.update_layout(height=480)
-    return figure
-
-
-def draw_correlations(figure: Figure, log: LogMisfit, *, first: int = 1) -> None:
-    """Draw them into two panels of a figure, from row ``first`` on."""
     titles = ("autocorrelation", "cross-correlation<br>with the input")
-    for row, (title, curve) in enumerate(zip(titles, _curves(log), strict=True), start=first):
+    for row, (title, curve) in enumerate(zip(titles, _curves(log), strict=True), start=1):
         x, *lines = _lines(curve)
         for number, y in enumerate(lines):
-            trace = Scatter(x=x, y=y, mode="lines", **_style(number, named=row == first))
-            figure.add_trace(trace, row=row, col=1)
+            add(figure, row, x, y, mode="lines", **_style(number, named=row == 1))
         figure.update_yaxes(title=title, row=row)
-    figure.update_xaxes(title="lag in s", row=first + 1)
+    figure.update_xaxes(title="lag in s", row=2)
+    figure.update_layout(height=480)
+    return figure
 
 
 def correlation_series(logs: Sequence[LogMisfit]) -> Series:

@@ -17,7 +17,7 @@ from butterfly.logs.remarks import Condition
 from butterfly.report.numbers.document import write_document
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from plotly.graph_objects import Figure
 
@@ -168,7 +168,8 @@ class Page:
     chosen
         Number of the log that is chosen at first.
     stills
-        Figures that are not on the page but among its pictures, by name.
+        Figures that are not on the page but among its pictures, by name; drawn where these are
+        asked for.
     """
 
     name: str
@@ -183,7 +184,7 @@ class Page:
     lead: Section | None = None
     logs: Sequence[str] = ()
     chosen: int = 0
-    stills: Mapping[str, Figure] = field(default_factory=dict)
+    stills: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
 
     @property
     def headed(self) -> Badge | None:
@@ -268,6 +269,7 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     if figures:
         from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
 
-        write_stills({**page.figures, **page.stills}, path.with_name(f"{path.stem}-figures"))
+        stills = {name: draw() for name, draw in page.stills.items()}
+        write_stills({**page.figures, **stills}, path.with_name(f"{path.stem}-figures"))
     write_document(page.numbers, path.with_suffix(".json"))
     write_html(page, path)

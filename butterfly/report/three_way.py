@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -101,10 +102,10 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=middle,
         stills={
-            "time": time_comparison(compared[middle]),
-            "phase": phase_comparison(compared[middle]),
-            "left-over": correlation_figure(own[middle]),
-            "residual": residual_comparison(compared[middle]),
+            "time": partial(time_comparison, compared[middle]),
+            "phase": partial(phase_comparison, compared[middle]),
+            "left-over": partial(correlation_figure, own[middle]),
+            "residual": partial(residual_comparison, compared[middle]),
         },
         numbers=told.document(),
         verdict=told.verdict,
