@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from butterfly.errors import InputError, nearest
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
+from butterfly.report.figures import middle
 from butterfly.report.frequency_figure import frequency_response_figure
 from butterfly.report.parameter_rows import parameter_rows
 from butterfly.report.time_figure import time_figure
@@ -64,7 +63,7 @@ class IdentifiedPlots:
         runs = self.identification.free_runs
         names = [run.log.name for run in runs]
         if log is None:
-            log = int(np.argsort([run.fit for run in runs])[len(runs) // 2])
+            log = middle([run.fit for run in runs])
         if isinstance(log, str):
             if log not in names:
                 raise InputError("plot.time", "log", log, nearest(log, names))

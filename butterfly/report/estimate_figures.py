@@ -10,7 +10,7 @@ from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.model.terms import TERMS
-from butterfly.report.figures import GREY, MARKS, PALETTE, add, look
+from butterfly.report.figures import GREY, PALETTE, add, grams, look, rank_by_fit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -101,12 +101,10 @@ def ranked_figure(identification: Identification) -> Figure:
                 text=[escape(data.logs[number].label) for number in numbers],
                 customdata=numbers.tolist(),
                 mode="markers",
-                name=f"{1e3 * mass.mass:g} g",
+                name=grams(mass),
                 marker={"color": colour, "symbol": symbol, "size": 9},
                 hovertemplate="%{text}: %{y:.1f} %<extra></extra>",
             )
         )
-    figure.update_xaxes(title="log, the worst first", dtick=max(1, round(len(fits) / MARKS)))
-    figure.update_yaxes(title="FIT in %")
-    figure.update_layout(height=320)
+    rank_by_fit(figure, len(fits))
     return figure

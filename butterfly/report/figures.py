@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from butterfly.model.parameters import AddedMass
+
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
 """Okabe and Ito's colours, told apart by colour-blind readers; a page has darker paper's, too."""
 
@@ -35,6 +37,23 @@ _MOST_OF_A_LOG = 20_000  # samples drawn of each column
 def look(number: int) -> tuple[str, str]:
     """Return colour and symbol of one of several things that a figure tells apart."""
     return PALETTE[number % len(PALETTE)], SYMBOLS[number % len(SYMBOLS)]
+
+
+def grams(mass: AddedMass) -> str:
+    """Return an added mass as a legend names it."""
+    return f"{1e3 * mass.mass:g} g"
+
+
+def middle(fits: Sequence[float] | NDArray[np.float64]) -> int:
+    """Return the number of the log with the middle FIT."""
+    return int(np.argsort(fits)[len(fits) // 2])
+
+
+def rank_by_fit(figure: Figure, count: int) -> None:
+    """Give a figure of the FITs of so many logs, the worst first, its axes."""
+    figure.update_xaxes(title="log, the worst first", dtick=max(1, round(count / MARKS)))
+    figure.update_yaxes(title="FIT in %")
+    figure.update_layout(height=320)
 
 
 def add(figure: Figure, row: int, x: object, y: object, **style: object) -> None:

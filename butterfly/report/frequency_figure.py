@@ -8,7 +8,7 @@ import numpy as np
 from plotly.subplots import make_subplots
 
 from butterfly.model.harmonic import quasi_linear_response
-from butterfly.report.figures import add, look
+from butterfly.report.figures import add, grams, look
 from butterfly.signals.amplitude import rms_amplitude
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def frequency_response_figure(identification: Identification) -> Figure:
             continue
         loaded = parameters.with_added_mass(mass)
         colour, symbol = look(index)
-        name = f"{1e3 * mass.mass:g} g"
+        name = grams(mass)
         common = {"legendgroup": name, "hovertemplate": "%{x:.3g} rad/s: %{y:.4g}"}
         omega, swing = swings_between(points) if points else _typical_swing(data, mass)
         line = quasi_linear_response(loaded, omega, swing)

@@ -11,6 +11,7 @@ import numpy as np
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
+from butterfly.report.figures import middle
 from butterfly.report.frequency_figure import frequency_response_figure
 from butterfly.report.inspection import conditions_said
 from butterfly.report.misfit import (
@@ -97,7 +98,7 @@ def identification_page(
     told = told_identification(identification, truth)
     rows = parameter_rows(identification, truth)
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
-    middle = int(np.argsort(identification.fits)[len(runs) // 2])
+    chosen = middle(identification.fits)
     states = [health.condition for health in data.health]
     sections = [
         Section(
@@ -146,12 +147,12 @@ def identification_page(
         sections=sections,
         numbers=told.document(),
         logs=[f"{run.log.label} – FIT {fit_said(run.fit)} %" for run in runs],
-        chosen=middle,
+        chosen=chosen,
         stills={
             "parameters": partial(parameter_figure, rows),
-            "time": partial(time_figure, runs[middle], bands[middle]),
-            "left-over": partial(correlation_figure, misfit.logs[middle]),
-            "spectrum": partial(spectrum_figure, runs[middle], misfit.logs[middle]),
+            "time": partial(time_figure, runs[chosen], bands[chosen]),
+            "left-over": partial(correlation_figure, misfit.logs[chosen]),
+            "spectrum": partial(spectrum_figure, runs[chosen], misfit.logs[chosen]),
         },
     )
 

@@ -9,7 +9,7 @@ from plotly.graph_objects import Figure, Scatter
 
 from butterfly.report.figures import look
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
-from butterfly.report.page import Chip, Page, Section, Table
+from butterfly.report.page import Chip, Page, Section, Table, level_of
 from butterfly.report.words import fit_said
 
 if TYPE_CHECKING:
@@ -51,16 +51,16 @@ def _table(entries: Sequence[Entry]) -> Table:
     rows = []
     for entry in entries:
         values = ["–"] * len(names)
+        chip: str | Chip = "–"
         if entry.estimate is not None:
             found = entry.estimate
+            chip = Chip(found.verdict.standing, level_of(found.verdict.standing))
             estimated = {*found.names, *found.held} - found.unestimated
             values = [
                 f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
                 for name in names
             ]
         fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
-        standing = "" if entry.estimate is None else str(entry.estimate.verdict.standing)
-        chip = "–" if entry.estimate is None else Chip(standing, standing.replace(" ", "-"))
         told = (f"{entry.seconds:.2f}", *values, entry.error or "–")
         rows.append((entry.method, chip, *fits, *told))
     last = len(_HEADERS) - 1

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from plotly.graph_objects import Figure
 
+    from butterfly.identify.judgement.verdict import Standing
     from butterfly.report.series import Series
     from butterfly.report.verdict import SaidVerdict
     from butterfly.report.whisker import Whisker
@@ -98,6 +99,11 @@ LEVEL_OF_CONDITION = {
     Condition.UNUSABLE: "do-not-use",
 }
 """What stands for the health of a log."""
+
+
+def level_of(standing: Standing) -> str:
+    """Return what stands for a verdict's standing."""
+    return standing.replace(" ", "-")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,9 +197,9 @@ class Page:
         """The badge on top."""
         if self.badge is not None or self.verdict is None:
             return self.badge
-        standing = str(self.verdict.standing)
+        standing = self.verdict.standing
         said = standing if self.kind == "identification" else f"parameters: {standing}"
-        return Badge(standing.replace(" ", "-"), said.capitalize(), self.verdict.paragraphs)
+        return Badge(level_of(standing), said.capitalize(), self.verdict.paragraphs)
 
     @property
     def parts(self) -> list[Section]:

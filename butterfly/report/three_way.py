@@ -10,7 +10,7 @@ import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.report.figures import MARKS, look
+from butterfly.report.figures import grams, look, middle, rank_by_fit
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
@@ -52,7 +52,7 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
     """
     judged = {log.name: log for log in misfit.logs}
     own = [judged[each.log.name] for each in compared]
-    middle = int(np.argsort([each.fits["grey box"] for each in compared])[len(compared) // 2])
+    chosen = middle([each.fits["grey box"] for each in compared])
     sines = [each for each in compared if each.gains]
     sections = [
         Section(
@@ -100,12 +100,12 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
         summary=told.summary[1:],
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
-        chosen=middle,
+        chosen=chosen,
         stills={
-            "time": partial(time_comparison, compared[middle]),
-            "phase": partial(phase_comparison, compared[middle]),
-            "left-over": partial(correlation_figure, own[middle]),
-            "residual": partial(residual_comparison, compared[middle]),
+            "time": partial(time_comparison, compared[chosen]),
+            "phase": partial(phase_comparison, compared[chosen]),
+            "left-over": partial(correlation_figure, own[chosen]),
+            "residual": partial(residual_comparison, compared[chosen]),
         },
         numbers=told.document(),
         verdict=told.verdict,
@@ -133,9 +133,7 @@ def _fit_figure(compared: Sequence[ThreeWay]) -> Figure:
     figure = Figure()
     for trace in _by_mass(ranked, list(range(1, len(ranked) + 1)), values):
         figure.add_trace(trace)
-    figure.update_xaxes(title="log, the worst first", dtick=max(1, round(len(ranked) / MARKS)))
-    figure.update_yaxes(title="FIT in %")
-    figure.update_layout(height=320)
+    rank_by_fit(figure, len(ranked))
     return figure
 
 
@@ -153,7 +151,7 @@ def _by_mass(
         colour, symbol = look(index)
         own = [k for k, each in enumerate(compared) if each.log.added_mass == mass]
         for name, (mark, size) in _MARKS.items():
-            label = f"{1e3 * mass.mass:g} g, {name}"
+            label = f"{grams(mass)}, {name}"
             texts = [escape(compared[k].log.label) for k in own]
             trace = Scatter(
                 x=[x[k] for k in own],

@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
     from butterfly.compare.three_way import ThreeWay
 
-SIMULATORS = {"MuJoCo": (PALETTE[1], "dash"), "grey box": (PALETTE[5], "dot")}
-"""Their colours and dashes."""
+SIMULATORS = ("MuJoCo", "grey box")
+
+_LOOKS = {  # colours and dashes
+    "log": (PALETTE[0], "solid"),
+    "MuJoCo": (PALETTE[1], "dash"),
+    "grey box": (PALETTE[5], "dot"),
+}
 
 _STEP = 0.02  # s between drawn points
 _MOST = 4000  # points of a curve
 _PERIODS = 4  # of the drawn motion in the phase plane
 _DOTS = 800  # of a residual torque
-
-
-def look_of(name: str) -> tuple[str, str]:
-    """Return colour and dash of the log or of a simulator."""
-    return (PALETTE[0], "solid") if name == "log" else SIMULATORS[name]
 
 
 def _angles(each: ThreeWay) -> dict[str, NDArray[np.float64]]:
@@ -45,7 +45,7 @@ def time_comparison(each: ThreeWay) -> Figure:
     )
     x = log.time[rows].astype(np.float32)
     for name, angle in columns.items():
-        colour, dash = look_of(name)
+        colour, dash = _LOOKS[name]
         style = {
             "mode": "lines",
             "name": name,
@@ -70,7 +70,7 @@ def phase_comparison(each: ThreeWay) -> Figure:
     figure = Figure()
     grid = np.linspace(time[late][0], time[-1], 600)
     for name, angle in _angles(each).items():
-        colour, dash = look_of(name)
+        colour, dash = _LOOKS[name]
         smooth = np.convolve(np.interp(grid, time, angle), np.ones(5) / 5, mode="valid")
         velocity = np.gradient(smooth, grid[1] - grid[0])
         line = {"color": colour, "width": 1.2, "dash": dash}
