@@ -20,7 +20,7 @@ from .errors import ButterflyError as ButterflyError
 from .errors import IdentifiabilityError as IdentifiabilityError
 from .errors import InputError as InputError
 from .errors import UnusableError as UnusableError
-from .identify.data import DataSet as DataSet
+from .identification.data import DataSet as DataSet
 from .logs.log import InputKind as InputKind
 from .logs.log import Intersample as Intersample
 from .logs.log import Log as Log

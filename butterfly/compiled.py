@@ -9,15 +9,13 @@ in `__pycache__` until somebody deletes it.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from types import FunctionType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def compiled(function: Callable[..., Any]) -> Any:  # noqa: ANN401 - numba infers the types

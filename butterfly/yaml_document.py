@@ -5,8 +5,10 @@ No tag builds an object, a date is a text, and what a small file may unfold to i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import ComposerError
@@ -16,10 +18,6 @@ from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
 
 from butterfly.errors import InputError, shown
 from butterfly.sizes import said
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 _DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
 _MOST = 300_000  # values, what aliases stand for counted each time

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from pathlib import Path
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from butterfly.errors import InputError, nearest
-from butterfly.yaml_document import load_yaml
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from butterfly.yaml_document import Document
+from butterfly.yaml_document import Document, load_yaml
 
 _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 

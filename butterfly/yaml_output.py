@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import io
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.representer import SafeRepresenter
-
-if TYPE_CHECKING:
-    from ruamel.yaml.nodes import ScalarNode
 
 _ONE_LINE = 1_000_000  # characters: nothing is wrapped
 _WORDS = re.compile(

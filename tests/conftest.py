@@ -14,8 +14,8 @@ import butterfly.plant
 from butterfly.cli import main, show_progress
 from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
-from butterfly.identify.data import read_data_set
-from butterfly.identify.identification import identify
+from butterfly.identification.data import read_data_set
+from butterfly.identification.identification import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder

@@ -16,7 +16,7 @@ from butterfly.logs.log import Sine
 from butterfly.logs.mat import write_mat
 from butterfly.model.harmonic import quasi_linear_response
 from tests.conftest import MASSES
-from tests.identify.simulated import ROBOT, simulated, wild
+from tests.identification.simulated import ROBOT, simulated, wild
 
 V73 = "v73.mat: content: got MATLAB v7.3 (HDF5); expected h5py"
 

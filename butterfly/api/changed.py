@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.api.identified import Identified
 from butterfly.api.result import aligned
+from butterfly.api.sources import Named
 from butterfly.api.tabulated import Tabulated
-from butterfly.compare.change import change
+from butterfly.comparison.change import change
 from butterfly.errors import InputError
-from butterfly.identify.judgement.slips.names import listed
-from butterfly.identify.judgement.verdict import Standing
+from butterfly.identification.judgement.slips.names import listed
+from butterfly.identification.judgement.verdict import Standing
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.report.change import (
@@ -26,9 +27,6 @@ from butterfly.report.change import (
     untested_sentences,
 )
 from butterfly.report.figures import GREY, PALETTE
-
-if TYPE_CHECKING:
-    from butterfly.api.sources import Named
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from butterfly.api.identified import Identified
 from butterfly.api.tabulated import Tabulated
 from butterfly.files import replacing
-from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from os import PathLike
-
-    from butterfly.api.identified import Identified
-    from butterfly.identify.draws import ParameterDraws
-    from butterfly.model.parameters import AddedMass
+from butterfly.identification.draws import ParameterDraws
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 
 WEIGHT = "weight"
 """Column that says how much a draw counts, 1 on average."""

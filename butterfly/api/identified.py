@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.identified_plots import IdentifiedPlots
@@ -17,16 +20,25 @@ from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
 from butterfly.errors import InputError
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
-from butterfly.identify.data import read_data_set
-from butterfly.identify.identification import Identification, simulated
-from butterfly.identify.judgement.slips.names import listed
-from butterfly.identify.physical import physical_parameters
-from butterfly.identify.predict import FitSummary
+from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import Identification, simulated
+from butterfly.identification.judgement.slips.names import listed
+from butterfly.identification.physical import PhysicalParameters, physical_parameters
+from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.known import PHYSICAL, Knowledge
-from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, JointKind
+from butterfly.model.parameters import (
+    GRAVITY,
+    NO_ADDED_MASS,
+    AddedMass,
+    JointKind,
+    LumpedParameters,
+)
 from butterfly.report.identification import write_report
+from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_json import estimate_of
 from butterfly.report.numbers.estimate_numbers import chosen_numbers
 from butterfly.report.numbers.identification_numbers import (
@@ -37,23 +49,12 @@ from butterfly.report.numbers.identification_numbers import (
     told_of_parts,
 )
 from butterfly.report.parameter_rows import rows_of, unit_of
+from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import sentences, summary, verdict_on
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from os import PathLike
-
     import control
-    from numpy.typing import NDArray
     from plotly.graph_objects import Figure
-
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.estimators import Estimator
-    from butterfly.identify.physical import PhysicalParameters
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.report.numbers.document import Told
-    from butterfly.report.verdict import SaidVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

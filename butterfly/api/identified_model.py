@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from butterfly.errors import InputError
+from butterfly.logs.log import Log
 from butterfly.model.linear import Linearisation, resonance_frequency
-from butterfly.model.parameters import NO_ADDED_MASS, JointKind
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     import control
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ class IdentifiedModel:
         velocity
             At the first sample, in rad/s; as the log's own first samples tell, if not given.
         """
-        from butterfly.identify.predict import Setting, free_run  # noqa: PLC0415 - slow to import
+        from butterfly.identification.predict import Setting, free_run  # noqa: PLC0415 - slow to import
 
         setting = Setting(parameters=self.parameters, zero=zero, velocity=velocity)
         run = free_run(log, setting)

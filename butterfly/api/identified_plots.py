@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError, nearest
+from butterfly.identification.identification import Identification
+from butterfly.model.parameters import LumpedParameters
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.figures import middle
 from butterfly.report.frequency_figure import frequency_response_figure
@@ -14,9 +16,6 @@ from butterfly.report.time_figure import time_figure
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-    from butterfly.identify.identification import Identification
-    from butterfly.model.parameters import LumpedParameters
 
 
 @dataclass(frozen=True)

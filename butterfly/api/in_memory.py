@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeGuard
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,6 @@ from butterfly.errors import InputError
 from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
 from butterfly.logs.log import SAMPLED, Log
 from butterfly.model.parameters import AddedMass
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 class Frame(Protocol):

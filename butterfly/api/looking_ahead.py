@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,33 +15,25 @@ from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
-from butterfly.api.sources import read, read_experiment
+from butterfly.api.sources import Data, Named, read, read_experiment
 from butterfly.api.usable import require_possible
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.planned import planned_logs
 from butterfly.experiment.schema import Experiment
-from butterfly.identify.draws import COUNT, draw_parameters
-from butterfly.identify.expected_errors import left_over
-from butterfly.identify.given import given_estimate, judged_on, outdone
-from butterfly.identify.importance import weighed
-from butterfly.identify.predict import Predictor, Setting
-from butterfly.identify.prediction import predict_logs
+from butterfly.identification.data import DataSet
+from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.expected_errors import LeftOver, left_over
+from butterfly.identification.given import given_estimate, judged_on, outdone
+from butterfly.identification.importance import weighed
+from butterfly.identification.predict import Predictor, Setting
+from butterfly.identification.prediction import predict_logs
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Known
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from butterfly.api.sources import Data, Named
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.draws import ParameterDraws
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.expected_errors import LeftOver
-    from butterfly.logs.log import InputKind, Log
-    from butterfly.model.parameters import AddedMass
 
 
 def predict(

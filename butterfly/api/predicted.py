@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from butterfly.api.drawn import Drawn
 from butterfly.api.tabulated import Tabulated
-from butterfly.identify.judgement.verdict import Standing
-from butterfly.identify.predict import FitSummary
-from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.predict import FitSummary
+from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
-from butterfly.report.page import Section
+from butterfly.report.page import Page, Section
 from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
 from butterfly.report.words import fit_said, sentences, verdict_on
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from plotly.graph_objects import Figure
-
-    from butterfly.api.drawn import Drawn
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.prediction import Prediction
-    from butterfly.report.page import Page
 
 _INSIDE = "{}: inside in %"
 _WIDTH = "{}: width in {}"

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from html import escape
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.errors import ButterflyError
-from butterfly.identify.judgement.verdict import Standing
-from butterfly.report.numbers.document import SCHEMA_NUMBER, write_document
+from butterfly.identification.judgement.verdict import Standing
+from butterfly.report.numbers.document import SCHEMA_NUMBER, Told, write_document
 from butterfly.report.page import Page, Section, Table, write_page
+from butterfly.report.verdict import SaidVerdict
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from os import PathLike
-
     import pandas as pd
     from plotly.graph_objects import Figure
-
-    from butterfly.report.numbers.document import Told
-    from butterfly.report.verdict import SaidVerdict
 
 _SIGNIFICANT = 4
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.api.changed import Changed
 from butterfly.api.drawn import Drawn
@@ -14,9 +15,6 @@ from butterfly.api.separated import Separated
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import root_of
-
-if TYPE_CHECKING:
-    from os import PathLike
 
 _SAVED = (Identified, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}

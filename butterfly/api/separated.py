@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from butterfly.api.result import aligned
 from butterfly.api.tabulated import Tabulated
+from butterfly.identification.physical import PhysicalParameters
 from butterfly.report.physical import TITLE, physical_numbers, physical_sentences
-
-if TYPE_CHECKING:
-    from butterfly.identify.physical import PhysicalParameters
-    from butterfly.report.verdict import SaidVerdict
+from butterfly.report.verdict import SaidVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

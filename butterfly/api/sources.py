@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from butterfly.api.identified import Identified
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import named_data
 from butterfly.experiment.reading import read_experiment as experiment_in
-from butterfly.identify.data import DataSet
+from butterfly.experiment.schema import Experiment
+from butterfly.identification.data import DataSet
+from butterfly.logs.column_map import ColumnMap
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import NOTHING, Knowledge, known_of
 from butterfly.model.parameters import JointKind
 from butterfly.resources import locate
-
-if TYPE_CHECKING:
-    from butterfly.experiment.schema import Experiment
-    from butterfly.logs.column_map import ColumnMap
 
 _OWN: tuple[dict[str, Any], frozenset[Repair]] = ({}, frozenset())  # of logs that are read already
 

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from plotly.graph_objects import Bar, Figure, Scatter
 
 from butterfly.api.result import Result, text, texts
+from butterfly.comparison.three_way import ThreeWay
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.judgement.misfit import Misfit
 from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.numbers.document import HEAD, Told
+from butterfly.report.page import Page
 from butterfly.report.three_way import three_way_page
 from butterfly.report.verdict import SaidVerdict
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Self
-
-    from butterfly.compare.three_way import ThreeWay
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.estimators import Estimator
-    from butterfly.identify.judgement.misfit import Misfit
-    from butterfly.report.page import Page
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from butterfly.errors import UnusableError
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import verdict_on
-
-if TYPE_CHECKING:
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.report.verdict import SaidVerdict
 
 
 def require_possible(estimate: ParameterEstimate) -> SaidVerdict:

@@ -6,38 +6,35 @@ from collections.abc import Mapping, Sequence
 from operator import index
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.api.identified import Identified
-from butterfly.api.sources import choice, read, read_experiment
+from butterfly.api.sources import Data, Named, choice, read, read_experiment
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.api.usable import require_possible
-from butterfly.compare.three_way import compare_three
+from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
 from butterfly.experiment.estimator_spec import make_estimator
 from butterfly.experiment.methods import DEFAULT_METHOD
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.simulation import write_logs
-from butterfly.identify.data import DataSet, read_data_set
-from butterfly.identify.design import next_experiments
-from butterfly.identify.identification import identify as identify_data
-from butterfly.identify.identification import judged
-from butterfly.identify.judgement.misfit import judge_misfit
-from butterfly.identify.judgement.splits import Split
-from butterfly.identify.judgement.validation import hold_out
-from butterfly.identify.other_parameters import told_parameters
+from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.design import next_experiments
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import identify as identify_data
+from butterfly.identification.identification import judged
+from butterfly.identification.judgement.misfit import judge_misfit
+from butterfly.identification.judgement.splits import Split
+from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.twin import MASS
 from butterfly.report.numbers.table_numbers import told_design, told_validation
 
-if TYPE_CHECKING:
-    from butterfly.api.sources import Data, Named
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.estimators import Estimator
-
-    Method = str | Estimator
+Method = str | Estimator
 
 
 def identify(

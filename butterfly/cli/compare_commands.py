@@ -28,14 +28,14 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.compare.leaderboard import leaderboard
-from butterfly.compare.three_way import compare_three
+from butterfly.comparison.leaderboard import leaderboard
+from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import ESTIMATORS
-from butterfly.identify.estimators import Estimator
-from butterfly.identify.identification import judged
-from butterfly.identify.judgement.misfit import judge_misfit
-from butterfly.identify.judgement.splits import Split
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import judged
+from butterfly.identification.judgement.misfit import judge_misfit
+from butterfly.identification.judgement.splits import Split
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison

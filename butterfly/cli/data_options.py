@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
     from pathlib import Path
 
-    from butterfly.identify.data import DataSet
+    from butterfly.identification.data import DataSet
     from butterfly.logs.health import Repair
     from butterfly.logs.manifest import Manifest
     from butterfly.model.parameters import JointKind
@@ -68,7 +68,7 @@ class DataOptions:
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
-        from butterfly.identify.data import read_data_set  # noqa: PLC0415 - slow to import
+        from butterfly.identification.data import read_data_set  # noqa: PLC0415 - slow to import
 
         return read_data_set(self.manifest(source), show_progress)
 

@@ -23,9 +23,9 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.identify.design import LARGEST_SWING, next_experiments
-from butterfly.identify.estimators import Estimator
-from butterfly.identify.identification import judged
+from butterfly.identification.design import LARGEST_SWING, next_experiments
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import judged
 from butterfly.report.numbers.table_numbers import told_design
 from butterfly.report.recommendations import most_telling
 

@@ -19,7 +19,7 @@ from butterfly.model.terms import offered
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from butterfly.identify.estimators import Estimator
+    from butterfly.identification.estimators import Estimator
 
 _NAMES = {name.replace("-", "_").upper(): name for name in ESTIMATORS}
 

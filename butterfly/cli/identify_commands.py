@@ -22,9 +22,9 @@ from butterfly.cli.options import (
 )
 from butterfly.cli.show_identification import show_identification
 from butterfly.cli.show_progress import show_progress
-from butterfly.identify.estimators import Estimator
-from butterfly.identify.identification import identify
-from butterfly.identify.other_parameters import told_parameters
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import identify
+from butterfly.identification.other_parameters import told_parameters
 from butterfly.report.numbers.identification_numbers import told_identification
 
 

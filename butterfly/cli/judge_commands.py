@@ -27,16 +27,16 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.identify.estimators import Estimator
-from butterfly.identify.identification import held_out_fits, judged
-from butterfly.identify.judgement.bootstrap import bootstrap
-from butterfly.identify.judgement.left_over import LeftOver
-from butterfly.identify.judgement.misfit import judge_misfit
-from butterfly.identify.judgement.residual_torque import residual_torques
-from butterfly.identify.judgement.splits import Split
-from butterfly.identify.judgement.term_selection import select_terms
-from butterfly.identify.judgement.validation import hold_out
-from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import held_out_fits, judged
+from butterfly.identification.judgement.bootstrap import bootstrap
+from butterfly.identification.judgement.left_over import LeftOver
+from butterfly.identification.judgement.misfit import judge_misfit
+from butterfly.identification.judgement.residual_torque import residual_torques
+from butterfly.identification.judgement.splits import Split
+from butterfly.identification.judgement.term_selection import select_terms
+from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
     told_residual,
@@ -50,8 +50,8 @@ from butterfly.report.words import held_out_sentences, verdict_on
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
+    from butterfly.identification.data import DataSet
+    from butterfly.identification.estimate import ParameterEstimate
 
 _WELL = 90  # FIT in per cent above which a log that was left out is followed well
 

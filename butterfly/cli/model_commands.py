@@ -17,8 +17,8 @@ from butterfly.cli.options import DATA, HandMassOption
 from butterfly.errors import InputError
 from butterfly.experiment.named_robot import export, is_data
 from butterfly.experiment.reading import read_experiment
-from butterfly.identify.estimators import Suitable
-from butterfly.identify.identification import judged
+from butterfly.identification.estimators import Suitable
+from butterfly.identification.identification import judged
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
@@ -32,7 +32,7 @@ from butterfly.resources import locate
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from butterfly.identify.judgement.verdict import Standing
+    from butterfly.identification.judgement.verdict import Standing
     from butterfly.logs.log import InputKind
     from butterfly.plant.robot import Robot
     from butterfly.report.numbers.document import Told

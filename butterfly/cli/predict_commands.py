@@ -18,7 +18,7 @@ from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.named_robot import is_data
 from butterfly.experiment.reading import read_experiment
-from butterfly.identify.draws import COUNT, LEAST
+from butterfly.identification.draws import COUNT, LEAST
 from butterfly.report.page import write_page
 from butterfly.resources import locate
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from butterfly.experiment.record import RunRecord
-    from butterfly.identify.identification import Identification
+    from butterfly.identification.identification import Identification
     from butterfly.logs.log import InputKind
     from butterfly.model.parameters import LumpedParameters
     from butterfly.report.parameter_rows import ParameterRow

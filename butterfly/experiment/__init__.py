@@ -1,5 +1,1 @@
 """Experiments in YAML, and how to run them."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import pyarrow as pa
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-
-    from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
-    from butterfly.experiment.record import PlannedRun, RunRecord
+from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
+from butterfly.experiment.record import PlannedRun, RunRecord
 
 RUNS, ESTIMATES = "runs", "estimates"
 TABLES = (RUNS, ESTIMATES)

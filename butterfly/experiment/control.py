@@ -9,7 +9,7 @@ from pydantic import Field
 
 from butterfly.experiment.oneof import OneOf
 from butterfly.model.energy import Orbit
-from butterfly.model.parameters import LumpedParameters  # noqa: TC001 - pydantic reads annotations
+from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import Plan, Schedule
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.velocity import FilteredDifference, Observer, VelocityEstimator

@@ -5,25 +5,23 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.errors import InputError, require_number
-from butterfly.identify.data import DataSet, read_data_set
+from butterfly.identification.data import DataSet, read_data_set
+from butterfly.logs.column_map import ColumnMap
 from butterfly.logs.drafted import manifest_from_names, manifest_of_files, manifest_of_log
 from butterfly.logs.formats import ENDINGS, FORMATS
+from butterfly.logs.health import Repair
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME, Manifest, read_manifest
 from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.logs.units import Units
 from butterfly.model.known import NOTHING, Knowledge, Known
+from butterfly.model.parameters import JointKind
 from butterfly.progress import Track, untracked
 from butterfly.resources import locate
 from butterfly.yaml_document import load_yaml
-
-if TYPE_CHECKING:
-    from butterfly.logs.column_map import ColumnMap
-    from butterfly.logs.health import Repair
-    from butterfly.model.parameters import JointKind
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from pydantic import computed_field
 
-from butterfly.identify.judgement.findings import Ending, Finding
-from butterfly.identify.judgement.verdict import Standing, Verdict
-from butterfly.identify.predict import FitSummary  # noqa: TC001 - pydantic reads annotations
-
-if TYPE_CHECKING:
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import LumpedParameters
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.findings import Ending, Finding
+from butterfly.identification.judgement.verdict import Standing, Verdict
+from butterfly.identification.predict import FitSummary
+from butterfly.model.parameters import LumpedParameters
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import DEFAULT_OF_EXPERIMENTS, ESTIMATORS, kind_of
-from butterfly.identify.estimators import Estimator
+from butterfly.identification.estimators import Estimator
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file

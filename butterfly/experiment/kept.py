@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from butterfly.errors import InputError
+from butterfly.experiment.reading import Source
 from butterfly.files import replacing
 from butterfly.yaml_output import yaml_text
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from butterfly.experiment.reading import Source
 
 EXPERIMENT = "experiment.yaml"
 """File beside results that says what was done."""

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError, nearest
-from butterfly.identify.estimators import Estimator, HarmonicBalance, Suitable
+from butterfly.identification.estimators import Estimator, HarmonicBalance, Suitable
 from butterfly.thesis.method import Thesis  # noqa: F401 - its being read makes it one of them
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
 
 ESTIMATORS: dict[str, type[Estimator]] = {each.method: each for each in Estimator.__subclasses__()}
 """All estimators by the name of their method."""

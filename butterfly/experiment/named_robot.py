@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
 
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import RESULT
 from butterfly.files import replacing
 from butterfly.logs.formats import FORMATS
-from butterfly.plant.stand_alone import stand_alone
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.robot import Robot
+from butterfly.plant.stand_alone import StandAlone, stand_alone
 from butterfly.yaml_document import load_yaml
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.robot import Robot
-    from butterfly.plant.stand_alone import StandAlone
 
 
 def export(robot: Robot, added: AddedMass, path: Path, command: Mapping[str, float]) -> StandAlone:

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.experiment.control import ControlSpec
+from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.streams import of_orbit
-from butterfly.identify.data import DataSet
-from butterfly.identify.identification import judged
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.identification import judged
+from butterfly.logs.log import Log
 from butterfly.logs.mat import write_mat
 from butterfly.model.known import Knowledge
+from butterfly.model.parameters import AddedMass
+from butterfly.orbit.loop import Rig
 from butterfly.orbit.study import OrbitStudy, study_orbit
+from butterfly.plant.bench import ControlLaw
+from butterfly.plant.setup import Setup
 from butterfly.progress import Track, untracked
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from butterfly.experiment.control import ControlSpec
-    from butterfly.experiment.schema import Experiment
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass
-    from butterfly.orbit.loop import Rig
-    from butterfly.plant.bench import ControlLaw
-    from butterfly.plant.setup import Setup
 
 
 def simulated_rig(setup: Setup, rng: np.random.Generator) -> Rig:

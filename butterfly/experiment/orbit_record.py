@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import TypeAdapter
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_none
-from butterfly.identify.judgement.verdict import Standing  # noqa: TC001 - pydantic reads it
-
-if TYPE_CHECKING:
-    from butterfly.orbit.study import OrbitStudy
+from butterfly.identification.judgement.verdict import Standing
+from butterfly.orbit.study import OrbitStudy
 
 
 @dataclass(frozen=True, kw_only=True)

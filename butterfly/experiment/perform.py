@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,28 +13,23 @@ from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.experiment.plan import Task
 from butterfly.experiment.record import FAILED, OK, REFUSED, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import packed, simulate
 from butterfly.experiment.versions import versions
-from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import OutputError
-from butterfly.identify.identification import Identification, identify
-from butterfly.identify.judgement.findings import Ending
-from butterfly.identify.judgement.validation import hold_out
-from butterfly.identify.predict import FitSummary
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.identification import Identification, identify
+from butterfly.identification.judgement.findings import Ending
+from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.predict import FitSummary
+from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
+from butterfly.orbit.study import OrbitStudy
+from butterfly.plant.excitations import Table
 from butterfly.progress import Track, untracked
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from butterfly.experiment.plan import Task
-    from butterfly.identify.estimators import Estimator
-    from butterfly.logs.log import Log
-    from butterfly.orbit.study import OrbitStudy
-    from butterfly.plant.excitations import Table
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

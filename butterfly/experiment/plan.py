@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.errors import InputError
 from butterfly.experiment.fingerprint import fingerprint
+from butterfly.experiment.reading import Source
 from butterfly.experiment.record import FAILED, SCHEMA, Outcome, PlannedRun, RunRecord
+from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import digest_of
-from butterfly.experiment.sweeps import apply
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from butterfly.experiment.reading import Source
-    from butterfly.experiment.schema import Experiment
-    from butterfly.experiment.sweeps import Overrides
-    from butterfly.identify.estimators import Estimator
-    from butterfly.plant.excitations import Table
+from butterfly.experiment.sweeps import Overrides, apply
+from butterfly.identification.estimators import Estimator
+from butterfly.plant.excitations import Table
 
 _NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it
 _ASKED_OTHERWISE = {"method", "terms", "estimators", "signals"}

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.experiment.schema import Experiment
+from butterfly.logs.log import Log
 from butterfly.plant.excitations import initial_angle
 from butterfly.plant.joints import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
-
-if TYPE_CHECKING:
-    from butterfly.experiment.schema import Experiment
-    from butterfly.logs.log import Log
 
 
 def planned_logs(experiment: Experiment) -> list[Log]:

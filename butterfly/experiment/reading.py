@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment, TableFile
 from butterfly.experiment.signal_tables import filled, read_table
 from butterfly.files import require_path
+from butterfly.plant.excitations import Table
 from butterfly.resources import locate, shipped
 from butterfly.yaml_document import Document, load_yaml
 from butterfly.yaml_input import StrictModel, validate
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from butterfly.plant.excitations import Table
 
 _DEEPEST = 10  # files that may extend each other
 

@@ -10,17 +10,15 @@ RunRecord               what a run gave
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from butterfly.experiment.estimate_record import EstimateRecord  # noqa: TC001 - pydantic reads it
-from butterfly.experiment.orbit_record import OrbitRecord  # noqa: TC001 - pydantic reads it
-from butterfly.identify.judgement.verdict import Standing
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from butterfly.experiment.estimate_record import EstimateRecord
+from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.identification.judgement.verdict import Standing
 
 SCHEMA = 3
 """Of the records; one with another number counts as none."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
+import numpy as np
 from pydantic import (
     Field,
     ValidationInfo,
@@ -22,7 +23,8 @@ from butterfly.experiment.oneof import OneOf
 from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
-from butterfly.identify.judgement.splits import Split
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.judgement.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Told
 from butterfly.model.friction import Friction
@@ -52,11 +54,6 @@ from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.plant.setup import Setup
 from butterfly.plant.twin import twin
 from butterfly.yaml_input import StrictModel
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from butterfly.identify.estimators import Estimator
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
@@ -159,7 +156,7 @@ class ValidationSpec(StrictModel):
     Parameters
     ----------
     split
-        What is left out together (see `butterfly.identify.judgement.splits.divide`).
+        What is left out together (see `butterfly.identification.judgement.splits.divide`).
     folds
         How many, of frequency, log and time.
     """

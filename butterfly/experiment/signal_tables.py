@@ -6,17 +6,15 @@ In an experiment's content the digest of a table stands for it; what is long tra
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.csv import read_columns
 from butterfly.plant.excitations import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
 
 _STORED = "sha256:"
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from butterfly.logs.log import Intersample
+from butterfly.experiment.schema import Experiment
+from butterfly.logs.log import Intersample, Log
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
     LogEntry,
@@ -17,13 +19,6 @@ from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.plant.rollout import simulate_runs
 from butterfly.progress import Track, untracked
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from butterfly.experiment.schema import Experiment
-    from butterfly.logs.log import Log
 
 
 def simulate(

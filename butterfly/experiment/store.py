@@ -14,23 +14,18 @@ from __future__ import annotations
 import io
 import shutil
 import time
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError
 from butterfly.experiment.columns import TABLES, Columns
-from butterfly.experiment.record import OK, RunRecord, SweepRecord, digest_of
+from butterfly.experiment.record import OK, Outcome, RunRecord, SweepRecord, digest_of
 from butterfly.files import DRAFT, replacing
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
-
-    from butterfly.experiment.record import Outcome
 
 SWEEP = "sweep.json"
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from butterfly.errors import InputError, StoppedError
 from butterfly.experiment.perform import execute
+from butterfly.experiment.plan import SweepPlan, Task
 from butterfly.experiment.record import FAILED, OK, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.versions import versions
+from butterfly.experiment.workers import Engine
 from butterfly.progress import Track, untracked
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from butterfly.experiment.plan import SweepPlan, Task
-    from butterfly.experiment.workers import Engine
 
 
 @dataclass(frozen=True, kw_only=True)

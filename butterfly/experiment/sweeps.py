@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
@@ -17,10 +18,7 @@ from butterfly.experiment.oneof import OneOf
 from butterfly.sizes import require_room
 from butterfly.yaml_input import StrictModel
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    Overrides = dict[str, Any]
+Overrides = dict[str, Any]
 
 SEEDS = 2**63
 """Number of the seeds that there are: what fits into a column of 64-bit integers."""

@@ -7,10 +7,7 @@ are gone then, or the pipe.
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from types import TracebackType
+from types import TracebackType
 
 
 def _told(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:

@@ -6,28 +6,24 @@ import multiprocessing
 import os
 import threading
 from collections import Counter, deque
-from concurrent.futures import FIRST_COMPLETED, wait
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from itertools import islice
+from multiprocessing.context import BaseContext
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from pebble import ProcessExpired, ProcessPool
 
 from butterfly.errors import ButterflyError, InputError
+from butterfly.experiment.plan import Task
+from butterfly.experiment.record import Outcome
+from butterfly.plant.excitations import Table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-    from concurrent.futures import Future
-    from multiprocessing.context import BaseContext
-
-    from butterfly.experiment.plan import Task
-    from butterfly.experiment.record import Outcome
-    from butterfly.plant.excitations import Table
-
-    Tables = Mapping[str, Table]
-    Work = Callable[[Task, Tables], Outcome]
+Tables = Mapping[str, Table]
+Work = Callable[[Task, Tables], Outcome]
 
 _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they take
 _ANSWER = "20s"  # in which a scheduler has to answer

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 _SHORTEST = 5  # samples at one extreme value that make a suspicious flat top
 _SWITCHED = 0.5  # share of its samples that a switched input spends on its extremes, at least

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from butterfly.errors import InputError, nearest
 from butterfly.logs.log import SAMPLED
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 ColumnMap = Mapping[str, str | int]
 """Columns by the field of `Log` that they hold: their names, or their numbers from 0 on."""

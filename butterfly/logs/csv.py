@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow
+from numpy.typing import NDArray
 from pyarrow import csv
 
 from butterfly.errors import InputError
@@ -23,12 +26,6 @@ from butterfly.logs.column_map import (
 from butterfly.logs.log import Log
 from butterfly.logs.text_table import is_number, read_text_table
 from butterfly.logs.units import AS_IS, Units, known_factor
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _VELOCITY = "velocity"

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS
+from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import LogEntry, Manifest, manifest_text, read_entry
 from butterfly.logs.units import Units
 from butterfly.model.known import known_of
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-    from pathlib import Path
-
-    from butterfly.logs.log import InputKind, Intersample
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _QUESTIONS = {

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from butterfly.errors import InputError
+from butterfly.logs.column_map import ColumnMap
+from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Units
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from butterfly.logs.column_map import ColumnMap
-    from butterfly.logs.log import Log
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import reduce
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
-from butterfly.logs.log import Lead
+from butterfly.logs.log import Lead, Log
 from butterfly.logs.plausible import refuse_implausible
 from butterfly.logs.remarks import Condition, Remark, remarks_on
 from butterfly.logs.stamps import increasing, repeated, restarts
 from butterfly.logs.turns import Wrapping, find_wrapping, unwrapped
 from butterfly.model.parameters import JointKind
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
 
 GAP_FACTOR = 3.0
 """A sampling interval longer than this many median intervals is a gap."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from difflib import get_close_matches
 from enum import StrEnum
@@ -10,23 +11,17 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import PurePath
 from types import NoneType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.as_read import AS_WRITTEN, Reading
-from butterfly.logs.beginning import beginning, rms_speed
+from butterfly.logs.beginning import Beginning, beginning, rms_speed
 from butterfly.logs.units import Units
 from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.beginning import Beginning
 
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""

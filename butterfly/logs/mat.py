@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import loadmat, savemat, whosmat
 
 from butterfly.errors import InputError, nearest
 from butterfly.files import replacing
-from butterfly.logs.column_map import checked_map
+from butterfly.logs.column_map import ColumnMap, checked_map
 from butterfly.logs.log import SAMPLED, Log
 from butterfly.logs.mat5 import whole
 from butterfly.logs.mat73 import is_mat73, load73, names73
 from butterfly.logs.units import AS_IS, Units
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.column_map import ColumnMap
 
 _MATRIX = "D"
 _OBJECTS = (

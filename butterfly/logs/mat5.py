@@ -12,14 +12,12 @@ import math
 import mmap
 import struct
 import zlib
+from collections.abc import Container, Iterable, Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 from butterfly.sizes import most_in
-
-if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Iterator
-    from pathlib import Path
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15

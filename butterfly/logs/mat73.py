@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.sizes import most_in, said
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
 
 _VERSION = slice(124, 126)  # of the header, whose bytes tell the version
 _HDF5 = b"\x00\x02"

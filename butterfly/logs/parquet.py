@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 from pyarrow import parquet
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
+from butterfly.logs.column_map import DEFAULT_COLUMNS, ColumnMap, checked_map, place
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Units
 from butterfly.sizes import most_in, said
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.column_map import ColumnMap
 
 _BYTES = 8  # of a number
 _AT_A_TIME = 1 << 20  # samples

@@ -5,19 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.logs.log import MIN_SAMPLES
-from butterfly.logs.manifest import Split, read_entry
+from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.logs.manifest import LogEntry, Manifest, Split, read_entry
 from butterfly.logs.stamps import restarts
 from butterfly.progress import Track, untracked
-
-if TYPE_CHECKING:
-    from butterfly.logs.log import Log
-    from butterfly.logs.manifest import LogEntry, Manifest
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from butterfly.errors import InputError
-
-if TYPE_CHECKING:
-    from butterfly.logs.log import Log
+from butterfly.logs.log import Log
 
 _USED = ("time", "input", "angle")
 _LARGEST = 1e30  # of any column, in its own unit

@@ -5,9 +5,10 @@ from __future__ import annotations
 import codecs
 import io
 import re
+from collections.abc import Sequence
 from csv import reader as csv_reader
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pyarrow
 from pyarrow import csv
@@ -18,10 +19,6 @@ from butterfly.logs.column_map import DEFAULT_COLUMNS
 from butterfly.logs.log import MIN_SAMPLES
 from butterfly.logs.units import UNITS, known_factor
 from butterfly.sizes import require_room, said
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 _PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
 _COMMENTS = ("#", "%", "//")

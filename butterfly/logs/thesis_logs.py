@@ -7,14 +7,10 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.progress import untracked
-
-if TYPE_CHECKING:
-    from butterfly.progress import Track
+from butterfly.progress import Track, untracked
 
 VARIABLE = "BUTTERFLY_LOGS"
 """Environment variable that names the folder of the logs."""

@@ -7,19 +7,15 @@ means exactly, gravity and friction to the second order of how far the motion go
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.logs.health import GAP_FACTOR
-from butterfly.logs.log import Intersample
+from butterfly.logs.log import Intersample, Log
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-
-    Samples = NDArray[np.float64]
+Samples = NDArray[np.float64]
 
 ENOUGH = 4_000_000
 """Samples of a log, above which their means are taken: an hour at 1.1 kHz."""

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 _TURN = 2 * math.pi
 _NEAR = math.pi / 2  # rad by which a jump may miss a turn, as the joint goes on meanwhile

@@ -1,5 +1,1 @@
 """What the robot is: its parameters with units, and the equations they enter."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

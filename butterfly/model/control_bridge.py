@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import control
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
 from butterfly.model.kinematics import Motion
@@ -14,10 +15,6 @@ from butterfly.model.linear import Linearisation
 from butterfly.model.pade import DelayStates
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
 
 PADE_ORDER = 4
 """Of the approximation of a delay, if none is wished for."""

@@ -6,13 +6,9 @@ With th(t) = Re{a e^(j w t)} each returns the fundamental of the torque over tha
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import dawsn, j1
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
 
 def gravity_describing_function(amplitude: ArrayLike) -> NDArray[np.float64]:

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from butterfly.errors import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import LumpedParameters
 
 
 @dataclass(frozen=True, kw_only=True)

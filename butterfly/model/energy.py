@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import InputError
-from butterfly.model.kinematics import Motion
+from butterfly.model.kinematics import Motion, Term
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, torque_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from numpy.typing import NDArray
-
-    from butterfly.model.kinematics import Term
-    from butterfly.model.parameters import LumpedParameters
 
 _GRID = 721  # angles at which the potential is looked at
 _POINTS = 1000  # of the quadrature over half a period

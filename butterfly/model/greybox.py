@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import numpy as np
+from numpy.typing import NDArray
 
-from butterfly.model.kernel import Constants, integrate, interval
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from butterfly.model.kernel import State
-    from butterfly.model.parameters import LumpedParameters
+from butterfly.model.kernel import Constants, State, integrate, interval
+from butterfly.model.parameters import LumpedParameters
 
 
 def simulate(

@@ -8,18 +8,14 @@ linear in its parameters (Gelb & Vander Velde, Multiple-Input Describing Functio
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from butterfly.model.parameters import LumpedParameters
 
 _SMALLEST_SWING = 1e-6  # rad
 

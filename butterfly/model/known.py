@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.errors import InputError, nearest
+from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from butterfly.model.parameters import AddedMass
 
 OF_SCALE = ("p1", "p2", "p3", "p4", "coulomb")
 """Parameters of which any that is known, and is not 0, says how large all of them are."""
@@ -34,7 +30,7 @@ PHYSICAL = {
     "rotor_inertia": "kg m²",
     "hand_mass": "kg",
 }
-"""What may be known of motor and hand besides, with its unit: see `butterfly.identify.physical`."""
+"""What may be known of motor and hand, with its unit: see `butterfly.identification.physical`."""
 
 _EXPECTED = "a number, or {value: ..., uncertainty: ...}"
 _TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.+))?")

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 HIGHEST_ORDER = 10
 """Of this order a delay of half a turn is exact to rounding."""

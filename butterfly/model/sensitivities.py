@@ -9,25 +9,19 @@ Galan, Feehery & Barton, Applied Numerical Mathematics 31, 1999, for the jumps).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.model import kernel
 from butterfly.model.kernel import COLUMNS, Constants
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.model.parameters import AddedMass, LumpedParameters
-
-    Samples = NDArray[np.float64]
+Samples = NDArray[np.float64]
 
 INITIAL = {"zero": -1.0, "velocity": 1.0}
 """What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,

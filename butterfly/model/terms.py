@@ -14,10 +14,12 @@ where a joint breaks loose, `events`, if it acts at rest).
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.model.describing import (
     cogging_describing_function,
@@ -27,11 +29,6 @@ from butterfly.model.describing import (
     stribeck_describing_function,
 )
 from butterfly.model.kinematics import Motion, Term
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 """The parameters that estimators find unasked, in their order."""

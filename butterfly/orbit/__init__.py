@@ -1,5 +1,1 @@
 """Large orbits: hold one by energy shaping, and analyse how it is approached."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
 from scipy.integrate import simpson, solve_ivp
 
-from butterfly.model.energy import energy, pull, stiffness
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.model.energy import Orbit
-    from butterfly.model.parameters import LumpedParameters
+from butterfly.logs.log import Log
+from butterfly.model.energy import Orbit, energy, pull, stiffness
+from butterfly.model.parameters import LumpedParameters
 
 _TOP = 0.25  # share of a half swing, either side of its middle, to which a turning point is fitted
 _FEWEST = 10  # samples of a half swing

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
-from butterfly.model.kinematics import Motion
+from butterfly.model.kinematics import Motion, Term
+from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
-from butterfly.orbit.velocity import FilteredDifference
+from butterfly.orbit.velocity import FilteredDifference, VelocityEstimator
+from butterfly.plant.bench import ControlLaw
+from butterfly.plant.motor import Reading
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from butterfly.model.kinematics import Term
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.orbit.velocity import VelocityEstimator
-    from butterfly.plant.bench import ControlLaw
-    from butterfly.plant.motor import Reading
-
-    Target = Callable[[LumpedParameters], Orbit]
+Target = Callable[[LumpedParameters], Orbit]
 
 _FRICTION = tuple(row for row in DISSIPATIVE if row.name != "p2")
 _STARTED = 0.01  # share of the target's energy above which the hand needs no kick

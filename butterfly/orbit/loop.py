@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
+
+import numpy as np
 
 from butterfly.errors import InputError, require_number
+from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.analysis import swing
-from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
+from butterfly.orbit.controller import Dithered, EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import Recalibration, recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
-from butterfly.orbit.velocity import FilteredDifference
+from butterfly.orbit.velocity import FilteredDifference, VelocityEstimator
+from butterfly.plant.bench import ControlLaw
 from butterfly.progress import Track, untracked
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-
-    from butterfly.logs.log import Log
-    from butterfly.orbit.controller import Target
-    from butterfly.orbit.velocity import VelocityEstimator
-    from butterfly.plant.bench import ControlLaw
 
 _SETTLED = 0.5  # share of a run after which its amplitude is measured
 

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy, pull, stiffness
 from butterfly.model.kinematics import Motion
 from butterfly.model.pade import DelayStates
 from butterfly.model.terms import DISSIPATIVE, torque_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
 _ORDER = 8  # of Padé's approximation; to 6e-8 at the third harmonic of the orbit a quarter late
 _STEPS = 800  # of a period

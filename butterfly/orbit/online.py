@@ -4,30 +4,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identify.bumps import SPACING
-from butterfly.identify.judgement.findings import Finding, FindingKind
-from butterfly.identify.regression import Regression
-from butterfly.identify.weak_signals import weak_signals
+from butterfly.identification.bumps import SPACING
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.findings import Finding, FindingKind
+from butterfly.identification.regression import Regression
+from butterfly.identification.weak_signals import weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.orbit.controller import gain_for
+from butterfly.model.parameters import LumpedParameters
+from butterfly.orbit.controller import EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import estimate_of, from_ratios
 from butterfly.orbit.recalibration_options import BASE, LEAST, RecalibrationOptions
 from butterfly.orbit.selection import SEGMENT, Equations
-from butterfly.plant.motor import CommandPath
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.orbit.controller import EnergyShaping, Target
-    from butterfly.plant.bench import ControlLaw
-    from butterfly.plant.motor import Reading
+from butterfly.plant.bench import ControlLaw
+from butterfly.plant.motor import CommandPath, Reading
 
 _FEWEST = 20  # readings in a test function
 _MARGIN = 3  # readings by which the buffer is longer than a test function

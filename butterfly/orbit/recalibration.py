@@ -2,35 +2,29 @@
 
 The equation of motion (or its product with the velocity, the balance of energy) against test
 functions is linear in the parameters, whatever controller made the input; see
-`butterfly.identify.weak_signals`. One robot without a known mass gives the ratios p_i/p1 alone,
-which is all that a controller needs; logs with another known mass set the scale.
+`butterfly.identification.weak_signals`. One robot without a known mass gives the ratios p_i/p1
+alone, which is all that a controller needs; logs with another known mass set the scale.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.judgement.findings import Finding, FindingKind
-from butterfly.identify.judgement.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identify.solved import Solved
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.findings import Finding, FindingKind
+from butterfly.identification.judgement.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identification.regression import Solution
+from butterfly.identification.solved import Solved
+from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions
-from butterfly.orbit.selection import FOLDS, Selection
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.identify.regression import Solution
-    from butterfly.logs.log import Log
-    from butterfly.orbit.selection import Equations
+from butterfly.orbit.selection import FOLDS, Equations, Selection
 
 _FEWEST_RUNS = 3  # to leave one out
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.identify.weak_signals import HALF_WIDTH, Balance, Known
+from butterfly.identification.weak_signals import HALF_WIDTH, Balance, Known
 from butterfly.model.terms import FrictionTerms, offered
 
 METHOD = "re-calibration"

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from butterfly.identify.regression import Regression, Solution
-from butterfly.identify.weak_signals import Averaging
-from butterfly.orbit.recalibration_options import LEAST
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.identification.regression import Regression, Solution
+from butterfly.identification.weak_signals import Averaging
+from butterfly.logs.log import Log
+from butterfly.orbit.recalibration_options import LEAST, RecalibrationOptions
 
 FOLDS = 5
 """Parts that are held out in turn when terms are chosen."""

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from butterfly.identify.judgement.following import judge_fit
-from butterfly.identify.predict import Setting, free_run
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.following import judge_fit
+from butterfly.identification.predict import FreeRun, Setting, free_run
+from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.orbit.controller import Dithered
-from butterfly.orbit.loop import calibrate
+from butterfly.orbit.loop import Calibration, Plan, Rig, calibrate
 from butterfly.orbit.recalibration import recalibrate
+from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.progress import Track, untracked
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.predict import FreeRun
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.orbit.loop import Calibration, Plan, Rig
-    from butterfly.orbit.recalibration_options import RecalibrationOptions
 
 PERIODS = 5
 """Length of the free runs that are compared, in periods of the orbit."""

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from butterfly.errors import require_number
 from butterfly.model.kinematics import Motion
-from butterfly.model.parameters import compressed
+from butterfly.model.parameters import LumpedParameters, compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
-
-if TYPE_CHECKING:
-    from butterfly.model.parameters import LumpedParameters
 
 _STANDSTILL = 1e-3  # rad/s, below which friction has no sign
 _STATIC = (*CONSERVATIVE, *DISSIPATIVE)

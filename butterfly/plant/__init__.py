@@ -4,10 +4,6 @@ import os
 import sys
 from ctypes.util import find_library
 
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
 
 def has_display() -> bool:
     """Tell whether there is a display to open a window on; systems other than Linux have one."""

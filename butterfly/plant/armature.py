@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.model.parameters import VoltageDrive
+from butterfly.model.parameters import VoltageDrive
 
 _WHOLE = 0  # mj_forwardSkip: no stage of the dynamics is skipped,
 _NO_SENSORS = 1  # but sensors are

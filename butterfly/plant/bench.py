@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample, Log
-from butterfly.plant.motor import LARGEST_ANGLE
+from butterfly.plant.motor import LARGEST_ANGLE, Motor, Reading
 from butterfly.plant.sensors import Clock, filtered_difference, stamps_of
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
-
-    from butterfly.plant.motor import Motor, Reading
-
-    ControlLaw = Callable[[Reading], float]
-    Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
+ControlLaw = Callable[[Reading], float]
+Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
 
 
 class Bench:

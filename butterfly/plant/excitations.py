@@ -6,16 +6,13 @@ import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import Sine
 from butterfly.sizes import require_room
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
 _POINTS = 16  # in a period of the highest harmonic

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from butterfly.logs.log import Log
 from butterfly.plant.excitations import Multisine, initial_angle
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.sensors import stamps_of
+from butterfly.plant.setup import Setup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
     from butterfly.plant.rollout import Job
-    from butterfly.plant.setup import Setup
 
 
 class GreyBoxLoop:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 from butterfly.model.kernel import Constants, State, interval
 from butterfly.plant.motor import LARGEST_ANGLE
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 LONGEST_STEP = 1e-3
 """Longest step in s: RK4's error is then 1.5e-11 rad over 70 s of small swings."""

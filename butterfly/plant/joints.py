@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
@@ -17,13 +18,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageD
 from butterfly.plant.armature import Armature
 from butterfly.plant.held_commands import angles_under, steps_of
 from butterfly.plant.mjcf import compile_model
-from butterfly.plant.robot import Assistance
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from butterfly.plant.robot import Robot
+from butterfly.plant.robot import Assistance, Robot
 
 
 def kind_of(drive: Drive) -> InputKind:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-if TYPE_CHECKING:
-    from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass
 
 _PLATE = 0.15  # m from the axis to the end of a plate
 _SCENE = 0.2  # m from the axis that the camera shows at least

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
@@ -15,16 +15,12 @@ from butterfly.model.parameters import (
     AddedMass,
     Drive,
     Hand,
+    LumpedParameters,
     VoltageDrive,
 )
 from butterfly.plant.looks import dress, undress
 from butterfly.plant.robot import Assistance, Clutch, Robot
 from butterfly.resources import shipped
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from butterfly.model.parameters import LumpedParameters
 
 MODEL = "models/butterfly_hand/hand.xml"
 """The shipped mechanism."""

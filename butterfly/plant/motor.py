@@ -5,19 +5,15 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import compressed
 from butterfly.plant.sensors import Encoder, rounded
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import InputKind, Log
-
 
 LARGEST_COMMAND = 1e10
 """In units of the command; MuJoCo takes none from there on."""

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
 from butterfly.plant.excitations import initial_angle
 from butterfly.plant.held_commands import steps_of
 from butterfly.plant.mjcf import compile_model, mount
+from butterfly.plant.setup import Setup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass
     from butterfly.plant.rollout import Job
-    from butterfly.plant.setup import Setup
 
 _BAD_ACCELERATION = int(mujoco.mjtWarning.mjWARN_BADQACC)
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.twin import MASS, twin
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
 def models(

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
+from butterfly.logs.log import Log
 from butterfly.model.parameters import compressed
+from butterfly.plant.motor import Joint
 from butterfly.signals import hold
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.plant.motor import Joint
 
 _LONGEST_STEP = 5e-4  # s
 

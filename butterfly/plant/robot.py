@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.parameters import AddedMass, Drive, Hand, lump
-
-if TYPE_CHECKING:
-    from butterfly.model.friction import Friction
-    from butterfly.model.parameters import LumpedParameters
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import AddedMass, Drive, Hand, LumpedParameters, lump
 
 
 @dataclass(frozen=True, kw_only=True)

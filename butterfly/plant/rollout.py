@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.excitations import Excitation
 from butterfly.plant.grey_box_loop import GreyBoxLoop
 from butterfly.plant.joints import Simulator
 from butterfly.plant.mujoco_loop import MujocoLoop
+from butterfly.plant.setup import Setup
 from butterfly.progress import Track, untracked
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.excitations import Excitation
-    from butterfly.plant.setup import Setup
-
-    Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
+Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
 
 _BATCH = 16  # runs simulated between two reports of progress, which bounds the memory they take
 

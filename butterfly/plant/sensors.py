@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 from butterfly.errors import InputError, require_number
-from butterfly.plant.simulink_noise import BandLimitedNoise  # noqa: TC001 - the schema reads annotations
+from butterfly.logs.log import Log
+from butterfly.plant.simulink_noise import BandLimitedNoise
 from butterfly.sizes import require_room
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
 
 VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from butterfly.logs.log import Sine
-from butterfly.plant.bench import Bench, recorded
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.logs.log import InputKind, Log, Sine
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.bench import Bench, ControlLaw, recorded
 from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint, Simulator, kind_of
 from butterfly.plant.motor import CommandPath, SimulatedMotor
+from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import InputKind, Log
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.bench import ControlLaw
-    from butterfly.plant.robot import Robot
 
 _SOURCES = {Simulator.MUJOCO: "MuJoCo", Simulator.GREY_BOX: "grey box"}
 

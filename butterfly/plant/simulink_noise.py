@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 from butterfly.errors import InputError, require_number
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _MULTIPLIER, _MODULUS = 16807, 2147483647  # Park & Miller's minimal standard generator
 _LONGEST = 1 << 24  # samples; a longer record is a slip in the sample time

@@ -9,20 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.model.kernel import Constants, least_steps
-from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.plant.mjcf import mjcf
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.model.parameters import AddedMass, LumpedParameters
-    from butterfly.plant.robot import Robot
+from butterfly.plant.robot import Robot
 
 AIM = 1e-4
 """Error in rad of a free run for which the step is chosen."""

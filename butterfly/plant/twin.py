@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, LumpedParameters, unlump
+from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, LumpedParameters, unlump
 from butterfly.plant.robot import Robot
-
-if TYPE_CHECKING:
-    from butterfly.model.parameters import AddedMass
 
 MASS = 0.3
 """Mass in kg given to an identified hand; the motion does not tell it."""

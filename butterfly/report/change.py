@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from butterfly.identify.judgement.slips.names import listed
+from butterfly.comparison.change import Change, ParameterChange
+from butterfly.identification.judgement.slips.names import listed
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.report.format import with_error
 from butterfly.report.parameter_rows import unit_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from butterfly.compare.change import Change, ParameterChange
-    from butterfly.logs.log import InputKind
 
 _NAMES = {
     "p1": "the inertia p1",

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from plotly.graph_objects import Figure, Scatter
 
+from butterfly.identification.data import DataSet
+from butterfly.identification.judgement.term_selection import Structure
 from butterfly.report.figures import look
+from butterfly.report.numbers.document import Told
 from butterfly.report.page import Page, Section, Table
 from butterfly.report.words import fit_said
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.judgement.term_selection import Structure
-    from butterfly.report.numbers.document import Told
 
 
 def structures_table(passed: Sequence[Structure]) -> Table:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.identification import Identification
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE, add, grams, look, rank_by_fit
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.identification import Identification
-    from butterfly.report.parameter_rows import ParameterRow
+from butterfly.report.parameter_rows import ParameterRow
 
 _ROW = 64  # pixels of a panel and what is below it
 _GAP = 0.6  # of a panel and what is below it, that is below

@@ -5,20 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from butterfly.identification.data import DataSet
+from butterfly.identification.identification import Identification
 from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.parameters import AddedMass
 from butterfly.report.figures import add, grams, look
 from butterfly.signals.amplitude import rms_amplitude
+from butterfly.signals.frequency_response import ResponsePoint
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from plotly.graph_objects import Figure
-
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.identification import Identification
-    from butterfly.model.parameters import AddedMass
-    from butterfly.signals.frequency_response import ResponsePoint
 
     Samples = NDArray[np.float64]
     Responses = NDArray[np.complex128]

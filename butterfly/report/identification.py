@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
+from butterfly.identification.data import DataSet
+from butterfly.identification.identification import Identification
 from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import JointKind
+from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.figures import middle
 from butterfly.report.frequency_figure import frequency_response_figure
@@ -31,7 +33,7 @@ from butterfly.report.page import (
     Table,
     write_page,
 )
-from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.parameter_rows import ParameterRow, parameter_rows
 from butterfly.report.physical import (
     HEADERS,
     TITLE,
@@ -41,14 +43,6 @@ from butterfly.report.physical import (
 from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
 from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.words import counted, fit_said
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.identification import Identification
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.report.parameter_rows import ParameterRow
 
 _RESPONSE = (
     "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "

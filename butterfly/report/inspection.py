@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.logs.health import examine
+from butterfly.logs.health import Health, examine
+from butterfly.logs.log import Log
+from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.pieces import piece_name, read_pieces
 from butterfly.logs.remarks import Condition, Remark
 from butterfly.logs.thinning import thinned
@@ -17,13 +20,6 @@ from butterfly.progress import Track, untracked
 from butterfly.signals.amplitude import rms_amplitude
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from butterfly.logs.health import Health
-    from butterfly.logs.log import Log
-    from butterfly.logs.manifest import LogEntry, Manifest
 
 _LOOKING = "Looking at logs"
 _TOLD = {

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from butterfly.logs.health import Health
+from butterfly.logs.log import Log
 from butterfly.logs.remarks import Condition
 from butterfly.report.figures import log_figure
 from butterfly.report.inspection import health_rows, hints
@@ -14,9 +16,6 @@ from butterfly.report.page import LEVEL_OF_CONDITION, Badge, Page, Section, Tabl
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-    from butterfly.logs.health import Health
-    from butterfly.logs.log import Log
 
 _ON_BADGE = ("state", "findings")
 _SAID = {

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from plotly.graph_objects import Figure, Scatter
 
+from butterfly.comparison.leaderboard import Entry
+from butterfly.identification.predict import FitSummary
 from butterfly.report.figures import look
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.page import Chip, Page, Section, Table, level_of
 from butterfly.report.words import fit_said
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.compare.leaderboard import Entry
-    from butterfly.identify.predict import FitSummary
 
 _HEADERS: tuple[str, ...] = (
     *("estimator", "verdict", "left out: median", "left out: worst"),

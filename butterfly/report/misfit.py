@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from butterfly.identify.judgement.whiteness import LEVELS
+from butterfly.identification.judgement.left_over import LeftOver
+from butterfly.identification.judgement.misfit import LogMisfit, Misfit
+from butterfly.identification.judgement.whiteness import LEVELS, Curve
 from butterfly.report.figures import GREY, PALETTE, add
 from butterfly.report.page import Table
 from butterfly.report.series import Series, packable
 from butterfly.report.words import said_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from numpy.typing import NDArray
     from plotly.graph_objects import Figure
-
-    from butterfly.identify.judgement.left_over import LeftOver
-    from butterfly.identify.judgement.misfit import LogMisfit, Misfit
-    from butterfly.identify.judgement.whiteness import Curve
 
 HEADERS = (
     *("log", "error in % of motion", "after small changes", "of sensors", "times sensors", "bands"),

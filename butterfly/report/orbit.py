@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Heatmap, Scatter
 
+from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit, energy
+from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.analysis import invariant
-from butterfly.orbit.study import PERIODS
+from butterfly.orbit.loop import Round
+from butterfly.orbit.study import PERIODS, OrbitStudy
 from butterfly.report.figures import PALETTE
 from butterfly.report.format import interval, with_error
 from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.whisker import Whisker
 from butterfly.report.words import sentences
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.orbit.loop import Round
-    from butterfly.orbit.study import OrbitStudy
 
 _RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
 _EVERY = 0.01  # s between drawn points

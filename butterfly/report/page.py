@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 from base64 import b64encode
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -13,18 +14,15 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 
 from butterfly import __version__
 from butterfly.files import replacing
+from butterfly.identification.judgement.verdict import Standing
 from butterfly.logs.remarks import Condition
 from butterfly.report.numbers.document import write_document
+from butterfly.report.series import Series
+from butterfly.report.verdict import SaidVerdict
+from butterfly.report.whisker import Whisker
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
     from plotly.graph_objects import Figure
-
-    from butterfly.identify.judgement.verdict import Standing
-    from butterfly.report.series import Series
-    from butterfly.report.verdict import SaidVerdict
-    from butterfly.report.whisker import Whisker
 
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
 

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.report.field_names import said_field
 from butterfly.report.figures import GREY
-from butterfly.report.sweep_figures import short, spans_decades
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.report.sweep_figures import Estimates
+from butterfly.report.sweep_figures import Estimates, short, spans_decades
 
 _COLOURS = ("#009E73", "#56B4E9", "#E69F00", "#D55E00")  # of quarters of the estimates, best first
 _MOST = 400  # lines

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
+from butterfly.identification.identification import Identification
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import JointKind
+from butterfly.model.kinematics import Term
+from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.report.format import interval, with_error
 from butterfly.report.whisker import Whisker
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.identify.identification import Identification
-    from butterfly.model.kinematics import Term
-    from butterfly.model.parameters import LumpedParameters
 
 _ON_SLIDES = {
     "kg m²": "kg",

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from butterfly.experiment.estimate_record import or_none
-from butterfly.identify.physical import Lack
-from butterfly.identify.physical_formulas import SYMBOLS
+from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
+from butterfly.identification.physical_formulas import SYMBOLS
 from butterfly.model.known import plain
 from butterfly.model.parameters import JointKind
 from butterfly.report.format import interval, with_error
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from butterfly.identify.physical import PhysicalParameters, Unseparated
 
 HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
 """Of the table."""

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.identify.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.series import Series
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.identify.prediction import Prediction
 
 _DRAWN = 12  # logs at most, of which a figure shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.identify.design import Candidate
-    from butterfly.identify.judgement.term_selection import Structure
+from butterfly.identification.design import Candidate
+from butterfly.identification.judgement.term_selection import Structure
 
 
 def most_telling(best: Candidate) -> str:

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Scatter
 from plotly.subplots import make_subplots
 
+from butterfly.identification.judgement.misfit import LogMisfit
+from butterfly.identification.judgement.residual_torque import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import look, seen_samples
 from butterfly.report.misfit import bands_left, correlation_figure
 from butterfly.report.page import Fact, Page, Section, Table, write_html
+from butterfly.report.verdict import SaidVerdict
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from plotly.graph_objects import Figure
-
-    from butterfly.identify.judgement.misfit import LogMisfit
-    from butterfly.identify.judgement.residual_torque import ResidualTorque
-    from butterfly.report.verdict import SaidVerdict
 
 _MOST = 6000  # instants of a panel
 

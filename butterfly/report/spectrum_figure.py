@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
 
+from butterfly.identification.judgement.misfit import LogMisfit
+from butterfly.identification.predict import FreeRun
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.series import Series, packable
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.identify.judgement.misfit import LogMisfit
-    from butterfly.identify.predict import FreeRun
-
-    Samples = NDArray[np.float64]
+Samples = NDArray[np.float64]
 
 _POINTS = 250  # of a curve, evenly over the logarithm of the frequency
 _MOST_SAMPLES = 2**20  # that a spectrum is taken of

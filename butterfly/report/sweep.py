@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.experiment.columns import MISSING
-from butterfly.experiment.record import OK
-from butterfly.identify.judgement.findings import Ending
-from butterfly.identify.judgement.verdict import Standing
+from butterfly.experiment.record import OK, SweepRecord
+from butterfly.identification.judgement.findings import Ending
+from butterfly.identification.judgement.verdict import Standing
 from butterfly.model.terms import TERMS
 from butterfly.report.field_names import said_field, said_name
 from butterfly.report.numbers.record_numbers import told_sweep
@@ -19,12 +21,7 @@ from butterfly.report.parallel_figure import parallel_figure
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pyarrow as pa
-    from numpy.typing import NDArray
-
-    from butterfly.experiment.record import SweepRecord
 
 
 _LISTED = 100  # runs in a table of what went wrong

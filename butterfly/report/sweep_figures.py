@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
@@ -15,10 +17,7 @@ from butterfly.report.field_names import said_field
 from butterfly.report.figures import PALETTE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import pyarrow as pa
-    from numpy.typing import NDArray
 
 _DISTINCT = 12  # values of a field, up to which each is drawn; beyond, they are put into bins
 _BINS = 8

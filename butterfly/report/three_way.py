@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
+from butterfly.comparison.three_way import ThreeWay
+from butterfly.identification.data import DataSet
+from butterfly.identification.judgement.misfit import Misfit
 from butterfly.report.figures import grams, look, middle, rank_by_fit
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
     misfit_table,
 )
+from butterfly.report.numbers.document import Told
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.series import Series
 from butterfly.report.three_way_figures import (
@@ -24,14 +28,6 @@ from butterfly.report.three_way_figures import (
     residual_comparison,
     time_comparison,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from butterfly.compare.three_way import ThreeWay
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.judgement.misfit import Misfit
-    from butterfly.report.numbers.document import Told
 
 _MARKS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol, size
 

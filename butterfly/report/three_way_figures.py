@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
+from butterfly.comparison.three_way import ThreeWay
 from butterfly.model.parameters import JointKind
 from butterfly.report.figures import PALETTE, add, seen_samples
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.compare.three_way import ThreeWay
 
 SIMULATORS = ("MuJoCo", "grey box")
 

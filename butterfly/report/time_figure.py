@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from butterfly.identify.judgement.intervals import CONFIDENCE
+from butterfly.identification.judgement.intervals import CONFIDENCE
+from butterfly.identification.judgement.misfit import ErrorBand
+from butterfly.identification.predict import FreeRun
 from butterfly.report.figures import GREY, PALETTE, SHADE, add, seen_samples
 from butterfly.report.series import Series, packable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
     from plotly.graph_objects import Figure
-
-    from butterfly.identify.judgement.misfit import ErrorBand
-    from butterfly.identify.predict import FreeRun
 
     Curves = tuple[NDArray[np.float32], ...]
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from butterfly.identify.judgement.verdict import Standing
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from butterfly.identification.judgement.verdict import Standing
 
 _NOTHING = "nothing was found that speaks against these values."
 

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
-from typing import TYPE_CHECKING
 
-from butterfly.identify.judgement.findings import FindingKind, Severity
-from butterfly.identify.judgement.slips.names import listed, slip_in_words
-from butterfly.identify.judgement.verdict import Standing
-from butterfly.identify.physical_formulas import SYMBOLS
+from butterfly.experiment.estimate_record import EstimateRecord
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.identification import Identification
+from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identification.judgement.slips.names import listed, slip_in_words
+from butterfly.identification.judgement.verdict import Standing, Verdict
+from butterfly.identification.physical_formulas import SYMBOLS
+from butterfly.identification.predict import FitSummary
 from butterfly.logs.remarks import Condition
 from butterfly.model.terms import TERMS
 from butterfly.report.inspection import conditions_said
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.zeros import REMEDY
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from butterfly.experiment.estimate_record import EstimateRecord
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.identification import Identification
-    from butterfly.identify.judgement.findings import Finding
-    from butterfly.identify.judgement.verdict import Verdict
-    from butterfly.identify.predict import FitSummary
-
-    Values = Mapping[str, float]
+Values = Mapping[str, float]
 
 _FAR_OFF = -1000.0  # FIT in per cent
 _LEAST_MASSES = 3  # of which one can be left out

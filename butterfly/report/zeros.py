@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from butterfly.errors import InputError
-from butterfly.identify.judgement.slips.names import listed
-from butterfly.identify.zeros import ZeroKind, zeros_of
+from butterfly.identification.judgement.slips.names import listed
+from butterfly.identification.zeros import ZeroKind, zeros_of
+from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
+from butterfly.model.known import Knowledge
 from butterfly.signals.frequency_response import ResponsePoint, response_point
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.logs.log import Log
-    from butterfly.model.known import Knowledge
 
 REMEDY = (
     "say what the encoder reads where the hand hangs (zero: in the manifest, or --zero), or add a "

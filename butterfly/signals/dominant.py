@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from butterfly.signals.resample import resample, uniform_grid
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _MOST = 2**15  # samples that are looked at, where a signal has more
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
 from butterfly.signals import hold
 from butterfly.signals.sine_fit import (
     HARMONICS,
@@ -20,10 +21,6 @@ from butterfly.signals.sine_fit import (
 )
 from butterfly.signals.transient import pole_of
 from butterfly.signals.window import STEADY_SECONDS, steady_window
-
-if TYPE_CHECKING:
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass
 
 LOUD = 0.1
 """Of the swing: what else moves, from which on a transient is looked for."""

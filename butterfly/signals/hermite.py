@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Samples = NDArray[np.float64]
+Samples = NDArray[np.float64]
 
 
 def interpolate(grid: Samples, angle: Samples, velocity: Samples, instants: Samples) -> Samples:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Samples = NDArray[np.float64]
+Samples = NDArray[np.float64]
 
 _BLOCK = 1024  # samples that stay in the fastest cache
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,13 +10,10 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.model.control_bridge import frequency_response_data
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.signals.frequency_response import ResponsePoint
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     import control
-
-    from butterfly.signals.frequency_response import ResponsePoint
 
 
 def measured_response(

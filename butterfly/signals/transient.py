@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.signals.resample import resample, uniform_grid
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _SAMPLES = 1000  # that are enough to fit two numbers
 _PADDED = 8

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
+from butterfly.logs.log import Log
 
 STEADY_SECONDS = 30.0
 """Length of the window at the log's end, as in the thesis; the transient before it is left out."""

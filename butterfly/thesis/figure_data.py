@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.files import replacing
+from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.model.discrete import HeldSystem
 from butterfly.model.linear import frequency_response
@@ -16,23 +19,14 @@ from butterfly.resources import shipped
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
 from butterfly.thesis.scripts import scripted_amplitude
-from butterfly.thesis.synthetic import synthetic_log
+from butterfly.thesis.synthetic import Synthetic, synthetic_log
 from butterfly.thesis.tables import (
     COARSE,
     has_real_logs,
     scripted_point,
 )
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.thesis.synthetic import Synthetic
-
-    Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, NDArray[np.float64]]
 
 _WINDOW = 40.0  # s of Figure 6
 _REAL_STEP = 0.04  # s, to which Figures 9 and 11 are resampled

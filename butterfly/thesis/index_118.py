@@ -9,20 +9,16 @@ built on wrong parameters settles at a constant I other than 0, a-bar = 1 fits b
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
+from butterfly.model.parameters import LumpedParameters
 from butterfly.signals.local_polynomial import slope
 from butterfly.signals.resample import resample, uniform_grid
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import LumpedParameters
 
 _PARTS = 20  # of a period, n of (117)
 _VELOCITY = 0.02  # s, half-width of the polynomials whose slope is the velocity

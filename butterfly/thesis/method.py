@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from butterfly.errors import InputError
-from butterfly.identify.estimators.base import Estimator
-from butterfly.identify.other_parameters import best_gain
-from butterfly.identify.predict import Predictor
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators.base import Estimator
+from butterfly.identification.other_parameters import best_gain
+from butterfly.identification.predict import Predictor
 from butterfly.thesis.scripts import DECIMATION, fit_thesis
-
-if TYPE_CHECKING:
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,22 +7,16 @@ x = a0 - a1^2/2 (76). The thesis's own estimators stand beside, as printed and c
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.signals.frequency_response import response_point
+from butterfly.logs.log import Log
+from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.signals.window import STEADY_SECONDS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.signals.frequency_response import ResponsePoint
 
 _ITERATIONS = 30
 _REWEIGHTINGS = 5

@@ -6,22 +6,17 @@ then the noise of Y stands in a regressor, so that least squares is biased.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError, InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from butterfly.model.parameters import AddedMass
-    from butterfly.thesis.resonance import Resonance
+from butterfly.model.parameters import AddedMass
+from butterfly.thesis.resonance import Resonance
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

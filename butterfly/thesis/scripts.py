@@ -7,28 +7,23 @@ what to use. docs/theory.md lists each slip beside the corrected formula.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
-from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identify.judgement.identifiability import Conditioning
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.judgement.identifiability import Conditioning
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
 from butterfly.signals.periodogram import periodogram
 from butterfly.signals.resample import resample, uniform_grid
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass
 
 METHOD = "thesis"
 

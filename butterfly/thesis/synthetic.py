@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.logs.log import Sine
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.setup import Setup
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.setup import Setup
 
 _START = 0.01  # rad, at which the Simulink model starts
 

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
-from butterfly.identify.data import read_data_set
-from butterfly.identify.estimators import HarmonicBalance
+from butterfly.identification.data import read_data_set
+from butterfly.identification.estimators import HarmonicBalance
+from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.discrete import HeldSystem
 from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import AddedMass
 from butterfly.resources import shipped
 from butterfly.signals.frequency_response import response_point
 from butterfly.thesis.resonance import complex_fit
 from butterfly.thesis.scripts import ScriptedAmplitude, fit_resonances, fit_thesis
-from butterfly.thesis.synthetic import synthetic_log
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from pathlib import Path
-
-    from butterfly.logs.log import Log
-    from butterfly.model.parameters import AddedMass
-    from butterfly.thesis.synthetic import Synthetic
+from butterfly.thesis.synthetic import Synthetic, synthetic_log
 
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""

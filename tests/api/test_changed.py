@@ -7,8 +7,8 @@ import pytest
 
 import butterfly as bf
 from butterfly.api.identified import Identified
-from butterfly.identify.judgement.findings import Ending
-from tests.compare.test_change import ERRORS, TRUTH, estimate, of_scale
+from butterfly.identification.judgement.findings import Ending
+from tests.comparison.test_change import ERRORS, TRUTH, estimate, of_scale
 
 
 def identified(factors=1.0, covariance=None, **properties):

@@ -13,10 +13,10 @@ import yaml
 
 import butterfly as bf
 from butterfly.api.identified_model import IdentifiedModel
-from butterfly.identify.design import masses_at_hand
-from butterfly.identify.estimators import HarmonicBalance, OutputError
-from butterfly.identify.judgement.splits import Split
-from butterfly.identify.judgement.validation import hold_out
+from butterfly.identification.design import masses_at_hand
+from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.judgement.splits import Split
+from butterfly.identification.judgement.validation import hold_out
 from butterfly.logs.mat import write_mat
 
 

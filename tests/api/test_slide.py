@@ -7,7 +7,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.errors import InputError
-from butterfly.identify.estimators import WeakForm
+from butterfly.identification.estimators import WeakForm
 from tests.independent.integrator import Joint, motion
 
 

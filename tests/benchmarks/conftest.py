@@ -7,7 +7,7 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from butterfly.identify.estimators import OutputError
+from butterfly.identification.estimators import OutputError
 from butterfly.model.greybox import simulate
 from butterfly.signals import hold
 from tests.benchmarks.bars import ROWS, table

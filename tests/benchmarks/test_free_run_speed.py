@@ -3,9 +3,9 @@
 import math
 from dataclasses import replace
 
-from butterfly.identify.estimators import HarmonicBalance
-from butterfly.identify.other_parameters import best_gain
-from butterfly.identify.predict import Predictor
+from butterfly.identification.estimators import HarmonicBalance
+from butterfly.identification.other_parameters import best_gain
+from butterfly.identification.predict import Predictor
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identify.estimators import OutputError
+from butterfly.identification.estimators import OutputError
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import OutputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import OutputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive

@@ -5,7 +5,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from scipy.integrate import solve_ivp
 
-from butterfly.identify.free_run import Trajectory
+from butterfly.identification.free_run import Trajectory
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.mjcf import compile_model

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from butterfly.identify.estimators import WeakForm
+from butterfly.identification.estimators import WeakForm
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, LumpedParameters

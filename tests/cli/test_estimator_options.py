@@ -11,7 +11,7 @@ import pytest
 from butterfly.cli.estimator_options import built, described, takes_estimator
 from butterfly.errors import InputError
 from butterfly.experiment.methods import ESTIMATORS
-from butterfly.identify.estimators import Loss, OutputError, WeakForm
+from butterfly.identification.estimators import Loss, OutputError, WeakForm
 
 OWN = {
     method: [each for each in fields(kind) if each.name != "method"]

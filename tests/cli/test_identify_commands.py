@@ -7,7 +7,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.cli.exit_codes import ExitCode
-from butterfly.identify.estimators import describing_fit
+from butterfly.identification.estimators import describing_fit
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error
 

@@ -5,7 +5,7 @@ import pytest
 
 can = pytest.importorskip("can", reason="python-can is not installed (extra 'can')")
 
-from butterfly.identify.data import read_data_set
+from butterfly.identification.data import read_data_set
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.known import Known

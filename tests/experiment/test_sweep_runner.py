@@ -20,7 +20,7 @@ from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.workers import LocalEngine
-from butterfly.identify.data import read_data_set
+from butterfly.identification.data import read_data_set
 from butterfly.logs.manifest import read_manifest
 from tests.experiment.setting import SWEEP, HereEngine, small_plan, tables_of
 

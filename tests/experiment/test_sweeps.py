@@ -15,7 +15,7 @@ from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
-from butterfly.identify.estimators import HarmonicBalance, Loss, OutputError, WeakForm
+from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.plant.joints import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.resources import shipped, shipped_experiments

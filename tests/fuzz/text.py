@@ -8,7 +8,7 @@ import numpy as np
 
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source
-from butterfly.identify.data import read_data_set
+from butterfly.identification.data import read_data_set
 from butterfly.logs.csv import read_csv
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import read_manifest

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.identify.data import DataSet
+from butterfly.identification.data import DataSet
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from tests.independent.drives import chirp, clock, log_uniform, multisine

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.errors import ButterflyError
-from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import HarmonicBalance, WeakForm
-from butterfly.identify.identification import identify
-from butterfly.identify.judgement.verdict import Standing
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, WeakForm
+from butterfly.identification.identification import identify
+from butterfly.identification.judgement.verdict import Standing
 from butterfly.logs.log import Log, with_unique_names
 from butterfly.model.parameters import AddedMass
 from butterfly.report.words import sentences

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.identify.data import DataSet, read_data_set
+from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.log import Log, with_unique_names
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.identify.data import read_data_set
+from butterfly.identification.data import read_data_set
 from butterfly.logs.manifest import Manifest, manifest_text, read_manifest
 from butterfly.logs.pieces import Cut
 from butterfly.logs.stamps import restarts

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from butterfly.identify.data import DataSet
-from butterfly.identify.estimators.output_error import OutputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators.output_error import OutputError
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.thinning import thinned

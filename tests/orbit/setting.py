@@ -7,7 +7,7 @@ import numpy as np
 
 from butterfly.experiment.orbit import simulated_rig
 from butterfly.experiment.schema import PlantSpec
-from butterfly.identify.estimators import Linear
+from butterfly.identification.estimators import Linear
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identify.bumps import SPACING
-from butterfly.identify.judgement.findings import FindingKind
-from butterfly.identify.weak_signals import HALF_WIDTH, weak_signals
+from butterfly.identification.bumps import SPACING
+from butterfly.identification.judgement.findings import FindingKind
+from butterfly.identification.weak_signals import HALF_WIDTH, weak_signals
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.plant.motor import Reading
 from tests.conftest import MASSES
-from tests.identify.simulated import ROBOT, STEP, wild
+from tests.identification.simulated import ROBOT, STEP, wild
 
 TERMS = ("coulomb",)
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identify.regression import Regression
+from butterfly.identification.regression import Regression
 from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions
 from butterfly.orbit.selection import FOLDS, SEGMENT, Selection
 from tests.conftest import MASSES
-from tests.identify.simulated import ROBOT, wild
+from tests.identification.simulated import ROBOT, wild
 
 CANDIDATES = ("drag", "p3_offset", "coulomb", "bias", "stribeck")
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identify.judgement.slips.names import Slip
-from butterfly.identify.judgement.verdict import Verdict
+from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.judgement.slips.names import Slip
+from butterfly.identification.judgement.verdict import Verdict
 from butterfly.report.words import sentences_of
 
 ROOT = Path(__file__).parents[2]

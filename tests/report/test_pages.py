@@ -11,17 +11,17 @@ from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.api.looking_ahead import predict
 from butterfly.api.verbs import identify
-from butterfly.compare.leaderboard import leaderboard
-from butterfly.compare.three_way import compare_three
+from butterfly.comparison.leaderboard import leaderboard
+from butterfly.comparison.three_way import compare_three
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
-from butterfly.identify.data import DataSet
-from butterfly.identify.estimators import HarmonicBalance, Linear
-from butterfly.identify.judgement.findings import Ending
-from butterfly.identify.judgement.misfit import judge_misfit
-from butterfly.identify.predict import FitSummary
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, Linear
+from butterfly.identification.judgement.findings import Ending
+from butterfly.identification.judgement.misfit import judge_misfit
+from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions

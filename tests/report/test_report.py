@@ -13,8 +13,8 @@ import pytest
 from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.experiment.perform import perform
 from butterfly.experiment.reading import read_experiment
-from butterfly.identify.estimators import Linear
-from butterfly.identify.identification import identify
+from butterfly.identification.estimators import Linear
+from butterfly.identification.identification import identify
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised

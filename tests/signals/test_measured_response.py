@@ -10,7 +10,7 @@ from butterfly.model.control_bridge import linearised
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.frequency_response import response_point
 from butterfly.signals.measured_response import measured_response
-from tests.identify.simulated import simulated
+from tests.identification.simulated import simulated
 
 ROBOT = LumpedParameters(p1=0.003, p2=4e-3, p3=0.04, p4=0.5, delay=0.02)
 MASS = AddedMass(mass=0.05, arm=0.104)

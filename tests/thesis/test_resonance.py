@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identify.estimators import Linear
+from butterfly.identification.estimators import Linear
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-if TYPE_CHECKING:
-    from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import LumpedParameters
 
 State = tuple[float, float, float, float]
 """Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and

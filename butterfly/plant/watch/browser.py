@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import socket
 import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 from mujoco.studio import launch_web, messages, plugin, viewer_protocol, web_viewer
@@ -16,9 +17,6 @@ from mujoco.studio.web import web_server
 from butterfly.errors import InputError
 from butterfly.plant.watch.caption import told
 from butterfly.plant.watch.guard import LOOPBACK, Guard
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 
 def serve(

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
 
-from butterfly.plant.excitations import initial_angle
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.bench import Sample
+from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.mjcf import compile_model
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.bench import Sample
-    from butterfly.plant.excitations import Excitation
-    from butterfly.plant.setup import Setup
+from butterfly.plant.setup import Setup
 
 _PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up
 _BUSY = 0.02  # s on the wall clock that one frame may spend on simulating

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import mujoco
 from PIL import Image
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.files import replacing
+from butterfly.model.parameters import AddedMass
 from butterfly.plant.mjcf import compile_model
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.robot import Robot
+from butterfly.plant.robot import Robot
 
 CAMERA = "bench"
 """Camera of the shipped scene."""

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
+from butterfly.model.parameters import AddedMass
 from butterfly.plant import has_display
+from butterfly.plant.excitations import Excitation
+from butterfly.plant.robot import Robot
+from butterfly.plant.setup import Setup
 from butterfly.plant.watch.caption import Caption
 from butterfly.plant.watch.live import LiveRun, RealTime
 from butterfly.plant.watch.picture import Painter, RenderingError
 from butterfly.progress import Track, untracked
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
     from PIL import Image
-
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.excitations import Excitation
-    from butterfly.plant.robot import Robot
-    from butterfly.plant.setup import Setup
 
 _FRAME = 0.01  # s of rest between two frames
 _PILLOW = (".gif", ".webp")

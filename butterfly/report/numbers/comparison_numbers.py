@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from butterfly.identify.judgement.verdict import Standing
+from butterfly.comparison.leaderboard import Entry
+from butterfly.comparison.three_way import ThreeWay
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.judgement.misfit import Misfit
+from butterfly.identification.judgement.verdict import Standing
 from butterfly.report.misfit import misfit_sentences
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
@@ -18,16 +25,6 @@ from butterfly.report.numbers.misfit_numbers import (
 from butterfly.report.numbers.table_numbers import about, rests_on
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import verdict_on
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.compare.leaderboard import Entry
-    from butterfly.compare.three_way import ThreeWay
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.estimators import Estimator
-    from butterfly.identify.judgement.misfit import Misfit
 
 
 def told_comparison(

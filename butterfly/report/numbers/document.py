@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from butterfly.experiment.versions import versions
 from butterfly.files import replacing
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from butterfly.report.verdict import SaidVerdict
+from butterfly.report.verdict import SaidVerdict
 
 SCHEMA_NUMBER = 1
 """Of a document; raised when an older program could no longer read it."""

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from butterfly.identify.estimate import ParameterEstimate
-from butterfly.identify.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
-
-    from numpy.typing import NDArray
 
 _LARGEST = 1e60  # of any number: squares of such are numbers too
 

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_none
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.judgement.findings import Finding
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
 from butterfly.report.parameter_rows import unit_of
 from butterfly.report.words import finding_said, values_of
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Mapping, Sequence
-
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.estimators import Estimator
-    from butterfly.identify.judgement.findings import Finding
-    from butterfly.logs.log import InputKind
-    from butterfly.model.parameters import JointKind
 
 
 def data_numbers(data: DataSet) -> dict[str, Any]:

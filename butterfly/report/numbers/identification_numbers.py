@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from butterfly.identify.predict import FitSummary
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.identification import Identification
+from butterfly.identification.physical import PhysicalParameters
+from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import JointKind
+from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_json import estimate_content
@@ -24,14 +28,6 @@ from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
 from butterfly.report.parameter_rows import unit_of
 from butterfly.report.physical import physical_numbers
 from butterfly.report.words import fit_said, summary, values_of, verdict_on
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.identification import Identification
-    from butterfly.identify.physical import PhysicalParameters
-    from butterfly.model.parameters import LumpedParameters
 
 KIND = "identification"
 

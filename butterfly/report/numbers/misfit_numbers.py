@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from butterfly.identify.judgement.whiteness import LEVELS
-
-if TYPE_CHECKING:
-    from butterfly.identify.judgement.left_over import LeftOver
-    from butterfly.identify.judgement.misfit import LogMisfit, Misfit
-    from butterfly.model.parameters import JointKind
+from butterfly.identification.judgement.left_over import LeftOver
+from butterfly.identification.judgement.misfit import LogMisfit, Misfit
+from butterfly.identification.judgement.whiteness import LEVELS
+from butterfly.model.parameters import JointKind
 
 _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from butterfly.logs.log import InputKind
 from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
+from butterfly.plant.robot import Robot
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import lumped_numbers
 from butterfly.report.parameter_rows import unit_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from butterfly.logs.log import InputKind
-    from butterfly.model.parameters import AddedMass
-    from butterfly.plant.robot import Robot
-    from butterfly.report.verdict import SaidVerdict
+from butterfly.report.verdict import SaidVerdict
 
 _UNITS = {
     "hand": {

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from butterfly.experiment.orbit_record import OrbitRecord
-from butterfly.model.parameters import JointKind
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import TERMS
+from butterfly.orbit.study import OrbitStudy
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers, lumped_numbers
 from butterfly.report.parameter_rows import unit_of
 from butterfly.report.words import sentences, verdict_on
-
-if TYPE_CHECKING:
-    from butterfly.logs.log import InputKind
-    from butterfly.model.parameters import LumpedParameters
-    from butterfly.orbit.study import OrbitStudy
 
 
 def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:

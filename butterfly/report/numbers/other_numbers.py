@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from butterfly.logs.manifest import Manifest
+from butterfly.report.inspection import Inspected
 from butterfly.report.numbers.document import Told
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.logs.manifest import Manifest
-    from butterfly.report.inspection import Inspected
-    from butterfly.thesis.tables import Row
+from butterfly.thesis.tables import Row
 
 
 def told_inspection(manifest: Manifest, seen: Sequence[Inspected], said: Sequence[str]) -> Told:

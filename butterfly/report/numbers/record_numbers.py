@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from butterfly.experiment.estimate_record import EstimateRecord
+from butterfly.experiment.perform import RunResult
+from butterfly.experiment.record import RunRecord, SweepRecord
+from butterfly.experiment.schema import Experiment
 from butterfly.logs.log import InputKind
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.document import Told
@@ -16,14 +21,7 @@ from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import verdict_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     import pyarrow as pa
-
-    from butterfly.experiment.estimate_record import EstimateRecord
-    from butterfly.experiment.perform import RunResult
-    from butterfly.experiment.record import RunRecord, SweepRecord
-    from butterfly.experiment.schema import Experiment
 
 _IN_THEIR_UNIT = {
     *("value", "standard_error", "lower", "upper", "true"),

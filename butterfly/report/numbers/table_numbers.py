@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from butterfly.identify.identification import held_out_fits
-from butterfly.identify.predict import FitSummary, Predictor
+from butterfly.identification.data import DataSet
+from butterfly.identification.design import Candidate
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import held_out_fits
+from butterfly.identification.judgement.bootstrap import Bootstrap
+from butterfly.identification.judgement.findings import Finding
+from butterfly.identification.judgement.misfit import Misfit
+from butterfly.identification.judgement.term_selection import Structure
+from butterfly.identification.judgement.validation import HeldOut
+from butterfly.identification.predict import FitSummary, Predictor
+from butterfly.logs.log import Log
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import (
     chosen_numbers,
@@ -18,20 +29,6 @@ from butterfly.report.numbers.estimate_numbers import (
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
 from butterfly.report.recommendations import chosen_said, most_telling
 from butterfly.report.words import fit_said, held_out_sentences, verdict_on
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from butterfly.identify.data import DataSet
-    from butterfly.identify.design import Candidate
-    from butterfly.identify.estimate import ParameterEstimate
-    from butterfly.identify.estimators import Estimator
-    from butterfly.identify.judgement.bootstrap import Bootstrap
-    from butterfly.identify.judgement.findings import Finding
-    from butterfly.identify.judgement.misfit import Misfit
-    from butterfly.identify.judgement.term_selection import Structure
-    from butterfly.identify.judgement.validation import HeldOut
-    from butterfly.logs.log import Log
 
 _FIT_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"}
 

@@ -1,0 +1,322 @@
+"""Whether a robot has changed between two identifications of it from independent logs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
+
+from butterfly.errors import InputError
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.intervals import CONFIDENCE, widened
+from butterfly.model.known import OF_SCALE
+from butterfly.model.terms import TERMS
+
+Values = NDArray[np.float64]
+
+LEVEL = 1 - CONFIDENCE
+"""Share of comparisons of a robot that has not changed that say that it has, at most."""
+
+_OF_EACH = LEVEL / 2  # for the parameters one by one, by Holm's method
+_OF_ALL = LEVEL / 2  # for all of them together
+_POWER = float(ndtri(0.8))  # a detectable change is found four times in five
+_LEARNT = 0.9  # of a told uncertainty; logs that leave more of it are no evidence
+_SINGULAR = 1e12  # condition number of a correlation matrix
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterChange:
+    """One parameter before and after.
+
+    Parameters
+    ----------
+    name
+        Of the parameter, or ``x/y`` of a ratio.
+    before, after
+        Its values.
+    error
+        Standard error of the difference, not less than the intervals say.
+    freedom
+        Degrees of freedom of that error; infinite if not known.
+    probability
+        Of so large a difference by chance, of this parameter alone.
+    corrected
+        The same, corrected by Holm for the number of parameters that are tested.
+    detectable
+        Difference that would have been found four times in five.
+    """
+
+    name: str
+    before: float
+    after: float
+    error: float
+    freedom: float
+    probability: float
+    corrected: float
+    detectable: float
+
+    @property
+    def difference(self) -> float:
+        """After less before."""
+        return self.after - self.before
+
+    @property
+    def relative(self) -> float:
+        """The difference over the size of the value before; NaN of one that is hardly known."""
+        known = abs(self.before) > 2 * self.error
+        return self.difference / abs(self.before) if known else math.nan
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """95 % interval of the difference, of this parameter alone."""
+        reach = float(_quantile(self.freedom, 0.5 + CONFIDENCE / 2)) * self.error
+        return self.difference - reach, self.difference + reach
+
+    @property
+    def changed(self) -> bool:
+        """Whether it has changed, beyond what chance explains."""
+        return self.corrected <= _OF_EACH
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """Two identifications compared.
+
+    Parameters
+    ----------
+    parameters
+        Those that were estimated in both.
+    joint
+        Probability of so large a difference of all of them together by chance; NaN where the
+        covariances do not tell.
+    ratio
+        Of two parameters, that which has changed most clearly; None if there is none.
+    untested
+        Why parameters are not tested, in words.
+    """
+
+    parameters: tuple[ParameterChange, ...]
+    joint: float
+    ratio: ParameterChange | None
+    untested: dict[str, str]
+
+    @property
+    def changed(self) -> tuple[ParameterChange, ...]:
+        """The parameters that have changed, the clearest first."""
+        found = (each for each in self.parameters if each.changed)
+        return tuple(sorted(found, key=lambda each: each.probability))
+
+    @property
+    def together(self) -> bool:
+        """Whether the parameters together have changed beyond what chance explains."""
+        return self.joint <= _OF_ALL
+
+
+def change(before: ParameterEstimate, after: ParameterEstimate) -> Change:
+    """Test whether parameters differ between two estimates from independent logs.
+
+    Each by Student's t with Welch's degrees of freedom, corrected for their number (Holm, Scand. J.
+    Stat. 6, 1979); all together by Hotelling's T^2. Standard errors are not less than what the
+    intervals say, which left-out masses and rivals have widened. Half of `LEVEL` is spent on each
+    kind of test.
+
+    Parameters
+    ----------
+    before, after
+        Two estimates of the same robot, in the same units.
+
+    Raises
+    ------
+    InputError
+        If no parameter was estimated in both with an uncertainty.
+    """
+    untested = _untested(before, after)
+    names = [name for name in before.names if name in after.names and name not in untested]
+    if not names:
+        raise InputError(
+            "changed",
+            "estimates",
+            "no parameter in common that was estimated with an uncertainty",
+            "two identifications by methods that state one",
+        )
+    sides = [_Side.of(estimate, names) for estimate in (before, after)]
+    difference = sides[1].values - sides[0].values
+    errors = np.hypot(sides[0].errors, sides[1].errors)
+    freedom = _welch(sides)
+    tails = _tails(difference / errors, freedom)
+    corrected = _holm(tails)
+    least = _quantile(freedom, 1 - _OF_EACH / len(names) / 2) + _POWER
+    columns = (sides[0].values, sides[1].values, errors, freedom, tails, corrected, least * errors)
+    parameters = tuple(
+        ParameterChange(
+            name=name,
+            before=float(one),
+            after=float(other),
+            error=float(error),
+            freedom=float(nu),
+            probability=float(alone),
+            corrected=float(held),
+            detectable=float(seen),
+        )
+        for name, one, other, error, nu, alone, held, seen in zip(names, *columns, strict=True)
+    )
+    covariance = sides[0].covariance + sides[1].covariance
+    return Change(
+        parameters=parameters,
+        joint=_joint(difference, covariance, float(np.median(freedom))),
+        ratio=_clearest_ratio(parameters, sides),
+        untested=untested,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Side:
+    """What one estimate says of n parameters: values, errors, degrees of freedom, covariance."""
+
+    values: Values
+    errors: Values
+    freedom: Values
+    covariance: Values
+
+    @classmethod
+    def of(cls, estimate: ParameterEstimate, names: Sequence[str]) -> _Side:
+        rows = [estimate.names.index(name) for name in names]
+        free = np.full(len(estimate.names), np.inf)
+        freedom = (free if estimate.freedom is None else estimate.freedom)[rows]
+        values, covariance = estimate.values[rows], estimate.covariance[np.ix_(rows, rows)]
+        limits = np.array([estimate.lower[rows], estimate.upper[rows]])
+        half = np.max(np.abs(limits - values), axis=0)  # a side that a bound cuts is the narrower
+        spread = np.sqrt(np.diag(covariance))
+        errors = np.maximum(spread, half / _quantile(freedom, 0.5 + CONFIDENCE / 2))
+        apart = [each[rows] for each in estimate.left_out.values()]
+        rivals = [each[rows] for each in estimate.rivals]
+        wide = widened(values, covariance, apart, rivals)
+        scale = errors / np.sqrt(np.diag(wide))
+        unsigned = [k for k, name in enumerate(names) if not TERMS[name].sign_observable]
+        values[unsigned] = np.abs(values[unsigned])
+        return cls(
+            values=values,
+            errors=errors,
+            freedom=freedom,
+            covariance=np.asarray(scale[:, None] * wide * scale),
+        )
+
+
+def _untested(before: ParameterEstimate, after: ParameterEstimate) -> dict[str, str]:
+    """Say of which parameters there is no evidence, and why."""
+    both = (before, after)
+    told = [name for each in both for name in (*each.names, *each.known.parameters)]
+    why: dict[str, str] = {}
+    for name in dict.fromkeys(told):
+        known = [name in each.known.parameters and not _learnt(each, name) for each in both]
+        fixed = [name in each.held or name in each.known.exact for each in both]
+        fitted = [name in each.names for each in both]
+        if all(known):
+            why[name] = "was known in both, so that these logs are no evidence of it"
+        elif any(fixed):
+            why[name] = f"was held in {'both' if all(fixed) else _which(fixed)}"
+        elif not all(fitted):
+            why[name] = f"was fitted in {_which(fitted)} only"
+        elif not all(_uncertain(each, name) for each in both):
+            why[name] = "has no standard error"
+    return why
+
+
+def _learnt(estimate: ParameterEstimate, name: str) -> bool:
+    """Whether logs tell a parameter better than it was told."""
+    if name not in estimate.names:
+        return False
+    error = estimate.standard_errors[estimate.names.index(name)]
+    return bool(error < _LEARNT * estimate.known.parameters[name].uncertainty)
+
+
+def _which(flags: Sequence[bool]) -> str:
+    return "the first" if flags[0] else "the second"
+
+
+def _uncertain(estimate: ParameterEstimate, name: str) -> bool:
+    row = estimate.names.index(name)
+    limits = (estimate.lower[row], estimate.upper[row])
+    return bool(estimate.covariance[row, row] > 0 and np.isfinite(limits).all())
+
+
+def _welch(sides: Sequence[_Side]) -> Values:
+    """(n,) degrees of freedom of the sum of two variances (Welch, Biometrika 34, 1947)."""
+    one, other = ((side.errors**2, side.freedom) for side in sides)
+    total = (one[0] + other[0]) ** 2
+    with np.errstate(divide="ignore"):  # where both are infinite
+        return np.asarray(total / (one[0] ** 2 / one[1] + other[0] ** 2 / other[1]))
+
+
+def _holm(tails: Values) -> Values:
+    """Return (n,) probabilities, corrected for how many are looked at."""
+    order = np.argsort(tails)
+    factors = np.arange(tails.size, 0, -1)
+    corrected = np.empty_like(tails)
+    corrected[order] = np.minimum(np.maximum.accumulate(factors * tails[order]), 1.0)
+    return corrected
+
+
+def _joint(difference: Values, covariance: Values, freedom: float) -> float:
+    """Return the probability of so large a distance by chance (Hotelling's T^2)."""
+    count = difference.size
+    spread = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(spread, spread)
+    if np.linalg.cond(correlation) > _SINGULAR or freedom <= count:
+        return math.nan
+    distance = float(difference / spread @ np.linalg.solve(correlation, difference / spread))
+    if math.isinf(freedom):
+        return float(chdtrc(count, distance))
+    rest = freedom - count + 1
+    return float(fdtrc(count, rest, distance * rest / (freedom * count)))
+
+
+def _clearest_ratio(
+    parameters: Sequence[ParameterChange], sides: Sequence[_Side]
+) -> ParameterChange | None:
+    """Return the ratio to p1 of a torque whose logarithm has moved by most standard errors."""
+    names = [each.name for each in parameters]
+    if "p1" not in names or any(np.any(side.values == 0) for side in sides):
+        return None
+    base, found = names.index("p1"), []
+    for row, name in enumerate(names):
+        if name not in OF_SCALE or row == base:
+            continue
+        ratios = [side.values[row] / side.values[base] for side in sides]
+        errors = []
+        for side, ratio in zip(sides, ratios, strict=True):
+            slope = np.array([1 / side.values[row], -1 / side.values[base]])
+            pair = side.covariance[np.ix_([row, base], [row, base])]
+            errors.append(abs(ratio) * math.sqrt(max(float(slope @ pair @ slope), 0.0)))
+        error, freedom = math.hypot(*errors), parameters[row].freedom
+        tail = float(_tails((ratios[1] - ratios[0]) / error, freedom)) if error > 0 else 1.0
+        found.append(
+            ParameterChange(
+                name=f"{name}/p1",
+                before=float(ratios[0]),
+                after=float(ratios[1]),
+                error=error,
+                freedom=freedom,
+                probability=tail,
+                corrected=min(1.0, len(names) * tail),
+                detectable=float(_quantile(freedom, 1 - _OF_EACH / len(names) / 2) + _POWER)
+                * error,
+            )
+        )
+    return min(found, key=lambda each: each.probability, default=None)
+
+
+def _tails(deviation: Values | float, freedom: Values | float) -> Values:
+    """Return the probability of so many standard errors or more, on either side."""
+    return np.asarray(2 * stdtr(np.minimum(freedom, _ALMOST_NORMAL), -np.abs(deviation)))
+
+
+def _quantile(freedom: Values | float, level: float) -> Values:
+    return np.asarray(stdtrit(np.minimum(freedom, _ALMOST_NORMAL), level))
+
+
+_ALMOST_NORMAL = 1e9  # degrees of freedom, where Student's t is the normal distribution

@@ -1,0 +1,117 @@
+"""Estimators against each other over data sets, by what they predict unseen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from butterfly.errors import ButterflyError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.identification import estimated, judge
+from butterfly.identification.judgement.splits import Split
+from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.predict import FitSummary, Predictor
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import JointKind
+from butterfly.progress import Track, untracked
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Entry:
+    """One estimator on one data set.
+
+    Parameters
+    ----------
+    data, method
+        Their names.
+    in_sample, held_out
+        FIT of the logs that the estimator saw, and of what was left out; None if it could not.
+    left_out
+        What was left out at a time, in words.
+    estimate
+        From all logs, judged; None if the estimator refused them.
+    seconds
+        Taken by the fit to all logs, checks included.
+    error
+        Why there is no estimate, or none with a mass left out.
+    input_kind, joint
+        Of the data set.
+    """
+
+    data: str
+    method: str
+    in_sample: FitSummary | None
+    held_out: FitSummary | None
+    left_out: str
+    estimate: ParameterEstimate | None
+    seconds: float
+    error: str
+    input_kind: InputKind = InputKind.VOLTAGE
+    joint: JointKind = JointKind.HINGE
+
+
+def leaderboard(
+    sets: Sequence[DataSet],
+    estimators: Sequence[Estimator],
+    *,
+    split: Split = Split.AUTO,
+    track: Track = untracked,
+) -> list[Entry]:
+    """Try every estimator on every data set; the best first, by median FIT of what is left out.
+
+    Parameters
+    ----------
+    sets
+        The data sets.
+    estimators
+        Told what they are to be told.
+    split
+        What is left out together (see `butterfly.identification.judgement.splits.divide`).
+    track
+        Shows progress.
+    """
+    pairs = [(data, estimator) for data in sets for estimator in estimators]
+    entries = [
+        _entry(data, estimator, split) for data, estimator in track(pairs, "Comparing estimators")
+    ]
+    order = [data.name for data in sets]
+    return sorted(entries, key=lambda each: (order.index(each.data), -_score(each)))
+
+
+def _score(entry: Entry) -> float:
+    if entry.held_out is not None:
+        return entry.held_out.median
+    return -1e3 + (entry.in_sample.median if entry.in_sample is not None else -1e3)
+
+
+def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
+    estimator = estimator.suited(data)
+    begun = time.perf_counter()
+    found, seen, held, error = None, None, None, ""
+    seconds = 0.0
+    try:
+        found = estimated(data, estimator)
+        seconds = time.perf_counter() - begun
+        predictor = Predictor(data)
+        found = predictor.settled(found)
+        fits = predictor.fits(found)
+        found = judge(data, estimator, found, fits)
+        seen = FitSummary.of(fits, found.horizon)
+        held = hold_out(data, estimator.unchecked(), split)
+    except ButterflyError as problem:
+        error = str(problem)
+    return Entry(
+        data=data.name,
+        method=estimator.label,
+        in_sample=seen,
+        held_out=None if held is None else held.summary,
+        left_out="" if held is None else held.division.left_out,
+        estimate=found,
+        seconds=seconds or time.perf_counter() - begun,
+        error=error,
+        input_kind=data.input_kind,
+        joint=data.joint,
+    )

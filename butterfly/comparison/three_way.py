@@ -1,0 +1,125 @@
+"""The same input for MuJoCo, for the grey-box model and for the robot that made the log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.judgement.residual_torque import ResidualTorque, residual_torques
+from butterfly.identification.predict import FreeRun, Predictor
+from butterfly.logs.log import Log
+from butterfly.model.parameters import LumpedParameters
+from butterfly.plant.joints import MujocoJoint
+from butterfly.plant.replay import replay_input
+from butterfly.plant.twin import MASS, carrying_twin
+from butterfly.progress import Track, untracked
+from butterfly.signals.frequency_response import response_point
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ThreeWay:
+    """One log, and what both simulators make of its input.
+
+    Parameters
+    ----------
+    log
+        The log.
+    zero
+        Encoder reading in rad where the models' angle is 0.
+    parameters
+        That both simulators had, of the bare hand.
+    mujoco, greybox
+        (n,) simulated angles in rad, from the encoder's zero.
+    residual
+        Torque that all terms of the model leave over in the log.
+    gains
+        For a sine, by simulator: its response over the log's, complex.
+    """
+
+    log: Log
+    zero: float
+    parameters: LumpedParameters
+    mujoco: NDArray[np.float64]
+    greybox: NDArray[np.float64]
+    residual: ResidualTorque
+    gains: dict[str, complex]
+
+    @property
+    def fits(self) -> dict[str, float]:
+        """FIT in per cent of each simulator against the log."""
+        runs = {"MuJoCo": self.mujoco, "grey box": self.greybox}
+        return {name: FreeRun(log=self.log, simulated=run).fit for name, run in runs.items()}
+
+    @property
+    def difference(self) -> float:
+        """Largest difference in rad between the simulators."""
+        return float(np.abs(self.mujoco - self.greybox).max())
+
+
+def compare_three(
+    data: DataSet,
+    estimate: ParameterEstimate,
+    numbers: Sequence[int],
+    *,
+    mass: float = MASS,
+    track: Track = untracked,
+) -> list[ThreeWay]:
+    """Simulate logs of a data set in MuJoCo and by the grey-box equation, from rest.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimate
+        Parameters, and whatever else was found for each log.
+    numbers
+        Of the logs.
+    mass
+        Of the hand in kg, for MuJoCo; the motion does not tell it.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If no hand moves as the parameters say, or a simulation diverges.
+    """
+    predictor = Predictor(data)
+    found = []
+    torques = residual_torques(data, estimate, numbers).logs
+    for number, residual in zip(track(numbers, "Simulating twice"), torques, strict=True):
+        log = data.logs[number]
+        setting = predictor.setting(number, estimate)
+        parameters, zero = setting.parameters, setting.zero
+        robot, added = carrying_twin(parameters, log.added_mass, mass)
+        joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
+        delay, compression = parameters.delay, parameters.compression
+        mujoco = zero + replay_input(joint, log, delay, compression)
+        greybox = predictor.run_with(number, setting).simulated
+        found.append(
+            ThreeWay(
+                log=log,
+                zero=zero,
+                parameters=parameters,
+                mujoco=mujoco,
+                greybox=greybox,
+                residual=residual,
+                gains=_gains(log, {"MuJoCo": mujoco, "grey box": greybox}),
+            )
+        )
+    return found
+
+
+def _gains(log: Log, simulated: dict[str, NDArray[np.float64]]) -> dict[str, complex]:
+    if log.excitation is None:
+        return {}
+    measured = response_point(log).gain
+    return {
+        name: complex(response_point(replace(log, angle=angle)).gain / measured)
+        for name, angle in simulated.items()
+    }

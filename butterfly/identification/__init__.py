@@ -1,0 +1,1 @@
+"""From frequency responses or logs to parameters, and how far to trust them."""

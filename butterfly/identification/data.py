@@ -1,0 +1,355 @@
+"""A data set made ready for estimators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.identification.implied import beside_masses, implied
+from butterfly.identification.judgement.knowledge import is_driven
+from butterfly.identification.judgement.slips.inputs import slips_of_refused, slips_of_still
+from butterfly.identification.judgement.slips.names import with_slips
+from butterfly.identification.zeros import Zero, ZeroKind, near, reading_of, zeros_of
+from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
+from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names
+from butterfly.logs.manifest import Manifest
+from butterfly.logs.pieces import read_logs
+from butterfly.logs.thinning import thinned
+from butterfly.model.known import NOTHING, Knowledge, Known
+from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.progress import Track, untracked
+from butterfly.signals.frequency_response import ResponsePoint, response_point
+
+_UPRIGHT = 0.9 * math.pi  # rad from the rest angle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DataSet:
+    """Logs and what was read off them.
+
+    Parameters
+    ----------
+    name, description
+        Of the data set.
+    manifest
+        What it was read by; None if its logs came from no files.
+    input_kind
+        What its input commands.
+    told
+        What its owner knows of the robot.
+    known
+        That, and what it implies of the parameters (see `butterfly.identification.implied`).
+    recorded
+        The logs as they were recorded.
+    logs, health
+        The logs, repaired and, if they are very long, thinned (see `butterfly.logs.thinning`), and
+        the record of what was found in each.
+    points
+        The steady response of each log, None where the input is no sine.
+    held
+        Logs that are not to be used, only to be foretold; None if there are none.
+    """
+
+    name: str
+    description: str
+    manifest: Manifest | None = None
+    input_kind: InputKind
+    told: Knowledge = NOTHING
+    known: Knowledge = NOTHING
+    recorded: tuple[Log, ...]
+    logs: tuple[Log, ...]
+    health: tuple[Health, ...]
+    points: tuple[ResponsePoint | None, ...]
+    held: DataSet | None = None
+
+    @classmethod
+    def of(
+        cls,
+        recorded: Sequence[Log],
+        *,
+        name: str = "logs",
+        description: str = "",
+        manifest: Manifest | None = None,
+        known: Knowledge = NOTHING,
+        repairs: frozenset[Repair] = DEFAULT_REPAIRS,
+        track: Track = untracked,
+    ) -> DataSet:
+        """Check and repair logs, and fit the steady response of those whose input is a sine.
+
+        Raises
+        ------
+        InputError
+            If there is no log, one cannot be used, or their inputs are of different kinds.
+        """
+        if not recorded:
+            raise InputError(name, "logs", "none", "at least one log")
+        kinds = sorted({log.input_kind for log in recorded})
+        if len(kinds) > 1:
+            raise InputError(name, "input", " and ".join(kinds), "one kind of input in all logs")
+        joints = sorted({(log.added_mass.joint, log.added_mass.gravity) for log in recorded})
+        if len(joints) > 1:
+            raise InputError(name, "gravity", "different ones", "one joint under one gravity")
+        recorded = with_unique_names(recorded)
+        try:
+            ready = [_ready(log, repairs) for log in recorded]
+        except InputError as error:
+            raise with_slips(error, slips_of_still(recorded)) from None
+        logs = [log for log, _ in ready]
+        told = _of_logs(recorded).also(known)
+        return cls(
+            name=name,
+            description=description,
+            manifest=manifest,
+            input_kind=recorded[0].input_kind,
+            told=told,
+            known=_implied(told, recorded),
+            recorded=tuple(recorded),
+            logs=tuple(logs),
+            health=tuple(health for _, health in ready),
+            points=_responses(logs, track),
+        )
+
+    @property
+    def sines(self) -> list[ResponsePoint]:
+        """The responses of the logs that have one."""
+        return [point for point in self.points if point is not None]
+
+    @property
+    def masses(self) -> list[AddedMass]:
+        """The different added masses."""
+        return sorted({log.added_mass for log in self.logs})
+
+    @property
+    def joint(self) -> JointKind:
+        """How the joint moves."""
+        return self.logs[0].added_mass.joint
+
+    @cached_property
+    def zeros(self) -> tuple[Zero, ...]:
+        """Encoder reading where the model's angle is 0, for each log, and how it was found."""
+        return zeros_of(self.logs, self.points)
+
+    @cached_property
+    def equilibria(self) -> dict[AddedMass, float]:
+        """Encoder reading in rad where the model's angle is 0, for each added mass.
+
+        It is the median of its logs' zeros; what is told of a log itself goes before it (see
+        `zero_of`).
+        """
+        found: dict[AddedMass, float] = {}
+        for mass in self.masses:
+            pairs = zip(self.logs, self.zeros, strict=True)
+            own = [zero for log, zero in pairs if log.added_mass == mass]
+            others = [zero for zero in own if zero.kind is not ZeroKind.TOLD] or own
+            readings = [near(zero.value, others[0].value) for zero in others]
+            found[mass] = float(np.median(readings))
+        return found
+
+    def zero_of(self, log: Log) -> float:
+        """Return the encoder reading in rad where the model's angle is 0 in one of the logs."""
+        return reading_of(log, self.equilibria)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether gravity pulls at the joint, so that it has a rest angle, as far as is known."""
+        return not self.known.weightless(self.masses)
+
+    @property
+    def unread(self) -> list[AddedMass]:
+        """Added masses with logs whose zero is not known exactly, if there is any to know."""
+        open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.exact}
+        return sorted(open_) if self.hangs else []
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Names of the logs whose zero is a guess, if there is any to know."""
+        pairs = zip(self.logs, self.zeros, strict=True) if self.hangs else ()
+        return tuple(log.name for log, zero in pairs if zero.kind is ZeroKind.GUESS)
+
+    @cached_property
+    def calm(self) -> list[int]:
+        """Numbers of the logs in which the hand stays away from the upright, if there is one."""
+        if not self.hangs:
+            return list(range(len(self.logs)))
+        return [k for k, log in enumerate(self.logs) if not turns_over(log, self.zero_of(log))]
+
+    @property
+    def counted(self) -> list[int]:
+        """Numbers of the logs by whose free runs a model is judged: the calm ones, or else all."""
+        return self.calm or list(range(len(self.logs)))
+
+    def __repr__(self) -> str:
+        return (
+            f"DataSet({self.name!r}: {len(self.logs)} logs with {len(self.masses)} added masses, "
+            f"{self.input_kind})"
+        )
+
+    def knowing(self, known: Knowledge) -> DataSet:
+        """Return the data set of a robot of which more is known."""
+        if not known:
+            return self
+        manifest = None if self.manifest is None else self.manifest.knowing(known)
+        told = self.told.also(known)
+        held = None if self.held is None else self.held.knowing(known)
+        return replace(
+            self, told=told, known=_implied(told, self.recorded), manifest=manifest, held=held
+        )
+
+    def with_zero(self, zero: Known) -> DataSet:
+        """Return the data set with what the encoder reads in rad where the hand hangs."""
+        return replace(
+            self,
+            manifest=None if self.manifest is None else self.manifest.with_zero(zero),
+            recorded=tuple(replace(log, zero=zero) for log in self.recorded),
+            logs=tuple(replace(log, zero=zero) for log in self.logs),
+            held=None if self.held is None else self.held.with_zero(zero),
+        )
+
+    @property
+    def whole(self) -> DataSet:
+        """All logs, those that are held out after the others."""
+        if self.held is None:
+            return self
+        both = (self, self.held)
+        return replace(
+            self,
+            manifest=self.whole_manifest,
+            recorded=tuple(log for each in both for log in each.recorded),
+            logs=tuple(log for each in both for log in each.logs),
+            health=tuple(health for each in both for health in each.health),
+            points=tuple(point for each in both for point in each.points),
+            held=None,
+        )
+
+    @property
+    def whole_manifest(self) -> Manifest | None:
+        """The manifest of all logs, which names those that are held out."""
+        held = self.held
+        if self.manifest is None or held is None or held.manifest is None:
+            return self.manifest
+        entries = [*self.manifest.logs, *held.manifest.logs]
+        names = [log.name for log in held.logs]
+        return self.manifest.model_copy(update={"logs": entries, "holdout": names})
+
+    def holding_out(self, names: Sequence[str]) -> DataSet:
+        """Return the data set with some logs, by name or glob pattern, not to be used (`held`).
+
+        Raises
+        ------
+        InputError
+            If there is no such log, or none is left.
+        """
+        return self.holding(numbers_named(self.logs, names, self.name)) if names else self
+
+    def holding(self, rows: Sequence[int]) -> DataSet:
+        """Return the data set with some logs, by their numbers, not to be used (see `held`).
+
+        Raises
+        ------
+        InputError
+            If none is left.
+        """
+        if not rows:
+            return self
+        whole, count = self.whole, len(self.logs)
+        kept = [k for k in range(count) if k not in rows]
+        if not kept:
+            raise InputError(self.name, "holdout", "all logs", "some left to estimate from")
+        held = whole.take([*rows, *range(count, len(whole.logs))])
+        return replace(whole.take(kept), held=held)
+
+    def take(self, rows: Sequence[int]) -> DataSet:
+        """Return the data set of some of the logs that are used, by their numbers."""
+        return replace(
+            self,
+            manifest=self._part(rows),
+            recorded=tuple(self.recorded[k] for k in rows),
+            logs=tuple(self.logs[k] for k in rows),
+            health=tuple(self.health[k] for k in rows),
+            points=tuple(self.points[k] for k in rows),
+            held=None,
+        )
+
+    def _part(self, rows: Sequence[int]) -> Manifest | None:
+        if self.manifest is None:
+            return None
+        entries = [self.manifest.logs[k] for k in rows]
+        return self.manifest.model_copy(update={"logs": entries, "holdout": []})
+
+
+def _ready(log: Log, repairs: frozenset[Repair]) -> tuple[Log, Health]:
+    clean, health = examine(log, repairs)
+    return thinned(clean), health
+
+
+def _of_logs(logs: Sequence[Log]) -> Knowledge:
+    """Tell what follows of the logs: across no gravity is no moment, without input nothing late."""
+    absent = {"p3": not logs[0].added_mass.gravity, "delay": not is_driven(logs)}
+    zero = Known(value=0.0)
+    return Knowledge(parameters={name: zero for name, holds in absent.items() if holds})
+
+
+def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
+    """Return what is told, and what follows, of the joint that made some logs.
+
+    Raises
+    ------
+    InputError
+        If it cannot be.
+    """
+    first = logs[0]
+    moment = told.parameters.get("p3")
+    if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
+        raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
+    known = implied(told, first.input_kind, first.added_mass.joint)
+    return beside_masses(known, {log.added_mass for log in logs})
+
+
+def turns_over(log: Log, zero: float) -> bool:
+    """Whether the hand passes near the upright, or through it, so that small causes tell.
+
+    Parameters
+    ----------
+    log
+        Of any input.
+    zero
+        Encoder reading in rad of the hand at rest.
+    """
+    turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
+    return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
+
+
+def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None, ...]:
+    """Fit the steady response of each sine; a refusal names the slip that explains it."""
+    try:
+        return tuple(
+            response_point(log) if log.excitation else None for log in track(logs, "Fitting sines")
+        )
+    except InputError as error:
+        raise with_slips(error, slips_of_refused(logs)) from None
+
+
+def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
+    """Read every log of a manifest (see `DataSet.of`).
+
+    Raises
+    ------
+    InputError
+        If a log cannot be read or used.
+    """
+    manifest, recorded = read_logs(manifest, track)
+    data = DataSet.of(
+        recorded,
+        name=manifest.name,
+        description=manifest.description,
+        manifest=manifest,
+        known=manifest.knowledge,
+        repairs=frozenset(manifest.repair),
+        track=track,
+    )
+    return data.holding_out(manifest.holdout)

@@ -1,0 +1,92 @@
+"""For how long a simulation stays near a log: how fast a small error at its start grows.
+
+About the upright gravity drives errors apart, however well the parameters are known. Their growth
+is that of the linearised equation along the measured motion, friction aside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.zeros import reading_of
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.resample import uniform_grid
+
+Samples = NDArray[np.float64]
+
+GROWTH = 30.0
+"""Times by which an error at the start of a segment may grow within it."""
+
+_STEP = 0.01  # s, along the motion
+_EVERY = 5  # steps from one beginning to the next
+_PREFERRED = np.array(
+    [1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0]
+)  # horizons, times powers of ten
+
+
+def horizon_of(
+    logs: Iterable[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> float:
+    """Return the longest time in s within which no small error grows by more than `GROWTH`.
+
+    Parameters
+    ----------
+    logs
+        With increasing stamps.
+    parameters
+        Of the bare hand, roughly.
+    zeros
+        The encoder's reading in rad of the hand at rest, per added mass.
+
+    Returns
+    -------
+    Infinite where none grows so; else rounded down, so that little depends on the parameters.
+    """
+    found = min(
+        (_horizon(log, parameters, reading_of(log, zeros)) for log in logs), default=math.inf
+    )
+    if not math.isfinite(found):
+        return math.inf
+    decade = 10.0 ** math.floor(math.log10(found))
+    fits = _PREFERRED[_PREFERRED * decade <= found * (1 + 1e-9)]
+    return float(f"{fits[-1] * decade:.2g}")
+
+
+def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
+    loaded = parameters.with_added_mass(log.added_mass)
+    if not (loaded.p1 > 0 and loaded.p3 > 0):
+        return math.inf
+    angle = log.angle - zero
+    if np.cos(angle).min() >= 0:  # gravity pulls back wherever the hand is
+        return math.inf
+    grid = uniform_grid(log.time, _STEP)
+    falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
+    damping = max(loaded.p2, 0.0) / loaded.p1
+    slowest = math.sqrt(loaded.p1 / loaded.p3)
+    steps = _soonest(falling, damping, slowest)
+    return steps * _STEP if steps else math.inf
+
+
+def _soonest(falling: Samples, damping: float, slowest: float) -> int:
+    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does.
+
+    An error of the velocity is as large as what it would move the angle by if nothing pulled: that
+    grows with time by itself, and does not count.
+    """
+    begins = np.arange(0, falling.size - 1, _EVERY)
+    angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
+    velocity = 1 - angle
+    for count in range(1, falling.size):
+        begins = begins[begins + count < falling.size]
+        angle, velocity = angle[:, : begins.size], velocity[:, : begins.size]
+        velocity += _STEP * (falling[begins + count] * angle - damping * velocity)
+        angle += _STEP * velocity
+        sizes = np.abs(angle) / [[1.0], [max(count * _STEP, slowest)]]
+        if sizes.max(initial=0.0) > GROWTH:
+            return count
+    return 0

@@ -1,0 +1,159 @@
+"""What all estimators have in common: their terms, their label, and the check that costs most."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
+
+from butterfly.errors import InputError, nearest
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.model.known import Knowledge, Known
+from butterfly.model.terms import PARAMETERS, TERMS, offered
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimator:
+    """Base of the estimators: frozen, its options are its fields; called with a data set.
+
+    Parameters
+    ----------
+    method
+        Name of the estimator, which nothing else can have.
+    """
+
+    method: str = ""
+
+    summary: ClassVar[str]
+    """What it does, in a few words."""
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate the parameters of the robot that made the logs.
+
+        Raises
+        ------
+        InputError
+            If the logs cannot be used.
+        IdentifiabilityError
+            If they cannot determine the parameters.
+        """
+        raise NotImplementedError
+
+    @property
+    def label(self) -> str:
+        """Short name for tables: the method, and what it was told besides its defaults."""
+        told = [
+            part
+            for each in fields(self)
+            if each.name not in {"method", "check"} and getattr(self, each.name) != each.default
+            for part in _parts(each.name, getattr(self, each.name))
+        ]
+        return f"{self.method}({', '.join(told)})" if told else self.method
+
+    def suited(self, data: DataSet) -> Estimator:  # noqa: ARG002 - for one that looks at the data
+        """Return the estimator that is meant for the logs of a data set: itself."""
+        return self
+
+    def roughly(self, data: DataSet) -> ParameterEstimate:
+        """Estimate in as little time as may be (see `__call__`).
+
+        Without terms, but for a constant torque where no gravity holds against it.
+        """
+        terms = () if data.hangs else ("bias",)
+        return (self.with_terms(terms) if hasattr(self, "terms") else self)(data)
+
+    def unchecked(self) -> Self:
+        """Return the estimator without the refits that leave one added mass out."""
+        return self._with(check=False) if hasattr(self, "check") else self
+
+    def with_terms(self, terms: tuple[str, ...]) -> Self:
+        """Return the estimator with other terms.
+
+        Raises
+        ------
+        InputError
+            If it offers none, or not one of these.
+        """
+        if not hasattr(self, "terms"):
+            raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
+        return self._with(terms=terms)
+
+    def holding_terms_of(self, estimate: ParameterEstimate) -> Self:
+        """Return the estimator with the terms that an estimate of its own has, and no choice."""
+        if not hasattr(self, "terms"):
+            return self
+        return self.with_terms(tuple(name for name in estimate.names if name not in PARAMETERS))
+
+    def _with(self, **options: Any) -> Self:  # noqa: ANN401 - any option that the estimator has
+        return replace(self, **options)
+
+
+_SETTINGS = {"stribeck_velocity", "cogging_periods"}
+
+TAKES = {
+    "harmonic-balance": {row.name for row in TERMS.values() if row.describing}
+    | {"p4", "delay", *_SETTINGS},
+    "weak-form": {row.name for row in TERMS.values() if row.basis or row.derivative}
+    - {"compression"}
+    | {"delay", *_SETTINGS},
+    "output-error": set(TERMS),
+}
+"""What may be known beforehand, by the methods that make use of it."""
+
+
+def usable(method: str, known: Knowledge) -> Knowledge:
+    """Return what a method can make use of; that a term is absent any method can."""
+    return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
+
+
+def require_usable(method: str, known: Knowledge, names: tuple[str, ...] = PARAMETERS) -> None:
+    """Raise InputError for knowledge that a method cannot make use of (see `usable`).
+
+    So does knowledge of all that is to be found, some names at least.
+    """
+    if not known.open(names):
+        expected = "some of them to be found (`predict` takes parameters that are known)"
+        raise InputError(method, "known", f"{', '.join(names)}, all exactly", expected)
+    for name in known.parameters.keys() - usable(method, known).parameters.keys():
+        each = known.parameters[name]
+        others = " or ".join(other for other in TAKES if _can_use(other, name, each))
+        expected = f"the method {others}" if others else "an exact value"
+        raise InputError(method, f"known.{name}", each, expected)
+
+
+def _can_use(method: str, name: str, known: Known) -> bool:
+    if not known.exact:
+        return name in TAKES[method] & {*PARAMETERS, *offered(method)}
+    return known.value == 0 or name in TAKES[method]
+
+
+def names_of(method: str, terms: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the parameters that a method fits with some terms besides.
+
+    Raises
+    ------
+    InputError
+        If the method does not offer such a term.
+    """
+    require_names(method, "terms", terms, offered(method))
+    return (*PARAMETERS, *terms)
+
+
+def require_names(method: str, field: str, names: tuple[str, ...], valid: tuple[str, ...]) -> None:
+    """Raise InputError unless all names are valid, and each is given once."""
+    for name in names:
+        if name not in valid:
+            raise InputError(method, field, name, nearest(name, valid))
+        if names.count(name) > 1:
+            raise InputError(method, field, f"{name} twice", "each name once")
+
+
+def _parts(name: str, value: Any) -> list[str]:  # noqa: ANN401 - any option
+    """Name what an option was set to, as briefly as can be."""
+    if name == "terms":
+        return list(value or ()) or ["no terms"]
+    if isinstance(value, str):
+        return [str(value)]
+    if isinstance(value, tuple):
+        return [f"{name} {' '.join(value)}"]
+    return [f"{name} {value}"]

@@ -1,0 +1,308 @@
+"""The residuals of output error: all logs simulated freely, their parameters of several owners."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import InputError
+from butterfly.identification.estimators.equations import Equations, LogEquations
+from butterfly.identification.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
+from butterfly.identification.free_run import Trajectory
+from butterfly.identification.judgement.covariance import FEW
+from butterfly.identification.prior import Prior
+from butterfly.identification.segments import Segments, simulation
+from butterfly.identification.zeros import reading_of
+from butterfly.logs.log import Log
+from butterfly.model.kinematics import Motion
+from butterfly.model.known import NOTHING, Knowledge, Known
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.sensitivities import INITIAL
+from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
+from butterfly.signals.window import first_counted
+
+Samples = NDArray[np.float64]
+
+LOCAL = ("zero", "bias", "velocity")
+"""What may differ from mass to mass or from log to log."""
+
+_STILL = 1e-9  # rad, finer than which no encoder reads
+_PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck friction acts
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What is fitted.
+
+    Parameters
+    ----------
+    terms, fixed, per_mass, per_log, window
+        See `butterfly.identification.estimators.output_error.OutputError`.
+    horizon
+        Longest stretch in s that is simulated at a time.
+    workers
+        Threads.
+    known
+        What is known of the robot.
+    variance
+        Of a residual, beside which what is known with an uncertainty is weighed.
+    """
+
+    terms: tuple[str, ...]
+    fixed: tuple[str, ...]
+    per_mass: tuple[str, ...]
+    per_log: tuple[str, ...]
+    window: float
+    horizon: float
+    workers: int
+    known: Knowledge = NOTHING
+    variance: float = 1.0
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Names of the parameters that all logs share, the encoder's zero aside."""
+        owned = {*self.fixed, *self.per_mass, *self.per_log}
+        every = self.known.fitted((*PARAMETERS, *self.terms))
+        return tuple(name for name in every if name not in owned)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRunResiduals:
+    """Residuals of a set of logs and their derivatives, in parameters scaled to be of order 1.
+
+    Parameters
+    ----------
+    start
+        Values of the parameters that are not fitted.
+    keys
+        The n parameters, and whose each is.
+    shared
+        How many of them, the first ones, all logs share, the encoder's zero aside.
+    scale, lower, initial
+        (n,) sizes, and least values and first guesses in units of them.
+    zeros
+        Reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted.
+    prior
+        What is known of the scaled parameters with an uncertainty.
+    trajectories
+        The logs.
+    motion
+        Rms motion of each in rad.
+    workers
+        Threads.
+    """
+
+    start: LumpedParameters
+    keys: tuple[Key, ...]
+    shared: int
+    scale: Samples
+    lower: Samples
+    initial: Samples
+    zeros: Mapping[AddedMass, float]
+    prior: Prior | None
+    trajectories: tuple[Trajectory | Segments, ...]
+    motion: tuple[float, ...]
+    workers: int
+
+    @classmethod
+    def of(
+        cls,
+        logs: Sequence[Log],
+        start: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        choice: Choice,
+    ) -> FreeRunResiduals:
+        """Make logs ready to be fitted.
+
+        Parameters
+        ----------
+        logs
+            The logs, each of a name of its own.
+        start
+            First guess of the parameters, and the values of those that are not fitted.
+        zeros
+            First guess of the encoder's reading in rad of the hand at rest, per added mass.
+        choice
+            What is fitted.
+
+        Raises
+        ------
+        InputError
+            If a joint stands still where its errors would count.
+        """
+        start = replace(start, **choice.known.exact)
+        first = [first_counted(log, choice.window) for log in logs]
+        motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
+        told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
+        trajectories = tuple(
+            simulation(log, start, choice.horizon, k, told=told_velocity, free=len(logs) <= FEW)
+            for log, k in zip(logs, first, strict=True)
+        )
+        hangs = not choice.known.weightless(log.added_mass for log in logs)
+        anchored = [each.log for each in trajectories if not isinstance(each, Segments)]
+        owned = owned_keys(logs, choice.per_mass, choice.per_log, hangs=hangs, anchored=anchored)
+        keys = (*((name, None) for name in choice.shared), *owned)
+        sizes = _scales(logs, start)
+        scale = np.array([sizes[name] for name, _ in keys])
+        of_robot = choice.known.parameters
+        guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
+        told: dict[Key, Known] = {(name, None): known for name, known in of_robot.items()}
+        told.update(known_zeros(keys, logs))
+        prior = Prior.of(keys, told, choice.variance)
+        return cls(
+            start=start,
+            keys=keys,
+            shared=len(choice.shared),
+            scale=scale,
+            lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
+            initial=np.array(guesses) / scale,
+            zeros=zeros,
+            prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
+            trajectories=trajectories,
+            motion=motion,
+            workers=choice.workers,
+        )
+
+    def equations(self, scaled: Samples) -> Equations:
+        """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
+        values = scaled * self.scale
+        known = None if self.prior is None else (self.prior, scaled)
+        numbers = range(len(self.motion))
+        if self.workers == 1:
+            return Equations(logs=tuple(self._of_log(k, values) for k in numbers), known=known)
+        with ThreadPoolExecutor(self.workers) as pool:
+            work = pool.map(lambda k: self._of_log(k, values), numbers)
+            return Equations(logs=tuple(work), known=known)
+
+    def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
+        """Return the residuals of some logs, and the numbers of the parameters they depend on."""
+        chosen = [self.trajectories[k] for k in numbers]
+        concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
+        kept = np.array(sorted(concerned))
+        return (
+            replace(
+                self,
+                keys=tuple(self.keys[k] for k in kept),
+                scale=self.scale[kept],
+                lower=self.lower[kept],
+                initial=self.initial[kept],
+                prior=None if self.prior is None else self.prior.take(kept),
+                trajectories=tuple(chosen),
+                motion=tuple(self.motion[k] for k in numbers),
+            ),
+            kept,
+        )
+
+    def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
+        """Return the residuals in some of the parameters; terms that are not kept are absent.
+
+        Parameters
+        ----------
+        kept
+            Numbers of the n that are kept.
+        initial
+            (n,) first guesses, scaled.
+        """
+        absent = {
+            self.keys[k][0]: getattr(FrictionTerms, self.keys[k][0], 0.0)
+            for k in range(len(self.keys))
+            if k not in kept
+        }
+        return replace(
+            self,
+            start=replace(self.start, **absent),
+            keys=tuple(self.keys[k] for k in kept),
+            shared=int(np.sum(kept < self.shared)),
+            scale=self.scale[kept],
+            lower=self.lower[kept],
+            initial=initial,
+            prior=None if self.prior is None else self.prior.take(kept),
+        )
+
+    @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
+    def _of_log(self, index: int, values: Samples) -> LogEquations:
+        trajectory = self.trajectories[index]
+        columns = columns_of(self.keys, trajectory.log)
+        own = {self.keys[k][0]: float(values[k]) for k in columns}
+        moved = {name: value for name, value in own.items() if name not in INITIAL}
+        parameters = replace(self.start, **moved)
+        if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
+            return _impossible(len(self.keys))
+        zero = own["zero"] if "zero" in own else reading_of(trajectory.log, self.zeros)
+        errors, rows, mixture = trajectory.linearised(
+            list(own), parameters, zero, own.get("velocity")
+        )
+        unit = 1 / (self.motion[index] * errors.size**0.5)
+        scaled = np.zeros((mixture.shape[0], len(self.keys)))
+        scaled[:, columns] = unit * mixture * self.scale[columns]
+        return LogEquations(residuals=unit * errors, rows=rows, mixture=scaled)
+
+
+def _impossible(count: int) -> LogEquations:
+    """Return the equations of a joint without inertia, from which a descent steps back."""
+    none = np.zeros((1, 1))
+    return LogEquations(residuals=np.full(1, np.inf), rows=none, mixture=np.zeros((1, count)))
+
+
+def _rms_motion(log: Log, first: int) -> float:
+    """Return that of the angle in rad from a sample on, by which its errors are divided.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
+    if not motion > _STILL:
+        found = f"{motion:.1g} rad of motion in what counts"
+        raise InputError(log.source, "angle", found, "a joint that moves: leave the log out")
+    return motion
+
+
+def _first_guess(
+    key: Key,
+    logs: Sequence[Log],
+    start: LumpedParameters,
+    zeros: Mapping[AddedMass, float],
+    sizes: Mapping[str, float],
+) -> float:
+    name, whose = key
+    if name == "zero":
+        masses = {log.added_mass for log in logs if whose in {None, log.added_mass, log.name}}
+        return float(np.median([zeros[mass] for mass in masses]))
+    guess = float(getattr(start, name, 0.0))
+    lost = guess == 0 and name in TERMS and not TERMS[name].sign_observable
+    # Where the sign does not show the derivative is 0 at 0: the fit would stay there.
+    return sizes[name] if lost else guess
+
+
+def _scales(logs: Sequence[Log], start: LumpedParameters) -> dict[str, float]:
+    """Size of each parameter whose torque would be a tenth of the motor's, as large for p1 and p3.
+
+    The torque per unit is the largest that a typical swing takes from the table of terms.
+    """
+    swing = float(np.median([np.std(log.angle) for log in logs]))
+    command = float(np.median([1.0, *(np.std(log.input) for log in logs)])) or 1.0
+    rate = float(np.median([log.excitation.omega for log in logs if log.excitation] or [5.0]))
+    inertia = abs(start.p1) + max(log.added_mass.inertia for log in logs)
+    torque, speed = inertia * swing * rate**2, swing * rate
+    weight = max([1e-3, *(log.added_mass.weight for log in logs)])
+    angle, velocity = swing * np.sin(_PHASES), speed * np.cos(_PHASES)
+    motion = Motion.of(start, angle, velocity, weight=weight)
+    sizes = {
+        "p1": inertia,
+        "p3": torque / swing,
+        "p4": abs(start.p4) or torque / command,
+        "zero": swing,
+        "velocity": speed,
+    }
+    for row in TERMS.values():
+        if row.size is not None:
+            sizes.setdefault(row.name, row.size(speed, rate))
+        elif row.basis is not None and not row.of_gain and row.name not in sizes:
+            sizes[row.name] = 0.1 * torque / float(np.abs(row.basis(motion)).max())
+    return sizes

@@ -1,0 +1,238 @@
+"""The default method: a linear regression over all logs, at their own finite amplitudes.
+
+At each log's frequency w, with the phasors th of the angle and u of the input and a = |th|, the
+balance of the fundamental of (78) with Coulomb friction and an input delay d reads
+
+    [-(p1 + Z) w^2 + j w p2 + (p3 + X) 2 J1(a)/a + j 4 T_c/(pi a)] th = p4 e^(-j w d) u + r
+
+which is linear in p1, p2, p3, T_c, p4 and, to first order about the current delay, in p4 d; so are
+the describing functions of all other terms that it offers. The
+known Z = m l^2 and X = m g l set the scale, so two different added masses are needed. Each row is
+divided by the slope of its left-hand side in th at the previous iterate (Sanathanan & Koerner,
+IEEE Trans. Autom. Control 8, 1963), which turns equation errors into angle errors, and by the
+angle error's standard deviation: the measured one of the phasor, and one in proportion to the
+swing, common to all logs, that makes room for what the model leaves out (Paule & Mandel, J. Res.
+NBS 87, 1982).
+
+The remainder r is what the free run of the model itself leaves over in that balance, read in the
+same window: what describing functions neglect, a transient that still rings, stamps that are not
+regular. It is 0 at first; with it the fit ends where the model's steady response is the measured
+one (indirect inference; Gourieroux, Monfort & Renault, J. Appl. Econometrics 8, 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators.base import Estimator, names_of, require_usable
+from butterfly.identification.estimators.describing_fit import DescribingFit
+from butterfly.identification.estimators.describing_terms import DescribingTerms
+from butterfly.identification.estimators.steady_model import ROUGHLY, SteadyModel
+from butterfly.identification.free_run import Trajectory
+from butterfly.identification.judgement.findings import Finding
+from butterfly.identification.judgement.intervals import without_each_mass
+from butterfly.identification.judgement.knowledge import refuse_without_scale
+from butterfly.identification.phasors import Phasors
+from butterfly.identification.reference import Reference
+from butterfly.identification.rest_angles import RestAngles
+from butterfly.identification.steady import steady_sines
+from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import PARAMETERS
+from butterfly.signals.frequency_response import ResponsePoint
+
+LINEAR = ("p1", "p2", "p3", "p4")
+"""What is estimated in the limit of small swings without Coulomb friction and delay."""
+
+_NAME = "harmonic balance"
+
+
+@dataclass(frozen=True, kw_only=True)
+class HarmonicBalance(Estimator):
+    """p1..p4, Coulomb torque, delay and terms from the steady responses of all sines.
+
+    At least four logs, of two different added masses (none counts as one) or of a robot of which
+    enough is known. The covariance is the cluster-robust one over logs; the intervals are widened
+    to hold the estimates that leave one added mass out, and those with other terms that predict as
+    well. Stribeck velocity is scanned.
+
+    Parameters
+    ----------
+    terms
+        Fitted besides p1..p4, Coulomb torque and delay; if not given, those that help to predict
+        logs that were left out.
+    check
+        Whether to fit again without each added mass.
+    """
+
+    method: Literal["harmonic-balance"] = "harmonic-balance"
+    terms: tuple[str, ...] | None = None
+    check: bool = True
+
+    summary: ClassVar[str] = "joint linear fit of the steady responses"
+
+    def __post_init__(self) -> None:
+        names_of(self.method, self.terms or ())
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate from the sines of a data set (see `Estimator`)."""
+        require_usable(self.method, data.known)
+        numbers, said = steady_sines(data)
+        points = [point for k in numbers if (point := data.points[k]) is not None]
+        _refuse_unsteady(len(data.sines), len(points), len(data.known.fitted(PARAMETERS)))
+        reference, fit = _begun(points, data.known, PARAMETERS)
+        wanted = None if self.terms is None else "bias" in self.terms
+        told = [data.logs[k].zero for k in numbers]
+        rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted, told=told)
+        logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
+        poles = [point.pole for point in points]
+        robot = SteadyModel(trajectories=logs, rest=rest, poles=poles)
+        fit, robot = robot.settled(fit, ROUGHLY)
+        chosen = DescribingTerms.of(fit, self.terms, check=self.check)
+        fit, robot = robot.settled(DescribingFit.of(chosen.phasors))
+        while self.terms is None and (idle := fit.idle):
+            fit, chosen = fit.without(idle), chosen.without(idle)
+        known = robot.rest if robot.rest.bias is not None else None
+        return _judged(
+            points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
+        )
+
+    def roughly(self, data: DataSet) -> ParameterEstimate:
+        """Estimate without terms, as far as describing functions go (see `Estimator`)."""
+        require_usable(self.method, data.known)
+        reference, fit = _begun(data.sines, data.known, PARAMETERS)
+        return _judged(data.sines, fit, _NAME, [], reference, check=False)
+
+    def of_points(
+        self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
+    ) -> ParameterEstimate:
+        """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
+        reference, first = _begun(points, known, PARAMETERS)
+        chosen = DescribingTerms.of(first, self.terms, check=self.check)
+        fit = DescribingFit.of(chosen.phasors)
+        return _judged(points, fit, _NAME, [], reference, chosen=chosen, check=self.check)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linear(Estimator):
+    """p1..p4 of the linearisation from the steady responses of all sines.
+
+    For swings so small that sin th = th, without Coulomb friction and delay: what is left of the
+    harmonic balance is the joint linear complex fit -p1 w^2 G + j w p2 G + p3 G - p4 =
+    (Z w^2 - X) G.
+
+    Parameters
+    ----------
+    check
+        Whether to fit again without each added mass.
+    """
+
+    method: Literal["linear"] = "linear"
+    check: bool = True
+
+    summary: ClassVar[str] = "joint complex fit for small swings without friction"
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Estimate from the sines of a data set (see `Estimator`)."""
+        return self.of_points(data.sines, data.known)
+
+    def of_points(
+        self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
+    ) -> ParameterEstimate:
+        """Estimate from steady responses (see `Estimator`)."""
+        require_usable(HarmonicBalance.method, known, LINEAR)
+        reference, fit = _begun(points, known, LINEAR, small=True)
+        return _judged(points, fit, "joint linear complex fit", [], reference, check=self.check)
+
+
+def _begun(
+    points: Sequence[ResponsePoint],
+    known: Knowledge,
+    names: tuple[str, ...],
+    *,
+    small: bool = False,
+) -> tuple[Reference, DescribingFit]:
+    """Fit some parameters, and say on what their scale rests."""
+    _refuse_too_few(points, known.fitted(names), known)
+    reference = Reference.of([point.added_mass for point in points], known)
+    held = reference.held
+    phasors = Phasors.of(points, held.fitted(names), small=small, known=held)
+    return reference, DescribingFit.of(phasors)
+
+
+def _judged(
+    points: Sequence[ResponsePoint],
+    fit: DescribingFit,
+    method: str,
+    said: Sequence[Finding],
+    reference: Reference,
+    *,
+    chosen: DescribingTerms | None = None,
+    rest: RestAngles | None = None,
+    check: bool,
+) -> ParameterEstimate:
+    """Judge a fit, and the bias that the rest angles tell."""
+    masses = [point.added_mass for point in points]
+    solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
+    more = solved.values[fit.solved.values.size :]
+
+    def without(mass: AddedMass) -> NDArray[np.float64]:
+        kept = np.array([each != mass for each in masses])
+        rest_of_points = [point for point in points if point.added_mass != mass]
+        _refuse_too_few(rest_of_points, fit.phasors.names, fit.phasors.known)
+        values = DescribingFit.of(fit.phasors.take(kept)).solved.values
+        return values if rest is None else np.append(values, rest.of_part(kept))
+
+    left_out, few = without_each_mass(masses, without, fit.phasors.known, asked=check)
+    rivals = (np.append(each, more) for each in (chosen.rivals if chosen else ()))
+    whole = reference.whole(solved)
+    besides = np.zeros((len(whole.names), len(whole.names)))
+    if rest is not None:
+        besides[-1, -1] = rest.variance_by_zeros
+    found = ParameterEstimate.from_rows(
+        whole,
+        method=method,
+        left_out=left_out,
+        rivals=tuple(reference.grown(each, solved.names) for each in rivals),
+        findings=[*few, *said],
+        held=chosen.held if chosen else None,
+        masses=masses,
+        known=reference.known,
+        local=None if rest is None else rest.shared_zero,
+        besides=besides,
+    )
+    return chosen.judge(found) if chosen else found
+
+
+def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:
+    if steady < sines and 2 * steady <= sought:
+        raise IdentifiabilityError(
+            f"of {sines} logs of sines {steady} show a steady swing about a rest angle, too few: "
+            "in the others the hand turns over, rests elsewhere, swings too wide or never settles; "
+            "the methods weak-form and output-error take any motion"
+        )
+
+
+def _refuse_too_few(
+    points: Sequence[ResponsePoint], names: Sequence[str], known: Knowledge
+) -> None:
+    if not points:
+        raise IdentifiabilityError(
+            "no log says that its input was a sine: give omega and amplitude in the manifest; the "
+            "methods weak-form and output-error take any input"
+        )
+    refuse_without_scale((point.added_mass for point in points), known)
+    if 2 * len(points) <= len(names):
+        give = "log gives" if len(points) == 1 else "logs give"
+        raise IdentifiabilityError(
+            f"{len(points)} {give} {2 * len(points)} equations for {len(names)} parameters: add "
+            "runs at other frequencies"
+        )

@@ -1,0 +1,383 @@
+"""Output error: the parameters whose free-run simulation follows all logs best, jointly.
+
+Every log is simulated from its first sample with the recorded input alone; the difference to the
+measured angle is averaged over each step of the simulation, divided by the log's own rms motion,
+and its sum of squares minimised over the parameters that all logs share, and over those of one
+added mass or of one log (Ljung, System Identification, 2nd ed. 1999, section 7.2; Schittkowski,
+Numerical Data Fitting in Dynamical Systems, 2002).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError, InputError, require_number
+from butterfly.identification.data import DataSet
+from butterfly.identification.divergence import horizon_of
+from butterfly.identification.drift import lasting_horizon
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators.base import Estimator, require_names, require_usable
+from butterfly.identification.estimators.ends import Ends
+from butterfly.identification.estimators.equations import Equations
+from butterfly.identification.estimators.free_run_end import local_of, solved_of
+from butterfly.identification.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
+from butterfly.identification.estimators.free_run_terms import CANDIDATES, FreeRunTerms, inseparable
+from butterfly.identification.estimators.gauss_newton import MOST, Minimum, minimise
+from butterfly.identification.estimators.loss import Loss, outlying
+from butterfly.identification.estimators.starts import Start, starts
+from butterfly.identification.judgement.covariance import FEW, blocks_of
+from butterfly.identification.judgement.findings import Finding, FindingKind
+from butterfly.identification.judgement.intervals import of_few_logs, without_each_mass
+from butterfly.identification.judgement.knowledge import is_driven, refuse_without_scale
+from butterfly.identification.judgement.term_choice import candidates, missing_terms, told_terms
+from butterfly.identification.reference import Reference
+from butterfly.logs.log import Log
+from butterfly.model.friction import require_periods
+from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
+from butterfly.signals.window import STEADY_SECONDS
+
+_LEAST_MASSES = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputError(Estimator):
+    """The parameters whose free-run simulation follows all logs best.
+
+    Of two different added masses at least (none counts as one), or of a robot of which enough is
+    known. The covariance is the
+    cluster-robust one over logs, of weighted residuals where the loss is robust; the intervals are
+    widened to hold the estimates that leave one added mass out.
+
+    Parameters
+    ----------
+    terms
+        Fitted besides p1..p4, Coulomb torque and delay, the others keeping the values of the start;
+        if not given, those that help to predict logs that were left out. Stribeck friction brings
+        its velocity along.
+    fixed
+        Of all parameters, those that keep the values of the start.
+    per_mass
+        What is fitted for each added mass: zero (the encoder's), bias, velocity (at the start).
+    per_log
+        What is fitted for each log. The encoder's zero is shared by all if in neither.
+    window
+        Length in s, at the end of a sine's log, whose errors count: how a joint starts from rest
+        depends on how it came to rest. Logs of other inputs count from their start.
+    horizon
+        Longest stretch in s that is simulated at a time; 0 for whole logs. If not given, so long
+        that no error at the start of one grows more than 30-fold: whole logs, where the hand stays
+        away from the upright; and, where no gravity brings the joint back, that little but noise is
+        left over. The start of each stretch is fitted to it.
+    loss
+        How residuals count: linear, or robust with soft_l1, huber or cauchy.
+    cogging_periods
+        Of a cogging torque in a turn, as known; the sine of one period is what p3 is.
+    check
+        Whether to fit again without each added mass.
+    workers
+        Threads; 0 for one per core.
+    """
+
+    method: Literal["output-error"] = "output-error"
+    terms: tuple[str, ...] | None = None
+    fixed: tuple[str, ...] = ()
+    per_mass: tuple[str, ...] = ()
+    per_log: tuple[str, ...] = ()
+    window: float = STEADY_SECONDS
+    horizon: float | None = None
+    loss: Loss = Loss.LINEAR
+    cogging_periods: float = 1.0
+    check: bool = True
+    workers: int = 0
+
+    summary: ClassVar[str] = "joint fit of free-run simulations"
+
+    def __post_init__(self) -> None:
+        known = offered(self.method)
+        require_names(self.method, "terms", self.terms or (), known)
+        require_names(self.method, "fixed", self.fixed, (*PARAMETERS, *known))
+        require_names(self.method, "per_mass", self.per_mass, LOCAL)
+        require_names(self.method, "per_log", self.per_log, LOCAL)
+        require_number(self.method, positive=True, unit="s", window=self.window)
+        if self.horizon is not None and self.horizon != math.inf:
+            require_number(self.method, unit="s", horizon=self.horizon)
+        require_periods(self.method, self.cogging_periods)
+        if self.workers < 0:
+            raise InputError(self.method, "workers", self.workers, "0 or more")
+
+    def __call__(self, data: DataSet) -> ParameterEstimate:
+        """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
+        first = starts(data, self.terms)
+        calm = data.take(data.calm)
+        few = len(calm.masses) < _LEAST_MASSES or len(calm.logs) <= FEW
+        if few or len(calm.logs) == len(data.logs):
+            return self.of_starts(data.logs, first, data.known)
+        lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
+        left_out = Finding(kind=FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
+        return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
+
+    def of_logs(
+        self,
+        logs: Sequence[Log],
+        start: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
+    ) -> ParameterEstimate:
+        """Fit the free-run simulation of all logs jointly (see `of_starts`).
+
+        Parameters
+        ----------
+        logs
+            With increasing stamps.
+        start
+            First guess; a poor one may stall the fit, so take a closed form's.
+        zeros
+            First guess of the encoder's reading in rad of the hand at rest, per added mass.
+        known
+            What is known of the robot.
+        """
+        return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
+
+    def of_starts(
+        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
+    ) -> ParameterEstimate:
+        """Fit the free-run simulation of all logs jointly, from one or more first guesses.
+
+        Raises
+        ------
+        IdentifiabilityError
+            If the logs cannot determine the parameters, or no first guess is a joint's.
+        """
+        if self.horizon is None:
+            horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
+            found = replace(self, horizon=horizon).of_starts(logs, first, known)
+            if math.isfinite(horizon):
+                return found
+            return replace(self._of_lasting(logs, first, known, found), horizon=None)
+        require_usable(self.method, known)
+        self._require_told_once(known)
+        masses, driven = [log.added_mass for log in logs], is_driven(logs)
+        refuse_without_scale(masses, known, driven=driven)
+        reference = Reference.of(masses, known, driven=driven)
+        variance = self._variance(logs, first, reference.held)
+        ends = self._ends(logs, first, reference.held, variance)
+        problem, end = ends.problem, ends.end
+        rivals: tuple[NDArray[np.float64], ...] = ()
+        said = list(ends.findings)
+        if self.terms is None:
+            chosen = FreeRunTerms.of(problem, end.point, end.at, tuple(known.uncertain))
+            problem, rivals = chosen.part, chosen.rivals
+            end = self.descend(problem, problem.initial)
+            said += chosen.choice.findings
+        while lost := inseparable(problem, end.at):
+            said.append(Finding(kind=FindingKind.INSEPARABLE, parameters=lost))
+            kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
+            rivals = tuple(each[kept[kept < each.size]] for each in rivals)
+            problem = problem.keeping(kept, end.point[kept])
+            end = self.descend(problem, problem.initial)
+
+        def without(mass: AddedMass) -> NDArray[np.float64]:
+            """Fit from where the whole fit ended, whose equations give the first step."""
+            rest = [k for k, log in enumerate(logs) if log.added_mass != mass]
+            part, kept = problem.part(rest)
+            end_of_part = self.descend(part, end.point[kept], end.at.part(rest, kept))
+            return np.asarray((end_of_part.point * part.scale)[: problem.shared])
+
+        left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
+        ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
+        solved = solved_of(problem, end)
+        found = ParameterEstimate.from_rows(
+            reference.whole(solved),
+            method="output error",
+            left_out=left_out,
+            rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
+            shared=problem.shared + bool(reference.name),
+            findings=[*few, *of_few_logs(len(logs)), *said],
+            held=self._held(problem, reference.name),
+            local=local_of(list(ended)[problem.shared :]),
+            masses=masses,
+            blocks=blocks_of(len(logs), len(problem.keys)),
+            known=known,
+            horizon=self.horizon or math.inf,
+        )
+        return found.with_findings(*self._missing(logs, found, problem.zeros, variance))
+
+    def _of_lasting(
+        self,
+        logs: Sequence[Log],
+        first: Sequence[Start],
+        known: Knowledge,
+        found: ParameterEstimate,
+    ) -> ParameterEstimate:
+        """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
+        if not known.weightless(log.added_mass for log in logs):
+            return found
+        horizon = lasting_horizon(logs, found)
+        if not math.isfinite(horizon):
+            return found
+        adds_up = Finding(kind=FindingKind.ADDS_UP, number=horizon)
+        again = replace(self, horizon=horizon).of_starts(logs, first, known)
+        return again.with_findings(adds_up)
+
+    def _require_told_once(self, known: Knowledge) -> None:
+        """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
+        for name in self.fixed:
+            if name in known.uncertain:
+                expected = "what is not known with an uncertainty"
+                raise InputError(self.method, "fixed", name, expected)
+        for field in ("per_mass", "per_log"):
+            for name in getattr(self, field):
+                if name in known.parameters:
+                    expected = "what is not known of the robot already"
+                    raise InputError(self.method, field, name, expected)
+
+    def _ends(
+        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge, variance: float = 1.0
+    ) -> Ends:
+        problems = [
+            self.problem(logs, each.parameters, each.zeros, known, variance) for each in first
+        ]
+        return Ends.of(problems, self)
+
+    def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
+        """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
+        zeros = (log.zero for log in logs if log.zero is not None)
+        if not known.uncertain and all(zero.exact for zero in zeros):
+            return 1.0
+        ends = self._ends(logs, first, known, 0.0)
+        return solved_of(ends.problem, ends.end).realised_variance
+
+    def _missing(
+        self,
+        logs: Sequence[Log],
+        found: ParameterEstimate,
+        zeros: Mapping[AddedMass, float],
+        variance: float,
+    ) -> list[Finding]:
+        """Tell which terms that were not asked for would help, by one expansion with them all."""
+        if self.terms is None or not self.check or self.per_mass or self.per_log:
+            return []
+        if "zero" in found.local.get(None, {}):
+            zeros = dict.fromkeys(zeros, found.local[None]["zero"])
+        more = candidates(CANDIDATES, zeros, found.known)
+        every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
+        problem = every.problem(logs, found.parameters, zeros, found.known, variance)
+        at = self._counted(problem.equations(problem.initial))
+        try:
+            best = FreeRunTerms.of(problem, problem.initial, at, found.names)
+        except IdentifiabilityError:
+            return []
+        return missing_terms(found, best.values)
+
+    def minimum(
+        self,
+        logs: Sequence[Log],
+        start: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
+    ) -> float:
+        """Return the least sum of squares, each log's being its mean square relative error.
+
+        Parameters
+        ----------
+        logs, start, zeros, known
+            As `of_logs` takes them.
+        """
+        problem = self.problem(logs, start, zeros, known)
+        end = self.descend(problem, problem.initial)
+        return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
+
+    def holding(self, name: str) -> OutputError:
+        """Return the estimator with a parameter held at the start's value."""
+        return replace(self, fixed=(*self.fixed, name))
+
+    def problem(
+        self,
+        logs: Sequence[Log],
+        start: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        known: Knowledge = NOTHING,
+        variance: float = 1.0,
+    ) -> FreeRunResiduals:
+        """Return the residuals that are minimised.
+
+        Parameters
+        ----------
+        logs, start, zeros, known
+            As `of_logs` takes them.
+        variance
+            Of a residual, beside which what is known with an uncertainty is weighed.
+        """
+        horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
+        choice = Choice(
+            terms=self._names((log.added_mass for log in logs), known),
+            fixed=self.fixed,
+            per_mass=self.per_mass,
+            per_log=self.per_log,
+            window=self.window,
+            horizon=horizon or math.inf,
+            workers=self.workers or os.cpu_count() or 1,
+            known=known,
+            variance=variance,
+        )
+        turning = replace(start, cogging_periods=self.cogging_periods)
+        return FreeRunResiduals.of(logs, turning, zeros, choice)
+
+    def _names(self, masses: Iterable[AddedMass], known: Knowledge) -> tuple[str, ...]:
+        """Return the terms that are fitted, or tried."""
+        terms = self.terms
+        if terms is None:
+            terms = candidates(CANDIDATES, masses, known)
+        else:
+            terms = told_terms(terms, known.uncertain)
+        leaders = {*terms, *known.uncertain} & COMPANIONS.keys()
+        settled = {*terms, *self.fixed, *known.parameters}
+        brought = {COMPANIONS[name] for name in leaders} - settled
+        return (*(name for name in terms if name not in self.fixed), *sorted(brought))
+
+    def descend(
+        self,
+        problem: FreeRunResiduals,
+        initial: NDArray[np.float64],
+        known: Equations | None = None,
+        most: int = MOST,
+    ) -> Minimum[Equations]:
+        """Return where a descent ends, its loss counted in."""
+        plain = minimise(problem.equations, initial, problem.lower, known, most)
+        if self.loss is Loss.LINEAR:
+            return plain
+        first = self._counted(plain.at)
+        found = minimise(
+            lambda scaled: replace(problem.equations(scaled), loss=self.loss, scale=first.scale),
+            plain.point,
+            problem.lower,
+            first,
+        )
+        return replace(found, evaluations=plain.evaluations + found.evaluations)
+
+    def _counted(self, at: Equations) -> Equations:
+        """Return equations whose residuals count as the loss says, by their own scatter."""
+        if self.loss is Loss.LINEAR:
+            return at
+        residuals = np.concatenate([log.residuals for log in at.logs])
+        return replace(at, loss=self.loss, scale=outlying(residuals))
+
+    def _held(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
+        """Return what kept the start's value: what was to, and what is no default of the model."""
+        start, told = problem.start, {*self.fixed, "cogging_periods"}
+        fitted = {reference, *(name for name, _ in problem.keys)}
+        return {
+            each.name: getattr(start, each.name)
+            for each in fields(start)
+            if each.name in told
+            or (each.name not in fitted and getattr(start, each.name) != each.default)
+        }

@@ -1,0 +1,248 @@
+"""The whole job on one data set: fit, judge, simulate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimators import Estimator, Suitable
+from butterfly.identification.judgement.contradictions import judge_knowledge
+from butterfly.identification.judgement.findings import Finding
+from butterfly.identification.judgement.following import judge_fit, judge_held_out
+from butterfly.identification.judgement.input_kind import judge_input
+from butterfly.identification.judgement.misfit import Misfit, judge_misfit
+from butterfly.identification.judgement.physics import judge_physics
+from butterfly.identification.judgement.slips.names import with_slips
+from butterfly.identification.judgement.slips.search import (
+    find_slips,
+    find_slips_of_clock,
+    find_slips_of_refused,
+)
+from butterfly.identification.other_parameters import OtherParameters, try_parameters
+from butterfly.identification.physical import PhysicalParameters, physical_parameters
+from butterfly.identification.predict import FitSummary, FreeRun, Predictor
+from butterfly.model.parameters import LumpedParameters
+from butterfly.progress import Track, untracked
+
+_UNWARNED = np.errstate(over="ignore", invalid="ignore", divide="ignore")
+"""What a trial of values leads to that no joint has: it is as bad as it is, and is told by that."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identification:
+    """Everything that was learnt from one data set.
+
+    Parameters
+    ----------
+    data
+        The logs and their steady responses.
+    estimate
+        The parameters.
+    free_runs
+        Simulation of each log with the estimate.
+    comparisons
+        Other parameters on the same logs.
+    held_runs
+        Simulation of each log that was held out.
+    estimator
+        What made the estimate; None of one that was saved.
+    """
+
+    data: DataSet
+    estimate: ParameterEstimate
+    free_runs: tuple[FreeRun, ...]
+    comparisons: tuple[OtherParameters, ...]
+    held_runs: tuple[FreeRun, ...] = ()
+    estimator: Estimator | None = None
+
+    @property
+    def fits(self) -> NDArray[np.float64]:
+        """(n,) FIT of each log in per cent."""
+        return np.array([run.fit for run in self.free_runs])
+
+    @property
+    def summary(self) -> FitSummary:
+        """Median, mean and worst FIT."""
+        return FitSummary.of(self.fits, self.free_runs[0].horizon)
+
+    @property
+    def held_out(self) -> dict[str, float]:
+        """FIT in per cent of each log that was held out, by its name."""
+        return {run.log.name: run.fit for run in self.held_runs}
+
+    @cached_property
+    def misfit(self) -> Misfit:
+        """What the free runs leave over, and whether the sensors explain it."""
+        return judge_misfit(self.data, self.estimate)
+
+    @cached_property
+    def physical(self) -> PhysicalParameters:
+        """What the lumped parameters are made of, as far as it can be told."""
+        data = self.data
+        return physical_parameters(
+            self.estimate, data.known, data.input_kind, data.logs[0].added_mass
+        )
+
+
+def identify(
+    data: DataSet,
+    estimator: Estimator | None = None,
+    *,
+    against: Mapping[str, LumpedParameters] = MappingProxyType({}),
+    track: Track = untracked,
+) -> Identification:
+    """Identify the robot that made the logs of a data set.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimator
+        The one that suits the logs if not given.
+    against
+        Other parameters to simulate the logs with, by name; a p4 that is NaN is fitted.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If the estimator cannot use the logs.
+    IdentifiabilityError
+        If the logs cannot determine the parameters.
+    """
+    estimator = (estimator or Suitable()).suited(data)
+    (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
+    run = simulated(data, found, against=against, track=track)
+    (sure,) = [judge(data, estimator, each, run.fits) for each in track([run.estimate], "Judging")]
+    return replace(run, estimate=sure, estimator=estimator)
+
+
+def held_out_fits(data: DataSet, estimate: ParameterEstimate) -> dict[str, float]:
+    """Return FIT in per cent of each log that is held out, by its name."""
+    if data.held is None:
+        return {}
+    fits = Predictor(data.held).fits(estimate)
+    return dict(zip((log.name for log in data.held.logs), fits.tolist(), strict=True))
+
+
+def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
+    """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
+    estimator, predictor = estimator.suited(data), Predictor(data)
+    found = predictor.settled(estimated(data, estimator))
+    return judge(data, estimator, found, predictor.fits(found))
+
+
+@_UNWARNED
+def judge(
+    data: DataSet, estimator: Estimator, found: ParameterEstimate, fits: NDArray[np.float64]
+) -> ParameterEstimate:
+    """Add to an estimate what physics, its free runs, the input and slips say of it.
+
+    Parameters
+    ----------
+    data
+        The n logs.
+    estimator
+        What the estimate is from.
+    found
+        The estimate.
+    fits
+        (n,) FIT in per cent of its free run of each log.
+    """
+    # Where the hand passes the upright no free run of a whole log stays near: such logs count only
+    # if all do.
+    segmented = found.horizon is not None and math.isfinite(found.horizon)
+    counted = list(range(fits.size)) if segmented else data.counted
+    told = found.with_findings(
+        *judge_physics(found, data.masses),
+        *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
+        *_of_held_out(data, found, fits[counted]),
+        *judge_input(found, data.input_kind),
+        *judge_knowledge(found, data),
+    )
+    return told.with_slips(*find_slips(data, estimator, told))
+
+
+def _of_held_out(
+    data: DataSet, found: ParameterEstimate, seen: NDArray[np.float64]
+) -> list[Finding]:
+    """Judge by the logs that were held out, but for those that pass the upright."""
+    if data.held is None:
+        return []
+    counted = data.held.counted
+    fits = Predictor(data.held).fits(found, counted)
+    return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
+
+
+@_UNWARNED
+def estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
+    """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
+    clock = find_slips_of_clock(data, estimator)
+    if clock:
+        step = f"a mean step of {data.logs[0].mean_step:.3g} s"
+        raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
+    try:
+        found = estimator(data)
+        _refuse_not_finite(found)
+    except ButterflyError as error:
+        raise with_slips(error, find_slips_of_refused(data, estimator)) from None
+    except np.linalg.LinAlgError as error:
+        refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
+        raise with_slips(refusal, find_slips_of_refused(data, estimator)) from None
+    return found
+
+
+def _refuse_not_finite(found: ParameterEstimate) -> None:
+    """Raise IdentifiabilityError for values that are none; a p4 is, where nothing drives."""
+    values = zip(found.names, found.values.tolist(), strict=True)
+    wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
+    if wrong:
+        listed = ", ".join(wrong)
+        raise IdentifiabilityError(f"the equations of these logs lead to no numbers for {listed}")
+
+
+@_UNWARNED
+def simulated(
+    data: DataSet,
+    estimate: ParameterEstimate,
+    *,
+    against: Mapping[str, LumpedParameters] = MappingProxyType({}),
+    track: Track = untracked,
+) -> Identification:
+    """Simulate the logs of a data set with an estimate, and with other parameters (see `identify`).
+
+    Raises
+    ------
+    InputError
+        If a log cannot be used.
+    """
+    predictor = Predictor(data)
+    estimate = predictor.settled(estimate)
+    horizon = predictor.horizon(estimate)
+    return Identification(
+        data=data,
+        estimate=estimate,
+        free_runs=_runs(predictor, estimate, track),
+        comparisons=tuple(
+            try_parameters(name, parameters, predictor, horizon=horizon, track=track)
+            for name, parameters in against.items()
+        ),
+        held_runs=() if data.held is None else _runs(Predictor(data.held), estimate),
+    )
+
+
+def _runs(
+    predictor: Predictor, estimate: ParameterEstimate, track: Track = untracked
+) -> tuple[FreeRun, ...]:
+    numbers = track(range(len(predictor.data.logs)), "Simulating logs")
+    return tuple(predictor.run(number, estimate) for number in numbers)

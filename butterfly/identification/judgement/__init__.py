@@ -1,0 +1,1 @@
+"""How far to trust an estimate: covariance, intervals, identifiability, findings, validation."""

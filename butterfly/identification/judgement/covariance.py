@@ -1,0 +1,161 @@
+"""Covariance of a regression whose errors are independent between clusters, not within."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.prior import Prior
+
+_LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
+
+
+FEW = 3
+"""Clusters, up to which their scatter tells nothing of that between others."""
+
+_PER_PARAMETER = 2  # clusters, of blocks of time
+
+
+def blocks_of(clusters: int, parameters: int) -> int:
+    """Return into how many blocks of time each cluster is split where there are few."""
+    return -(-_PER_PARAMETER * parameters // clusters) if clusters <= FEW else 1
+
+
+def split(cluster: NDArray[np.intp], blocks: int) -> NDArray[np.intp]:
+    """(m,) clusters of m equations in the order of time, each cluster split into blocks."""
+    result = np.empty_like(cluster)
+    for number in np.unique(cluster):
+        rows = np.flatnonzero(cluster == number)
+        result[rows] = number * blocks + np.arange(rows.size) * blocks // rows.size
+    return result
+
+
+def robust(
+    covariance: NDArray[np.float64], weighted: NDArray[np.float64], bread: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the covariance of an M-estimate from that of its weighted least squares.
+
+    The weights move with the residuals, so that the gradient changes by less than the weighted
+    normal equations say (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009, section 7.6).
+
+    Parameters
+    ----------
+    covariance
+        (n, n), as if the weights were given.
+    weighted, bread
+        (n, n) weighted normal equations, and derivatives of the gradient. Where the latter are not
+        positive definite, the covariance stays.
+    """
+    if np.linalg.eigvalsh(bread / np.sqrt(np.outer(np.diag(weighted), np.diag(weighted))))[0] <= 0:
+        return covariance
+    change = np.linalg.solve(bread, weighted)
+    return np.asarray(change @ covariance @ change.T)
+
+
+def compress(
+    jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Reduce one cluster of m equations in p parameters to p, which say the same of them.
+
+    Returns
+    -------
+    (p, p) triangular factor R of the (m, p) Jacobian Q R, and (p,) residuals Q^T r.
+    """
+    count = jacobian.shape[1]
+    basis, triangle = np.linalg.qr(jacobian)
+    rows, rest = np.zeros((count, count)), np.zeros(count)
+    rows[: triangle.shape[0]] = triangle
+    rest[: triangle.shape[0]] = basis.T @ residuals
+    return rows, rest
+
+
+def compress_all(
+    clusters: Iterable[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (n, p, p) rows and (n, p) residuals of n clusters (see `compress`)."""
+    compressed = [compress(jacobian, residuals) for jacobian, residuals in clusters]
+    rows, residuals = zip(*compressed, strict=True)
+    return np.array(rows), np.array(residuals)
+
+
+def cluster_covariance(
+    rows: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    prior: Prior | None = None,
+    considered: NDArray[np.float64] | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the bias-reduced cluster-robust covariance (CR2) and its degrees of freedom.
+
+    Unbiased when the weights are right, and consistent when they are not; few and unequal clusters
+    are accounted for by Satterthwaite degrees of freedom, one number per parameter (Bell &
+    McCaffrey, Survey Methodology 28, 2002). With X_g the rows of cluster g, N = (X^T X + W)^-1, W
+    the weights of a prior, and A_g = (I - X_g N X_g^T)^(-1/2), the influence of a cluster is
+    A_g X_g N. What is uncertain by itself adds its share, of degrees of freedom without end.
+
+    Parameters
+    ----------
+    rows
+        (n, m, p) weighted regressors of n clusters of m equations each.
+    residuals
+        (n, m) weighted residuals.
+    prior
+        Of the p parameters.
+    considered
+        (n, m, k) derivatives of the residuals by k quantities that are not estimated, each times
+        its standard uncertainty (Schmidt's considered parameters).
+
+    Returns
+    -------
+    covariance, freedom
+        (p, p), and (p,) degrees of freedom for Student's t.
+    """
+    weight = np.zeros(rows.shape[2]) if prior is None else prior.weight
+    scale = np.sqrt(np.sum(rows**2, axis=(0, 1)) + weight)
+    rows, weight = np.asarray(rows / scale), weight / scale**2
+    flat = rows.reshape(-1, rows.shape[2])
+    normal = np.linalg.inv(flat.T @ flat + np.diag(weight))
+    residual_maker = np.eye(rows.shape[1]) - rows @ normal @ np.swapaxes(rows, 1, 2)
+    eigenvalues, axes = np.linalg.eigh(residual_maker)
+    roots = np.maximum(eigenvalues, _LEAST_EIGENVALUE) ** -0.5
+    inverse_root = np.einsum("nij,nj,nkj->nik", axes, roots, axes)
+    influence = inverse_root @ rows @ normal
+    scores = np.einsum("nip,ni->np", influence, residuals)
+    covariance = np.asarray(scores.T @ scores)
+    freedom = _satterthwaite(rows, np.asarray(normal), influence)
+    sure = np.zeros_like(covariance)
+    if prior is not None:
+        sure += prior.variance * (normal * weight) @ normal
+    if considered is not None:
+        moved = normal @ np.einsum("nip,nik->pk", rows, considered)
+        sure += moved @ moved.T
+    if sure.any():
+        scatter = np.diag(covariance)
+        share = np.divide(
+            scatter, scatter + np.diag(sure), out=np.ones_like(scatter), where=scatter > 0
+        )
+        covariance, freedom = covariance + sure, freedom / share**2
+    return covariance / np.outer(scale, scale), freedom
+
+
+def _satterthwaite(
+    rows: NDArray[np.float64], normal: NDArray[np.float64], influence: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(p,) degrees of freedom tr(P)^2/tr(P^2), for each parameter of its own P.
+
+    P = D - B N B^T over clusters: D the squared length of each cluster's influence on the
+    parameter, and the rows of B that influence seen through X_g. Never formed, so that memory
+    grows with the number of clusters only.
+    """
+    lengths = np.sum(influence**2, axis=1)  # (n, p): the diagonals of D
+    seen = np.einsum("nij,nip->pnj", rows, influence)  # (p, n, p): the Bs
+    shared = np.swapaxes(seen, 1, 2) @ seen @ normal  # (p, p, p): B^T B N
+    overlap = np.einsum("pnj,jk,pnk->np", seen, normal, seen)
+    trace = lengths.sum(axis=0) - np.trace(shared, axis1=1, axis2=2)
+    squares = (lengths**2 - 2 * lengths * overlap).sum(axis=0)
+    squares += np.einsum("pij,pji->p", shared, shared)
+    # P has no negative eigenvalue, so that these bounds hold but for rounding, which is all that is
+    # left where one cluster alone determines a parameter.
+    squares = np.clip(squares, trace**2 / rows.shape[0], trace**2)
+    return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))

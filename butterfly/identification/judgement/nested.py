@@ -1,0 +1,174 @@
+"""One fit with every term, and what its equations say of fits with fewer.
+
+About a fit with all terms the equations are linear. Those of a fit without some of them are the
+same ones, the values of what is left out set to 0; so a fit with fewer terms, and what it foretells
+of data that it has not seen, costs the solution of a few equations and no simulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.prior import Prior
+from butterfly.model.terms import COMPANIONS
+
+Samples = NDArray[np.float64]
+
+_SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
+_LEAST_FOLDS = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nested:
+    """The equations of k logs about a fit with n parameters.
+
+    Parameters
+    ----------
+    names
+        Of the n.
+    values, lower
+        (n,) values, and the least ones.
+    curvature, gradient, cost
+        (k, n, n), (k, n) and (k,): J^T J, J^T r and r^T r of each log.
+    folds
+        (k,) numbers of the parts of the data that are left out together, one after the other.
+    settings
+        Values of what is no parameter here, but was set.
+    demanded
+        Parameters without which these equations are not asked.
+    negligible
+        Size of an error that is none, as rounding leaves it to exact data.
+    prior
+        What is known besides, in every part of the data.
+    slack
+        Standard errors by which a fit with fewer parameters may foretell worse.
+    """
+
+    names: tuple[str, ...]
+    values: Samples
+    lower: Samples
+    curvature: Samples
+    gradient: Samples
+    cost: Samples
+    folds: NDArray[np.intp]
+    settings: dict[str, float] = field(default_factory=dict)
+    demanded: tuple[str, ...] = ()
+    negligible: float = 0.0
+    prior: Prior | None = None
+    slack: float = 1.0
+
+    @cached_property
+    def _total(self) -> tuple[Samples, Samples]:
+        """(n, n) and (n,) sums over the logs, and what is known besides."""
+        curvature, gradient = self.curvature.sum(axis=0), self.gradient.sum(axis=0)
+        if self.prior is None:
+            return curvature, gradient
+        return curvature + self.prior.curvature, gradient + self.prior.gradient(self.values)
+
+    @cached_property
+    def _mute(self) -> NDArray[np.bool_]:
+        """(n,) which say nothing without another one, and stay as they are when absent."""
+        return np.array([name in COMPANIONS.values() for name in self.names])
+
+    @classmethod
+    def of(
+        cls,
+        rows: Samples,
+        residuals: Samples,
+        *,
+        names: tuple[str, ...],
+        values: Samples,
+        lower: Samples,
+        folds: NDArray[np.intp],
+    ) -> Nested:
+        """Take (k, m, n) rows and (k, m) residuals of k logs."""
+        turned = np.swapaxes(rows, 1, 2)
+        return cls(
+            names=names,
+            values=values,
+            lower=lower,
+            curvature=turned @ rows,
+            gradient=np.einsum("knm,km->kn", turned, residuals),
+            cost=np.sum(residuals**2, axis=1),
+            folds=folds,
+        )
+
+    def fitted(self, kept: NDArray[np.bool_]) -> Samples:
+        """Return the values of fits with some of the parameters, all at once.
+
+        Parameters
+        ----------
+        kept
+            (t, n) which parameters each of t fits has.
+
+        Returns
+        -------
+        (t, n), nan where the data do not determine what a fit has.
+        """
+        return self._fitted(*self._total, kept)
+
+    def held_out(self, kept: NDArray[np.bool_]) -> Samples:
+        """(t, k) squared errors of each log, foretold by fits to the other parts of the data.
+
+        They are nan where the rest does not determine the parameters, or there are no two parts
+        (see `fitted`), and infinite where simulations ran away.
+        """
+        parts = np.unique(self.folds)
+        errors = np.empty((len(kept), self.cost.size))
+        lost = np.full(len(kept), parts.size < _LEAST_FOLDS)
+        curvature, gradient = self._total
+        for part in parts:
+            mine = self.folds == part
+            values = self._fitted(
+                curvature - self.curvature[mine].sum(axis=0),
+                gradient - self.gradient[mine].sum(axis=0),
+                kept,
+            )
+            lost |= np.isnan(values).any(axis=1)
+            errors[:, mine] = self.costs(values)[:, mine]
+        return np.where(lost[:, np.newaxis], np.nan, np.nan_to_num(errors, nan=np.inf))
+
+    def costs(self, values: Samples) -> Samples:
+        """(t, k) squared errors of the logs with (t, n) values."""
+        steps = values - self.values
+        bent = np.einsum("tn,knt->tk", steps, self.curvature @ steps.T)
+        return np.asarray(np.maximum(self.cost + 2 * steps @ self.gradient.T + bent, 0.0))
+
+    def _fitted(self, curvature: Samples, gradient: Samples, kept: NDArray[np.bool_]) -> Samples:
+        """Solve for the parameters that are kept, the others being 0; what a bound stops stays."""
+        absent = np.where(self._mute, self.values, 0.0)
+        values = np.where(kept, np.maximum(self.values, self.lower), absent)
+        free = kept.copy()
+        rows = np.flatnonzero(free.any(axis=1))
+        while rows.size:
+            pull = gradient + (values[rows] - self.values) @ curvature
+            reached = values[rows] + _solved(curvature, -pull, free[rows])
+            low = free[rows] & (reached < self.lower)
+            values[rows] = np.where(free[rows], np.maximum(reached, self.lower), values[rows])
+            free[rows] &= ~low
+            rows = rows[low.any(axis=1) & free[rows].any(axis=1)]
+        return values
+
+
+def _solved(matrix: Samples, targets: Samples, free: NDArray[np.bool_]) -> Samples:
+    """Solve (n, n) normal equations for (t, n) targets, whatever the units.
+
+    Each of the t solutions has only the unknowns that are ``free`` in it, the others being 0; it is
+    nan where they are not determined.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    lost = np.asarray((free & ~(scale > 0)).any(axis=1))
+    scale = np.where(scale > 0, scale, 1.0)
+    asked = free & ~lost[:, np.newaxis]
+    both = asked[:, :, np.newaxis] & asked[:, np.newaxis, :]
+    eigenvalues, axes = np.linalg.eigh(
+        np.where(both, matrix / np.outer(scale, scale), np.eye(scale.size))
+    )
+    lost |= np.asarray(eigenvalues[:, 0] < _SINGULAR * eigenvalues[:, -1])
+    eigenvalues[lost] = np.nan
+    turned = np.einsum("tnm,tn->tm", axes, np.where(asked, targets / scale, 0.0))
+    return np.asarray(np.einsum("tnm,tm->tn", axes, turned / eigenvalues) / scale)

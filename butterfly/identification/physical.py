@@ -1,0 +1,251 @@
+"""From an estimate, and what is known of motor and hand, on to their physical parameters (6), (83).
+
+Motion tells p1..p4, which are made of more than four physical parameters (7). Each of these that is
+measured otherwise separates others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from operator import itemgetter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.implied import relations, with_gear
+from butterfly.identification.judgement.intervals import SPREADS
+from butterfly.identification.physical_formulas import SIGNED, SYMBOLS, WAYS
+from butterfly.identification.quantities import Quantities
+from butterfly.logs.log import InputKind
+from butterfly.model.known import Knowledge, Known
+from butterfly.model.parameters import AddedMass, JointKind
+
+_BETTER = 0.99  # of a told uncertainty; what is known no better than that was not learnt
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhysicalParameter:
+    """One physical parameter.
+
+    Parameters
+    ----------
+    name
+        In `butterfly.identification.physical_formulas.SYMBOLS`.
+    value, standard_error
+        In its unit.
+    reach
+        Half-width of its 95 % interval.
+    told
+        What was known of it before.
+    """
+
+    name: str
+    value: float
+    standard_error: float
+    reach: float
+    told: Known | None = None
+
+    @property
+    def below_zero(self) -> float:
+        """By how many standard errors, of the interval, it is below 0 although it cannot be."""
+        if self.name in SIGNED or not self.value < 0:
+            return 0.0
+        return float(-self.value / self.reach * SPREADS) if self.reach else math.inf
+
+
+class Lack(StrEnum):
+    """What motion does not tell, and which measurement would."""
+
+    MASS = "mass"
+    GRAVITY = "gravity"
+    ROTOR = "rotor"
+    ROTOR_OF_SLIDE = "rotor-of-slide"
+    GAIN = "gain"
+    BACK_EMF = "back-emf"
+    GEAR = "gear"
+    COMMAND = "command"
+    UNUSED = "unused"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unseparated:
+    """Something that cannot be told.
+
+    Parameters
+    ----------
+    lack
+        What.
+    names
+        Of the knowledge that says nothing here.
+    most
+        What the back-EMF constant can be at most.
+    """
+
+    lack: Lack
+    names: tuple[str, ...] = ()
+    most: Known | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhysicalParameters:
+    """What is told, and what is not.
+
+    Parameters
+    ----------
+    found
+        The parameters that follow, or are known better than they were told.
+    unseparated
+        What is left open.
+    joint
+        Says what the units are.
+    """
+
+    found: tuple[PhysicalParameter, ...]
+    unseparated: tuple[Unseparated, ...]
+    joint: JointKind
+
+    def __getitem__(self, name: str) -> PhysicalParameter:
+        """Return a parameter that was found."""
+        return {each.name: each for each in self.found}[name]
+
+
+def physical_parameters(
+    estimate: ParameterEstimate,
+    known: Knowledge,
+    input_kind: InputKind,
+    carrier: AddedMass,
+) -> PhysicalParameters:
+    """Separate what the lumped parameters are made of, errors propagated to first order.
+
+    Standard errors are those of the estimate's covariance with what is told; half-widths those of
+    its intervals, which are wider, with the same correlations.
+
+    Parameters
+    ----------
+    estimate
+        The lumped parameters. What ``estimate.known`` says of p4 has made them: R and k_t are then
+        not independent of it (see `Quantities.told_of`).
+    known
+        Of motor and hand.
+    input_kind
+        What the input commands.
+    carrier
+        Any added mass of the joint, for its kind and gravity.
+    """
+    joint = carrier.joint
+    narrow, wide = (
+        _together(estimate, errors, known, input_kind, carrier)
+        for errors in (estimate.standard_errors, _of_intervals(estimate))
+    )
+    ways = [way for way in WAYS if way.leads(narrow.names, input_kind, joint)]
+    told = {name: itemgetter(name) for name in known.physical}
+    found = []
+    for name, formula in (told | {way.name: way.formula for way in ways}).items():
+        value, before = narrow.find(formula), known.physical.get(name)
+        if before is None or value.uncertainty < _BETTER * before.uncertainty:
+            found.append(
+                PhysicalParameter(
+                    name=name,
+                    value=value.value,
+                    standard_error=value.uncertainty,
+                    reach=SPREADS * wide.find(formula).uncertainty,
+                    told=before,
+                )
+            )
+    return PhysicalParameters(
+        found=tuple(sorted(found, key=lambda each: [*SYMBOLS].index(each.name))),
+        unseparated=tuple(_unseparated(narrow, known, input_kind, carrier)),
+        joint=joint,
+    )
+
+
+def _together(
+    estimate: ParameterEstimate,
+    errors: NDArray[np.float64],
+    known: Knowledge,
+    input_kind: InputKind,
+    carrier: AddedMass,
+) -> Quantities:
+    """Return lumped and physical parameters, of which each tells of the other."""
+    joint = carrier.joint
+    causes = with_gear(known.physical, joint)
+    if carrier.gravity:
+        causes["gravity"] = Known(value=carrier.gravity)
+    lumped = _estimated(estimate, errors)
+    links = relations(known.physical, input_kind, joint)
+    if not np.isfinite(lumped.covariance).all():
+        links = []  # what is known how well tells nothing of what is not
+    links = [each for each in links if each.parameter in lumped.names]
+    used = {
+        each.parameter
+        for each in relations(estimate.known.physical, input_kind, joint)
+        if each.parameter in estimate.known.parameters
+    }
+    return lumped.told_of(
+        Quantities.told(causes),
+        {each.parameter: each.formula for each in links},
+        new=frozenset(each.parameter for each in links) - used,
+    )
+
+
+def _estimated(estimate: ParameterEstimate, errors: NDArray[np.float64]) -> Quantities:
+    """Return the lumped parameters, those that were held exactly known."""
+    held = {
+        name: value
+        for name, value in (estimate.known.exact | estimate.held).items()
+        if name not in estimate.names
+    }
+    n, count = len(estimate.names), len(estimate.names) + len(held)
+    covariance = np.zeros((count, count))
+    own = estimate.standard_errors
+    scale = np.divide(errors, own, out=np.ones(n), where=own > 0)
+    covariance[:n, :n] = estimate.covariance * np.outer(scale, scale)
+    return Quantities(
+        names=(*estimate.names, *held),
+        values=np.array([*estimate.values.tolist(), *held.values()]),
+        covariance=covariance,
+    )
+
+
+def _of_intervals(estimate: ParameterEstimate) -> NDArray[np.float64]:
+    """Return (n,) standard errors of which the intervals are the normal ones."""
+    reach = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
+    return np.maximum(reach / SPREADS, estimate.standard_errors)
+
+
+def _unseparated(
+    found: Quantities, known: Knowledge, input_kind: InputKind, carrier: AddedMass
+) -> Iterator[Unseparated]:
+    """Say what is left open (see `Lack`)."""
+    told = known.physical.keys()
+    hinge = carrier.joint is JointKind.HINGE
+    if not hinge and "gear_ratio" not in told:
+        yield Unseparated(lack=Lack.GEAR)
+    if hinge and not carrier.gravity:
+        yield Unseparated(lack=Lack.GRAVITY)
+    elif hinge and "hand_mass" not in told:
+        yield Unseparated(lack=Lack.MASS)
+    if not told & ({"rotor_inertia"} if hinge else {"rotor_inertia", "hand_mass"}):
+        yield Unseparated(lack=Lack.ROTOR if hinge else Lack.ROTOR_OF_SLIDE)
+    if input_kind is InputKind.TORQUE:
+        if "p4" not in known.parameters:
+            yield Unseparated(lack=Lack.COMMAND)
+        idle = tuple(sorted(told & {"resistance", "back_emf_constant"}))
+        if idle:
+            yield Unseparated(lack=Lack.UNUSED, names=idle)
+        return
+    if not told & {"resistance", "torque_constant"}:
+        yield Unseparated(lack=Lack.GAIN)
+    if "back_emf_constant" not in told:
+        yield Unseparated(lack=Lack.BACK_EMF, most=_most_back_emf(found))
+
+
+def _most_back_emf(found: Quantities) -> Known | None:
+    """Return what the back-EMF constant can be, were there no other viscous friction."""
+    if not {"p2", "p4", "gear_ratio"} <= {*found.names}:
+        return None
+    return found.find(lambda of: of["p2"] / (of["gear_ratio"] * of["p4"]))

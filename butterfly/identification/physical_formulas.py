@@ -1,0 +1,168 @@
+"""What the lumped parameters are made of (6), (83), solved for each part: a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from butterfly.identification.quantities import Formula
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import JointKind
+
+
+class Symbol(NamedTuple):
+    """How a physical parameter is written: symbol, meaning, its unit, and that on a slide."""
+
+    symbol: str
+    meaning: str
+    unit: str
+    of_slide: str
+
+
+SYMBOLS = {
+    "resistance": Symbol("R", "resistance", "Ohm", "Ohm"),
+    "torque_constant": Symbol("k_t", "torque constant", "N m/A", "N m/A"),
+    "back_emf_constant": Symbol("k_emf", "back-EMF constant", "V s/rad", "V s/rad"),
+    "gear_ratio": Symbol("N", "gear ratio", "–", "rad/m"),
+    "motor_current": Symbol("1/(N k_t) p₄", "current per unit of command", "A/unit", "A/unit"),
+    "viscous_friction": Symbol("k_f", "viscous friction without back EMF", "N m s/rad", "N s/m"),
+    "rotor_inertia": Symbol("J_r", "inertia of the rotor", "kg m²", "kg m²"),
+    "hand_mass": Symbol("m_p", "mass", "kg", "kg"),
+    "com_distance": Symbol("l_c", "pivot to centre of mass", "m", "–"),
+    "com_offset": Symbol("l_o", "centre of mass beside its line", "m", "–"),
+    "hand_inertia": Symbol("J_p + m_p l²", "inertia about the pivot, without rotor", "kg m²", "–"),
+    "inertia": Symbol("J_p", "inertia about the centre of mass", "kg m²", "–"),
+    "inertia_with_rotor": Symbol(
+        "J_p + N² J_r", "inertia about the centre of mass, with rotor", "kg m²", "–"
+    ),
+}
+"""All physical parameters."""
+
+SIGNED = frozenset({"com_distance", "com_offset", "motor_current"})
+"""Those that may be negative."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """How a physical parameter follows from others.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    needs
+        What must be known: lumped parameters, physical ones, and ``gravity`` in m/s^2.
+    without
+        What must not be known: there is a better way then.
+    input_kind, joint
+        Where it holds; everywhere if None.
+    formula
+        How.
+    """
+
+    name: str
+    needs: tuple[str, ...]
+    without: tuple[str, ...] = ()
+    input_kind: InputKind | None = None
+    joint: JointKind | None = JointKind.HINGE
+    formula: Formula
+
+    def leads(self, names: Iterable[str], input_kind: InputKind, joint: JointKind) -> bool:
+        """Whether what is known tells the parameter, which is not told itself."""
+        known = {*names}
+        return (
+            self.name not in known
+            and known >= {*self.needs}
+            and not known & {*self.without}
+            and self.input_kind in {None, input_kind}
+            and self.joint in {None, joint}
+        )
+
+
+def _rotor(of: Mapping[str, Any]) -> Any:  # noqa: ANN401 - real or complex
+    return of["gear_ratio"] ** 2 * of["rotor_inertia"]
+
+
+def _pull(of: Mapping[str, Any]) -> Any:  # noqa: ANN401 - real or complex
+    """Weight of the hand across its axis."""
+    return of["hand_mass"] * of["gravity"] * np.cos(of.get("tilt", 0.0))
+
+
+def _about_mass(of: Mapping[str, Any]) -> Any:  # noqa: ANN401 - real or complex
+    """Inertia about the centre of mass, that of the rotor included."""
+    squared = of["p3"] ** 2 + of.get("p3_offset", 0.0) ** 2
+    return of["p1"] - of["hand_mass"] * squared / _pull(of) ** 2
+
+
+_MOTOR: dict[str, Any] = {"input_kind": InputKind.VOLTAGE, "joint": None}
+_WEIGHED = ("hand_mass", "gravity", "p3")
+
+WAYS = (
+    Way(
+        **_MOTOR,
+        name="resistance",
+        needs=("p4", "torque_constant", "gear_ratio"),
+        formula=lambda of: of["gear_ratio"] * of["torque_constant"] / of["p4"],
+    ),
+    Way(
+        **_MOTOR,
+        name="torque_constant",
+        needs=("p4", "resistance", "gear_ratio"),
+        formula=lambda of: of["p4"] * of["resistance"] / of["gear_ratio"],
+    ),
+    Way(
+        **_MOTOR,
+        name="viscous_friction",
+        needs=("p2", "p4", "back_emf_constant", "gear_ratio"),
+        formula=lambda of: of["p2"] - of["gear_ratio"] * of["back_emf_constant"] * of["p4"],
+    ),
+    Way(
+        name="motor_current",
+        needs=("p4", "torque_constant", "gear_ratio"),
+        input_kind=InputKind.TORQUE,
+        joint=None,
+        formula=lambda of: of["p4"] / (of["gear_ratio"] * of["torque_constant"]),
+    ),
+    Way(
+        name="com_distance",
+        needs=_WEIGHED,
+        formula=lambda of: of["p3"] / _pull(of),
+    ),
+    Way(
+        name="com_offset",
+        needs=(*_WEIGHED, "p3_offset"),
+        formula=lambda of: of["p3_offset"] / _pull(of),
+    ),
+    Way(
+        name="hand_inertia",
+        needs=("p1", "rotor_inertia", "gear_ratio"),
+        formula=lambda of: of["p1"] - _rotor(of),
+    ),
+    Way(
+        name="inertia",
+        needs=("p1", *_WEIGHED, "rotor_inertia", "gear_ratio"),
+        formula=lambda of: _about_mass(of) - _rotor(of),
+    ),
+    Way(
+        name="inertia_with_rotor",
+        needs=("p1", *_WEIGHED),
+        without=("rotor_inertia",),
+        formula=_about_mass,
+    ),
+    Way(
+        name="hand_mass",
+        needs=("p1", "rotor_inertia", "gear_ratio"),
+        joint=JointKind.SLIDE,
+        formula=lambda of: of["p1"] - _rotor(of),
+    ),
+    Way(
+        name="rotor_inertia",
+        needs=("p1", "hand_mass", "gear_ratio"),
+        joint=JointKind.SLIDE,
+        formula=lambda of: (of["p1"] - of["hand_mass"]) / of["gear_ratio"] ** 2,
+    ),
+)
+"""Each in its own right: what a joint's knowledge leaves out, it leaves out."""

@@ -1,0 +1,126 @@
+"""Values with a joint covariance, and what follows from them to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.model.known import Known
+
+Formula = Callable[[Mapping[str, Any]], Any]
+"""What follows from quantities, by their names; it takes complex numbers as well."""
+
+_STEP = 1e-20  # imaginary: a derivative without cancellation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Quantities:
+    """Quantities that are known together.
+
+    Parameters
+    ----------
+    names
+        The n quantities.
+    values
+        (n,) in their units.
+    covariance
+        (n, n), in their units; zeros for one that is known exactly.
+    """
+
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    @classmethod
+    def told(cls, known: Mapping[str, Known]) -> Quantities:
+        """Take quantities whose errors have nothing to do with each other."""
+        return cls(
+            names=tuple(known),
+            values=np.array([each.value for each in known.values()]),
+            covariance=np.diag([each.uncertainty**2 for each in known.values()]),
+        )
+
+    def find(self, formula: Formula) -> Known:
+        """Return what follows, with its standard uncertainty; no number where it divides by 0."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gradient = self.gradient(formula)
+            variance = float(gradient @ self.covariance @ gradient)
+            value = float(formula(self._named(self.values)))
+        return Known(value=value, uncertainty=float(np.sqrt(np.maximum(variance, 0.0))))
+
+    def gradient(self, formula: Formula) -> NDArray[np.float64]:
+        """Return the (n,) derivatives of what follows, by each quantity."""
+        slopes = np.zeros(len(self.names))
+        for k in range(slopes.size):
+            moved = self.values.astype(complex)
+            moved[k] += 1j * _STEP
+            slopes[k] = np.imag(formula(self._named(moved))) / _STEP
+        return slopes
+
+    def _named(self, values: NDArray[Any]) -> dict[str, Any]:
+        return dict(zip(self.names, values, strict=True))
+
+    def told_of(
+        self, causes: Quantities, formulas: Mapping[str, Formula], *, new: frozenset[str]
+    ) -> Quantities:
+        """Return these and their causes, each telling of the other.
+
+        Some of these follow from the causes: x = f(c). Where that was used when these were
+        estimated (as a prior), c depends on all else by x alone, so that with c ~ (c0, K) as
+        told, the gradient G of f at c0 and x as estimated
+
+            c = c0 + L (x - f(c0)) + remainder,   L = K G' (G K G')^-1,
+
+        whose remainder has the covariance K - L G K and is independent of the estimate. Where it
+        was not, x is first informed by f(c0), whose covariance is G K G'.
+
+        Parameters
+        ----------
+        causes
+            As they were told, before any estimate.
+        formulas
+            f, by the names of those of these that follow.
+        new
+            Those of them whose estimate has not used that.
+        """
+        fresh = [name for name in formulas if name in new]
+        found = self._informed(causes, {name: formulas[name] for name in fresh})
+        rows = [self.names.index(name) for name in formulas]
+        slopes, excess = _linearised(found, causes, formulas)
+        prior = slopes @ causes.covariance @ slopes.T
+        gain = causes.covariance @ slopes.T @ np.linalg.pinv(prior)
+        inner = found.covariance[np.ix_(rows, rows)]
+        across = gain @ found.covariance[rows]
+        own = causes.covariance + gain @ (inner - prior) @ gain.T
+        return Quantities(
+            names=(*found.names, *causes.names),
+            values=np.concatenate([found.values, causes.values + gain @ excess]),
+            covariance=np.block([[found.covariance, across.T], [across, own]]),
+        )
+
+    def _informed(self, causes: Quantities, formulas: Mapping[str, Formula]) -> Quantities:
+        """Return these after what follows from causes was taken for a measurement of them."""
+        rows = [self.names.index(name) for name in formulas]
+        slopes, excess = _linearised(self, causes, formulas)
+        noise = slopes @ causes.covariance @ slopes.T
+        spread = self.covariance[np.ix_(rows, rows)] + noise
+        gain = self.covariance[:, rows] @ np.linalg.pinv(spread)
+        return Quantities(
+            names=self.names,
+            values=self.values - gain @ excess,
+            covariance=self.covariance - gain @ self.covariance[rows],
+        )
+
+
+def _linearised(
+    found: Quantities, causes: Quantities, formulas: Mapping[str, Formula]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the (m, n) derivatives of m formulas, and (m,) how much more was found."""
+    slopes = np.array([causes.gradient(formula) for formula in formulas.values()])
+    follows = [causes.find(formula).value for formula in formulas.values()]
+    rows = [found.names.index(name) for name in formulas]
+    return slopes.reshape(len(rows), len(causes.names)), found.values[rows] - follows

@@ -1,0 +1,281 @@
+"""A log simulated in segments, each from a start that is fitted to it (multiple shooting).
+
+Where small causes grow, as about the upright, no simulation stays near a log for long, but each of
+many short ones does. The angle and velocity at which a segment starts belong to it alone. What a
+change of them would take from the errors is taken from these and from their derivatives, so that
+the starts need no place among the parameters of a fit (variable projection: Golub & Pereyra,
+Inverse Problems 19, 2003; Schittkowski, Numerical Data Fitting in Dynamical Systems, 2002).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.free_run import Begin, Trajectory
+from butterfly.logs.beginning import Beginning
+from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.model.parameters import LumpedParameters
+
+Samples = NDArray[np.float64]
+
+_ROUNDS = 12  # steps to a start at most
+_HOPEFUL = 2  # steps after which a model that is no better than a constant is given up
+_SETTLED = 1e-4  # share of the squared errors that another start may still explain
+_EXACT = 1e-9  # rad, rms error below which nothing is left to settle
+_FELT = 1e-3  # of the strongest direction, below which a change of the start is not felt
+_SHORTER = 0.25  # of a step that went too far
+_START = ("zero", "velocity")
+
+
+class Segments:
+    """Simulates one log in segments with the recorded input; as `Trajectory` in all that counts.
+
+    Parameters
+    ----------
+    log
+        With increasing stamps.
+    parameters
+        Of the bare hand (see `Trajectory`).
+    horizon
+        Longest segment in s.
+    first
+        Number of the first sample whose error counts; a segment begins there.
+    """
+
+    def __init__(
+        self, log: Log, parameters: LumpedParameters, horizon: float, first: int = 0
+    ) -> None:
+        self.log = log
+        before = _edges(log.time[:first], horizon)
+        self._edges = [*before, *(first + k for k in _edges(log.time[first:], horizon))]
+        ends = [*self._edges[1:], log.time.size]
+        rate = log.rms_speed / (float(np.std(log.angle)) or 1.0)
+        self._segments = [
+            _Segment(log.piece(begin, end), parameters, rate, whole=len(self._edges) == 1)
+            for begin, end in zip(self._edges, ends, strict=True)
+        ]
+        self._counted = self._segments[len(before) :]
+
+    @property
+    def step(self) -> float:
+        """Step of the simulation in s."""
+        return self._counted[0].trajectory.step
+
+    def at(
+        self, instants: Samples, parameters: LumpedParameters, zero: float, _: Begin = None
+    ) -> Samples:
+        """Return the simulated angles at increasing instants (see `Trajectory.at`)."""
+        groups = np.split(instants, np.searchsorted(instants, self.log.time[self._edges[1:]]))
+        runs = [
+            segment.trajectory.at(group, parameters, zero, segment.begin(parameters, zero))
+            for segment, group in zip(self._segments, groups, strict=True)
+        ]
+        return np.concatenate(runs)
+
+    def at_stamps(
+        self, parameters: LumpedParameters, zero: float, _: Begin = None
+    ) -> NDArray[np.float64]:
+        """Return the simulated angles at the log's own stamps."""
+        return self.at(self.log.time, parameters, zero)
+
+    def squared_error(self, parameters: LumpedParameters, zero: float, _: Begin = None) -> float:
+        """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
+        return sum(
+            each.trajectory.squared_error(parameters, zero, each.begin(parameters, zero))
+            for each in self._segments
+        )
+
+    def linearised(
+        self,
+        names: Sequence[str],
+        parameters: LumpedParameters,
+        zero: float,
+        _: Begin = None,
+    ) -> tuple[Samples, Samples, Samples]:
+        """Return errors and derivatives less what the starts explain (see `Trajectory`)."""
+        errors, rows, mixtures, _directions = zip(
+            *(each.expanded(names, parameters, zero) for each in self._counted), strict=True
+        )
+        return np.concatenate(errors), np.concatenate(rows), mixtures[0]
+
+    def directions(self, parameters: LumpedParameters, zero: float) -> tuple[Samples, ...]:
+        """Return for each segment the (m, j) directions in which its start moves its errors."""
+        return tuple(each.expanded((), parameters, zero).directions for each in self._counted)
+
+    def averaged(self, values: Samples) -> Samples:
+        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
+        own = np.split(values, self._edges[1:])[-len(self._counted) :]
+        pairs = zip(self._counted, own, strict=True)
+        return np.concatenate([each.trajectory.averaged(part) for each, part in pairs])
+
+    def mean_inputs(self, parameters: LumpedParameters) -> Samples:
+        """Return the (m,) means of the delivered input where `linearised` has errors."""
+        return np.concatenate([each.trajectory.mean_inputs(parameters) for each in self._counted])
+
+    def middles(self) -> Samples:
+        """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
+        return np.concatenate([each.trajectory.middles() for each in self._counted])
+
+
+class _Expanded(NamedTuple):
+    """A segment's errors at its start, less what a change of that explains, and derivatives.
+
+    The fields are as `Trajectory.linearised` returns them, and the (m, j) orthonormal directions in
+    which the start moves the errors.
+    """
+
+    errors: Samples
+    rows: Samples
+    mixture: Samples
+    directions: Samples
+
+
+class _About(NamedTuple):
+    """The same as they are; ``explained`` (j,) is how far the errors lie along each direction.
+
+    A ``step`` of angle in rad and velocity in rad/s takes that away, to first order.
+    """
+
+    errors: Samples
+    rows: Samples
+    mixture: Samples
+    directions: Samples
+    explained: Samples
+    step: Samples
+
+    @property
+    def cost(self) -> float:
+        """Mean squared error in rad^2."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(np.mean(self.errors**2))
+
+    @property
+    def settled(self) -> bool:
+        """Whether no other start makes the errors much smaller."""
+        share = float(self.explained @ self.explained) / self.errors.size
+        return share <= max(_SETTLED * self.cost, _EXACT**2)
+
+
+class _Segment:
+    """One segment, and the start that was fitted to it last: the next one is near.
+
+    Of a whole log that begins at rest only the angle there is sought: friction holds a joint at
+    rest, so that nothing can be differentiated by its velocity.
+    """
+
+    def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, whole: bool) -> None:
+        self.trajectory = Trajectory(log, parameters)
+        self._units = np.array([1.0, rate])
+        self._latest = log.beginning
+        self._spread = float(np.var(log.angle))
+        self._sought = 1 if whole and log.beginning.velocity == 0 else len(_START)
+
+    def expanded(
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float
+    ) -> _Expanded:
+        """Return what the errors come down to at the best start."""
+        every = tuple(dict.fromkeys((*names, *_START)))
+        found = self._about(every, parameters, zero, self._latest)
+        if not found.settled:
+            found = self._about(every, parameters, zero, self.begin(parameters, zero))
+        directions, rows = found.directions, found.rows
+        return _Expanded(
+            errors=found.errors - directions @ found.explained,
+            rows=rows - directions @ (directions.T @ rows),
+            mixture=found.mixture[:, : len(names)],
+            directions=directions,
+        )
+
+    def begin(self, parameters: LumpedParameters, zero: float) -> Beginning:
+        """Return the start from which a simulation follows the segment best."""
+        begin = self._latest
+        at = self._about(_START, parameters, zero, begin)
+        if not math.isfinite(at.cost):
+            begin = self.trajectory.log.beginning
+            at = self._about(_START, parameters, zero, begin)
+        reach = 1.0
+        for tries in range(_ROUNDS):
+            if at.settled or (tries > _HOPEFUL and at.cost > self._spread):
+                break
+            there = Beginning(*(np.array(begin) + reach * at.step).tolist())
+            tried = self._about(_START, parameters, zero, there)
+            if tried.cost < at.cost:
+                begin, at, reach = there, tried, min(reach / _SHORTER, 1.0)
+            else:
+                reach *= _SHORTER
+        self._latest = begin
+        return begin
+
+    def _about(
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: Beginning
+    ) -> _About:
+        """Differentiate by names, among them those of the start.
+
+        A change of the start moves the readings by 1 less what one of the zero does.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            expansion = self.trajectory.linearised(names, parameters, zero, begin)
+            errors, rows, mixture = expansion
+            by_zero, by_velocity = (rows @ mixture[:, [names.index(each) for each in _START]]).T
+        columns = np.column_stack([1 - by_zero, by_velocity]) * self._units
+        if not (np.isfinite(columns).all() and np.isfinite(errors).all()):
+            nowhere = np.zeros((errors.size, 0))
+            return _About(*expansion, nowhere, np.zeros(0), np.zeros(2))
+        left, sizes, right = np.linalg.svd(columns[:, : self._sought], full_matrices=False)
+        felt = sizes > _FELT * sizes[0]
+        explained = left[:, felt].T @ errors
+        step = np.zeros(len(_START))
+        step[: self._sought] = -(right[felt].T @ (explained / sizes[felt]))
+        step *= self._units
+        return _About(*expansion, left[:, felt], explained, step)
+
+
+def simulation(
+    log: Log,
+    parameters: LumpedParameters,
+    horizon: float = math.inf,
+    first: int = 0,
+    *,
+    told: bool = False,
+    free: bool = False,
+) -> Trajectory | Segments:
+    """Make a log ready to be simulated, whole or in segments.
+
+    A log that is no longer than the horizon is simulated whole if it begins at rest, if its
+    beginning does not count, or if its velocity there is told; else as a single segment, whose
+    start is fitted. So is that of a joint that no gravity brings back: the noise of its first
+    sample would stay for good.
+
+    Parameters
+    ----------
+    log, parameters, horizon, first
+        See `Segments`.
+    told
+        Whether the velocity at the first sample is told, or found otherwise.
+    free
+        Whether the start is to be fitted also of a log that begins at rest, as noise of its first
+        sample is of weight.
+    """
+    whole = Trajectory(log, parameters, first)
+    longer = log.time[-1] - log.time[0] > horizon
+    loaded = parameters.with_added_mass(log.added_mass)
+    doubtful = loaded.p3 == 0 or whole.starts_anew or (free and first == 0)
+    fitted = (longer or (doubtful and not told)) and loaded.p1 > 0
+    return Segments(log, parameters, horizon, first) if fitted else whole
+
+
+def _edges(time: Samples, horizon: float) -> list[int]:
+    """Return the numbers of the samples at which segments begin, all about as long."""
+    if time.size < MIN_SAMPLES:
+        return []
+    count = max(math.ceil((time[-1] - time[0]) / horizon * (1 - 1e-9)), 1)
+    edges = [0]
+    for k in np.searchsorted(time, np.linspace(time[0], time[-1], count + 1)[1:-1]).tolist():
+        if min(k - edges[-1], time.size - k) >= MIN_SAMPLES:
+            edges.append(k)
+    return edges

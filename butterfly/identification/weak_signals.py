@@ -1,0 +1,271 @@
+"""What a log says of each term of the equation of motion, averaged over test functions.
+
+With a bump phi of compact support, int phi thdd = int phi'' th: nothing is differentiated that
+carries noise. Multiplied by phi the equation is the balance of momentum; multiplied by phi thd it
+is the balance of energy, whose terms are powers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import InputError
+from butterfly.identification.bumps import Bumps
+from butterfly.logs.log import Log
+from butterfly.model.kinematics import Motion, Term
+from butterfly.model.parameters import compressed
+from butterfly.model.terms import TERMS, FrictionTerms
+from butterfly.signals import hold
+from butterfly.signals.local_polynomial import slope
+from butterfly.signals.resample import resample, uniform_grid
+
+HALF_WIDTH = 0.25
+"""Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
+
+_VELOCITY_SHARE = 0.25  # half-width of the velocity's window over that of the test functions
+_VELOCITY_ORDER = 4  # of the polynomial whose slope it is
+_LARGEST_STICK = 0.05  # share of a window that may stand still
+_STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
+_DRIVEN = {"p4", *(row.name for row in TERMS.values() if row.of_gain)}  # what the input enters
+
+
+class Balance(StrEnum):
+    """By what the equation of motion is multiplied, besides the test function."""
+
+    MOMENTUM = "weak-form"
+    ENERGY = "energy-balance"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeakSignals:
+    """What a log says at the centres of its test functions.
+
+    Parameters
+    ----------
+    time, angle, velocity
+        (n,) instants in s, angle from the hanging position in rad, velocity in rad/s.
+    mean
+        By parameter: (n,) averages over each test function of what it multiplies in the equation,
+        the motor's torque brought to the left: summed with the parameters' values they give 0.
+    still
+        (n,) share of each test function in which the joint may stick.
+    """
+
+    time: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    mean: dict[str, NDArray[np.float64]]
+    still: NDArray[np.float64]
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(n,) whether the joint moves enough for friction to be a function of the motion."""
+        return np.asarray(self.still < _LARGEST_STICK)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What is known of a joint before its torques are averaged.
+
+    Parameters
+    ----------
+    zero
+        Encoder reading in rad where the model's angle is 0.
+    delay
+        From input to torque, in s.
+    compression
+        Of the drive, in 1/unit of input; the column of "compression" is the derivative about it.
+    settings
+        Of these the periods of cogging and Stribeck's velocity.
+    """
+
+    zero: float
+    delay: float = 0.0
+    compression: float = 0.0
+    settings: FrictionTerms = field(default_factory=FrictionTerms)
+
+
+class Averaging:
+    """One log, ready to be averaged over test functions with one delay after another.
+
+    What was averaged is kept; another delay or compression makes anew what the input enters alone,
+    unless the delay moves the test functions.
+
+    Parameters
+    ----------
+    log
+        Of any input.
+    zero
+        Encoder reading in rad where the model's angle is 0.
+    half_width
+        Of the test functions in s; they stand half of it apart.
+    settings
+        Of these the periods of cogging and Stribeck's velocity.
+    balance
+        Of momentum, or of energy.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        zero: float,
+        half_width: float,
+        settings: FrictionTerms,
+        balance: Balance = Balance.MOMENTUM,
+    ) -> None:
+        self._log, self._half_width = log, half_width
+        self._column_of = _momentum if balance is Balance.MOMENTUM else _energy
+        self._grid = uniform_grid(log.time)
+        self._step = float(self._grid[1] - self._grid[0])
+        angle = resample(log.time, log.angle, self._grid) - zero
+        velocity = _velocity(angle, half_width, self._step)
+        self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
+        speed = float(np.sqrt(np.mean(velocity**2)))
+        self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
+        self._places: dict[int, _Place] = {}
+
+    def signals(
+        self,
+        names: Iterable[str],
+        *,
+        delay: float = 0.0,
+        compression: float = 0.0,
+        stribeck_velocity: float | None = None,
+    ) -> WeakSignals:
+        """Average the terms of some parameters.
+
+        Parameters
+        ----------
+        names
+            Of the parameters.
+        delay, compression
+            See `Known`.
+        stribeck_velocity
+            In rad/s, if not that of the settings.
+
+        Raises
+        ------
+        InputError
+            If the log is shorter than a test function.
+        """
+        place = self._place(delay)
+        slow = stribeck_velocity or self._motion.stribeck_velocity
+        own: dict[str, tuple[str | float, ...]] = {"stribeck": ("stribeck", slow)}
+        own |= {name: (name, delay, compression) for name in _DRIVEN}
+        keys = {name: own.get(name, (name,)) for name in names}
+        missing = [name for name, key in keys.items() if key not in place.mean]
+        motion = self._motion._replace(stribeck_velocity=slow)
+        if not _DRIVEN.isdisjoint(missing):
+            motion = self._driven(motion, delay, compression)
+        for name in missing:
+            place.mean[keys[name]] = place.bumps.means(*self._column_of(TERMS[name], motion))
+        centres = place.bumps.centres
+        return WeakSignals(
+            time=self._grid[centres],
+            angle=self._motion.angle[centres],
+            velocity=self._motion.velocity[centres],
+            mean={name: place.mean[key] for name, key in keys.items()},
+            still=place.still,
+        )
+
+    def _driven(self, motion: Motion, delay: float, compression: float) -> Motion:
+        log = self._log
+        inputs = compressed(log.input, compression)
+        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
+        return motion._replace(input=delivered)
+
+    @property
+    def fastest(self) -> float:
+        """Largest speed of the log in rad/s."""
+        return float(np.abs(self._motion.velocity).max())
+
+    @property
+    def duration(self) -> float:
+        """Length of the log in s."""
+        return float(self._grid[-1] - self._grid[0])
+
+    def _place(self, delay: float) -> _Place:
+        """Place the test functions where the input is known a delay before."""
+        margin = math.ceil((self._half_width + abs(delay)) / self._step)
+        if margin not in self._places:
+            time = self._grid
+            if time.size < 2 * margin + 1:
+                longer = f"{2 * margin * self._step:.3g} s or more"
+                raise InputError(self._log.source, "time", f"{time[-1] - time[0]:.3g} s", longer)
+            bumps = Bumps(
+                half_width=self._half_width, step=self._step, size=time.size, margin=margin
+            )
+            self._places[margin] = _Place(bumps, bumps.means(self._still), {})
+        return self._places[margin]
+
+
+class _Place(NamedTuple):
+    """Test functions, the share of each that stands still, and means over them.
+
+    The means are kept by name; what the input enters by name, delay and compression.
+    """
+
+    bumps: Bumps
+    still: NDArray[np.float64]
+    mean: dict[tuple[str | float, ...], NDArray[np.float64]]
+
+
+def weak_signals(
+    log: Log,
+    names: Sequence[str],
+    known: Known,
+    half_width: float,
+    balance: Balance = Balance.MOMENTUM,
+) -> WeakSignals:
+    """Average terms of the equation of motion over the test functions of one log, once.
+
+    Parameters
+    ----------
+    log, half_width, balance
+        As of `Averaging`.
+    names
+        Which parameters' terms.
+    known
+        What is known beforehand.
+
+    Raises
+    ------
+    InputError
+        If the log is shorter than a test function.
+    """
+    averaging = Averaging(log, known.zero, half_width, known.settings, balance)
+    return averaging.signals(names, delay=known.delay, compression=known.compression)
+
+
+def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
+    reach = max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
+    return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
+
+
+def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
+    """Return what a parameter multiplies: an (n,) signal, and the order of the bump's derivative.
+
+    Derivatives of the angle go over to the bump, as does that of the input by which a delay acts.
+    """
+    if row.derivative:
+        return (-1) ** row.derivative * motion.angle, row.derivative
+    if row.basis is None:
+        return -motion.input, 1
+    return row.basis(motion), 0
+
+
+def _energy(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
+    """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
+    if row.derivative == 2:  # noqa: PLR2004 - of the angle: the inertia
+        return -(motion.velocity**2) / 2, 1
+    if row.potential is not None:
+        return -row.potential(motion.angle, motion.periods), 1
+    assert row.basis is not None  # noqa: S101 - a delay is known in the balance of energy
+    return row.basis(motion) * motion.velocity, 0

@@ -1,0 +1,69 @@
+"""Estimators are ranked by what they predict unseen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.comparison.leaderboard import leaderboard
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, Linear, WeakForm
+from butterfly.identification.judgement.splits import Split
+from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.predict import Predictor
+from butterfly.report.leaderboard import leaderboard_page
+from tests.identification.simulated import ROBOT, SWINGS, steady
+
+
+@pytest.fixture(scope="module")
+def data():
+    return DataSet.of(steady(replace(ROBOT, drag=8e-4), SWINGS), name="bench")
+
+
+@pytest.fixture(scope="module")
+def entries(data):
+    alone = replace(data.take(range(5)), name="alone")
+    estimators = (Linear(), HarmonicBalance(terms=("drag",)), WeakForm())
+    return leaderboard([data, alone], estimators)
+
+
+def test_the_best_predictor_of_unseen_masses_comes_first(data, entries):
+    own = [entry for entry in entries if entry.data == "bench"]
+    medians = [entry.held_out.median for entry in own]
+    assert medians == sorted(medians, reverse=True)
+    assert own[-1].method == "linear"
+    assert [entry.data for entry in entries] == ["bench"] * 3 + ["alone"] * 3
+    for entry in own:
+        assert entry.error == ""
+        assert entry.seconds > 0
+    told = next(entry for entry in own if entry.method == "harmonic-balance(drag)")
+    fits = hold_out(data, HarmonicBalance(terms=("drag",), check=False), Split.MASS).fits
+    assert told.held_out.median == pytest.approx(np.median(fits), rel=1e-9)
+    assert told.in_sample.worst == pytest.approx(Predictor(data).fits(told.estimate).min())
+
+
+def test_an_estimator_that_cannot_says_why_and_comes_last(entries):
+    for entry in entries[3:]:
+        assert entry.estimate is None
+        assert entry.held_out is None
+        assert "common factor" in entry.error
+
+
+def test_a_fit_whose_masses_cannot_be_left_out_keeps_its_estimate(data):
+    rows = [k for k, log in enumerate(data.logs) if log.added_mass != data.masses[0]]
+    (entry,) = leaderboard([data.take(rows)], [HarmonicBalance(terms=("drag",))], split=Split.MASS)
+    assert entry.estimate is not None
+    assert entry.in_sample.median > 95
+    assert entry.held_out is None
+    assert "common factor" in entry.error
+
+
+def test_the_page_names_the_best_and_what_went_wrong(entries):
+    page = leaderboard_page(entries)
+    best = entries[0]
+    assert best.method in page.summary[0]
+    assert f"{best.held_out.median:.1f} %" in page.summary[0]
+    assert "no estimator could" in page.summary[1]
+    assert len(page.numbers["entries"]) == len(entries)

@@ -1,0 +1,105 @@
+"""Free runs and their FIT, from logs whose parameters and start are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import OutputError
+from butterfly.identification.free_run import Trajectory
+from butterfly.identification.predict import FitSummary, FreeRun, Predictor, Setting, free_run
+from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import LumpedParameters
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT
+from tests.independent.integrator import Joint, motion
+
+SPEED = 2.5
+ZERO = 0.2
+
+
+def _thrown(mass, seed):
+    """A free decay that begins in motion."""
+    time = np.arange(0, 5, 2.5e-3)
+    inputs = 0.02 * np.sin((3 + seed) * np.column_stack([time[:-1], time[:-1], time[:-1]]))
+    angle, _ = simulate(ROBOT.with_added_mass(mass), time, inputs, 0.1, SPEED)
+    return Log(
+        time=time,
+        input=np.append(inputs[:, 0], 0.0),
+        angle=angle + ZERO,
+        input_kind=InputKind.TORQUE,
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        added_mass=mass,
+        name=f"throw {seed}",
+    )
+
+
+@pytest.fixture(scope="module")
+def data():
+    return DataSet.of([_thrown(mass, k) for k, mass in enumerate(MASSES)])
+
+
+def test_fit_is_the_published_percentage_and_does_not_mind_where_zero_is(data):
+    log = data.logs[0]
+    angle = log.angle
+    run = FreeRun(log=log, simulated=angle + 0.1 * np.cos(log.time))
+    error = np.sqrt(np.sum((run.simulated - angle) ** 2))
+    expected = 100 * (1 - error / np.sqrt(np.sum((angle - np.mean(angle)) ** 2)))
+    assert run.fit == pytest.approx(expected)
+    moved = FreeRun(log=replace(log, angle=angle + 5.0), simulated=run.simulated + 5.0)
+    assert moved.fit == pytest.approx(run.fit, abs=1e-9)
+    assert run.rms == pytest.approx(error / angle.size**0.5)
+    mean = FreeRun(log=log, simulated=np.full(angle.size, angle.mean()))
+    assert mean.fit == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_summary_is_median_mean_and_worst():
+    assert FitSummary.of(np.array([90.0, 50.0, 97.0])) == FitSummary(90.0, 79.0, 50.0)
+
+
+def test_a_run_begins_with_the_velocity_it_is_told(data):
+    told = Setting(parameters=ROBOT, zero=ZERO, velocity=SPEED)
+    assert free_run(data.logs[1], told).fit > 99.9
+    assert free_run(data.logs[1], replace(told, velocity=0.0)).fit < 80
+    assert Predictor(data).run_with(1, told).fit > 99.9
+
+
+def test_the_velocity_and_zero_found_for_each_log_are_used_to_predict_it(data):
+    start = replace(ROBOT, p1=0.0031, p4=0.48)
+    estimator = OutputError(terms=(), per_log=("velocity",), check=False, workers=1)
+    found = estimator.of_logs(data.logs, start, dict.fromkeys(MASSES, ZERO))
+    speeds = [found.local[log.name]["velocity"] for log in data.logs]
+    assert speeds == pytest.approx([SPEED] * 3, rel=2e-3)
+    assert found.local[None]["zero"] == pytest.approx(ZERO, abs=1e-3)
+    assert Predictor(data).fits(found).min() > 99.5
+
+
+def test_a_drive_whose_gain_falls_is_differentiated_by_that_too(data):
+    log, drive = data.logs[1], replace(ROBOT, compression=0.4)
+    trajectory, step = Trajectory(log, drive), 1e-5
+    _, rows, mixture = trajectory.linearised(["compression", "p4"], drive, ZERO, SPEED)
+    for k, name in enumerate(("compression", "p4")):
+        there, back = (
+            trajectory.linearised(
+                [], replace(drive, **{name: getattr(drive, name) + by}), ZERO, SPEED
+            )[0]
+            for by in (step, -step)
+        )
+        found, expected = (rows @ mixture)[:, k], (there - back) / (2 * step)
+        np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_noise_of_a_law_is_simulated_sample_by_sample():
+    """Where the joint turns back, each sample counts: their mean over a step was 0.6 mrad off."""
+    joint = Joint(inertia=0.2, viscous=0.02, gravity=0.5, gain=1.0, coulomb=0.4, delay=5e-3)
+    same = LumpedParameters(p1=0.2, p2=0.02, p3=0.5, p4=1.0, coulomb=0.4, delay=5e-3)
+    time = np.arange(0, 6, 2e-3)
+    inputs = np.sin(2 * time) + 0.1 * np.random.default_rng(1).standard_normal(time.size)
+    angle, _ = motion(joint, time, inputs)
+    run = Trajectory(Log(time=time, input=inputs, angle=angle), same)
+    assert run.step <= time[1] / 2
+    np.testing.assert_allclose(run.at_stamps(same, 0.0), angle, atol=1e-6)

@@ -1,0 +1,188 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.estimators import HarmonicBalance
+from butterfly.identification.judgement.findings import Ending
+from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.terms import PARAMETERS
+from butterfly.report.words import sentences
+from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.signals.sine_fit import SineFit
+from tests.conftest import MASSES, ROBOT
+
+OMEGAS = (2.0, 3.0, 3.5, 4.5, 5.5, 6.0, 7.0, 9.0)
+
+
+def _vector(parameters):
+    return np.array([getattr(parameters, name) for name in PARAMETERS])
+
+
+def _points(parameters, *, masses=MASSES, omegas=OMEGAS, swing=0.15, noise=0.0, seed=0):
+    """Steady responses that obey the harmonic balance exactly, each with some phase of its own."""
+    rng = np.random.default_rng(seed)
+    points = []
+    for mass in masses:
+        for omega in omegas:
+            gain = complex(quasi_linear_response(parameters.with_added_mass(mass), omega, swing))
+            angle = swing * np.exp(1j * rng.uniform(-3, 3))
+            error = noise * complex(*rng.standard_normal(2))
+            fit = SineFit(
+                omega=omega,
+                offset=0.0,
+                phasors=np.array([angle + error]),
+                covariance=np.eye(2) * max(noise, 1e-9) ** 2,
+                residual_rms=0.0,
+            )
+            points.append(
+                ResponsePoint(added_mass=mass, input=angle / gain, angle=fit, drift=0.0, label="")
+            )
+    return points
+
+
+robots = st.builds(
+    LumpedParameters,
+    p1=st.floats(5e-4, 5e-2),
+    p2=st.floats(1e-5, 5e-3),
+    p3=st.floats(-5e-3, 0.2),
+    p4=st.floats(0.01, 5.0),
+    coulomb=st.floats(0, 5e-3),
+    delay=st.floats(0, 0.02),
+)
+
+
+@given(robots)
+def test_a_noise_free_balance_gives_back_the_robot(robot):
+    estimate = HarmonicBalance(terms=()).of_points(_points(robot))
+    scale = np.array([robot.p1, 1e-3, 0.05, robot.p4, 1e-3, 0.01])
+    np.testing.assert_allclose(estimate.values / scale, _vector(robot) / scale, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_standard_errors_match_repeated_experiments_and_intervals_cover():
+    truth = _vector(ROBOT)
+    fits = [
+        HarmonicBalance(terms=()).of_points(_points(ROBOT, noise=5e-4, seed=k)) for k in range(200)
+    ]
+    spread = np.std([fit.values for fit in fits], axis=0)
+    claimed = np.sqrt(np.mean([fit.standard_errors**2 for fit in fits], axis=0))
+    np.testing.assert_allclose(claimed, spread, rtol=0.2)
+    covered = np.mean([(fit.lower <= truth) & (truth <= fit.upper) for fit in fits], axis=0)
+    assert np.all((covered > 0.92) & (covered < 0.99))
+
+
+def test_the_spread_reaches_the_cramer_rao_bound():
+    """The bound of the angle's phasors with Gaussian noise, by numerical differentiation."""
+    noise = 5e-4
+    clean = _points(ROBOT)
+    truth = _vector(ROBOT)
+
+    def predicted(values):
+        parameters = LumpedParameters(**dict(zip(PARAMETERS, values, strict=True)))
+        angles = []
+        for point in clean:
+            loaded = parameters.with_added_mass(point.added_mass)
+
+            def excess(a, p=point, loaded=loaded):
+                return abs(complex(quasi_linear_response(loaded, p.omega, a)) * p.input) - a
+
+            swing = brentq(excess, 0.5 * point.amplitude, 1.5 * point.amplitude, xtol=1e-14)
+            angles.append(complex(quasi_linear_response(loaded, point.omega, swing)) * point.input)
+        return np.concatenate([np.real(angles), np.imag(angles)])
+
+    steps = 1e-5 * np.abs(truth)
+    jacobian = np.column_stack(
+        [
+            (predicted(truth + d) - predicted(truth - d)) / (2 * s)
+            for s, d in zip(steps, np.diag(steps), strict=True)
+        ]
+    )
+    bound = noise * np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
+    fits = [
+        HarmonicBalance(terms=(), check=False).of_points(_points(ROBOT, noise=noise, seed=k)).values
+        for k in range(200)
+    ]
+    rmse = np.sqrt(np.mean((np.array(fits) - truth) ** 2, axis=0))
+    assert np.all(rmse < 1.15 * bound)
+
+
+@settings(max_examples=30)
+@given(scale=st.floats(-100, 100).filter(lambda x: abs(x) > 0.01), seed=st.integers(0, 100))
+def test_the_input_s_unit_and_sign_change_p4_alone_and_the_order_of_logs_nothing(scale, seed):
+    points = _points(ROBOT, noise=5e-4)
+    reference = HarmonicBalance(terms=()).of_points(points).values
+    order = np.random.default_rng(seed).permutation(len(points))
+    scaled = [replace(points[k], input=points[k].input * scale) for k in order]
+    values = HarmonicBalance(terms=()).of_points(scaled).values
+    values[3] *= scale
+    np.testing.assert_allclose(values, reference, rtol=1e-6, atol=1e-12)
+
+
+def test_one_added_mass_is_refused_because_the_scale_is_free():
+    for mass in MASSES:
+        with pytest.raises(IdentifiabilityError, match="only up to a common factor"):
+            HarmonicBalance(terms=()).of_points(_points(ROBOT, masses=[mass]))
+
+
+def test_too_few_logs_are_refused():
+    with pytest.raises(IdentifiabilityError, match="equations for 6 parameters"):
+        HarmonicBalance(terms=()).of_points(_points(ROBOT, omegas=[3.0]))
+
+
+def test_one_frequency_cannot_tell_the_parameters_apart():
+    masses = [AddedMass(mass=0.02 * k, arm=0.104) for k in range(8)]
+    with pytest.raises(IdentifiabilityError, match="do not determine"):
+        HarmonicBalance(terms=()).of_points(_points(ROBOT, masses=masses, omegas=[3.0]))
+
+
+def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
+    robot = replace(ROBOT, coulomb=0.0)
+    fits = [
+        HarmonicBalance(terms=()).of_points(_points(robot, noise=5e-4, seed=k)) for k in range(10)
+    ]
+    bounded = [fit for fit in fits if fit.values[4] == 0]
+    assert bounded
+    for fit in bounded:
+        assert "coulomb" in fit.on_bound
+        assert any("bound" in sentence for sentence in sentences(fit))
+    assert all(fit.values[4] >= 0 for fit in fits)
+
+
+def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
+    points = _points(ROBOT, noise=5e-4)
+    assert HarmonicBalance(terms=()).of_points(points).ending is Ending.CONVERGED
+    monkeypatch.setattr("butterfly.identification.estimators.describing_fit._MAX_ITERATIONS", 2)
+    stopped = HarmonicBalance(terms=()).of_points(points)
+    assert stopped.ending is Ending.STOPPED
+    assert any("did not settle" in sentence for sentence in sentences(stopped))
+
+
+def test_two_added_masses_suffice_but_cannot_be_checked_by_leaving_one_out():
+    estimate = HarmonicBalance(terms=()).of_points(_points(ROBOT, masses=MASSES[:2]))
+    np.testing.assert_allclose(estimate.values, _vector(ROBOT), rtol=1e-6)
+    assert estimate.left_out == {}
+    assert any("Fewer than three" in sentence for sentence in sentences(estimate))
+
+
+def test_the_real_robot_s_parameters_lie_in_the_known_ranges(real):
+    plain = HarmonicBalance(terms=(), check=False)(real.data).parameters
+    assert 0.0044 <= plain.coulomb <= 0.0053
+    for found in (real.estimate.parameters, plain):
+        assert 0.00205 <= found.p1 <= 0.00216
+        assert abs(found.p3) < 0.003
+        assert 2.40 <= found.p4 <= 2.50
+        assert 0.0044 <= found.level(0.0) <= 0.0053
+        assert 0.002 <= found.delay <= 0.004
+
+
+def test_the_real_robot_s_intervals_hold_the_estimates_with_one_mass_left_out(real):
+    assert len(real.estimate.left_out) == 3
+    for values in real.estimate.left_out.values():
+        assert np.all(real.estimate.lower <= values)
+        assert np.all(values <= real.estimate.upper)

@@ -1,0 +1,284 @@
+"""What is known beforehand: exactly, with an uncertainty, wrongly, or not enough of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.estimators.loss import Loss
+from butterfly.identification.judgement.covariance import cluster_covariance
+from butterfly.identification.judgement.findings import FindingKind
+from butterfly.identification.prior import Prior
+from butterfly.model.known import Knowledge, Known
+from butterfly.model.terms import PARAMETERS
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, SWINGS, simulated, steady, wild
+
+ONE = MASSES[1]
+METHODS = {
+    "harmonic-balance": HarmonicBalance(terms=(), check=False),
+    "weak-form": WeakForm(terms=(), check=False),
+    "output-error": OutputError(terms=(), check=False, workers=1),
+}
+LINEAR = ("p1", "p2", "p3", "p4", "coulomb")
+
+
+def noisy(logs, size=2e-4, seed=0):
+    rng = np.random.default_rng(seed)
+    return [
+        replace(log, angle=log.angle + size * rng.standard_normal(log.time.size)) for log in logs
+    ]
+
+
+@pytest.fixture(scope="module")
+def sines():
+    return noisy(log for log in steady(ROBOT, SWINGS) if log.added_mass == ONE)
+
+
+def knowing(logs, **told):
+    return DataSet.of(logs, known=Knowledge.told(told))
+
+
+def found(estimate):
+    return dict(zip(estimate.names, estimate.values.tolist(), strict=True)) | estimate.held
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_known_gain_takes_the_place_of_a_second_mass(sines, method):
+    estimate = METHODS[method](knowing(sines, p4=ROBOT.p4))
+    assert "p4" not in estimate.names
+    for name in LINEAR:
+        assert found(estimate)[name] == pytest.approx(getattr(ROBOT, name), rel=0.02), name
+    assert estimate.parameters.p4 == ROBOT.p4
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_any_parameter_that_is_known_sets_the_scale(name):
+    logs = wild(ROBOT, [ONE, ONE, ONE], duration=12.0)
+    estimate = METHODS["weak-form"](knowing(logs, **{name: getattr(ROBOT, name)}))
+    for other in ("p1", "p3", "p4"):
+        assert found(estimate)[other] == pytest.approx(getattr(ROBOT, other), rel=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_prior_that_alone_tells_the_scale_widens_all_by_its_share(sines, method):
+    share = 0.02
+    estimate = METHODS[method](knowing(sines, p4=(ROBOT.p4, share * ROBOT.p4)))
+    exact = METHODS[method](knowing(sines, p4=ROBOT.p4))
+    errors = dict(zip(estimate.names, estimate.standard_errors, strict=True))
+    rest = dict(zip(exact.names, exact.standard_errors, strict=True))
+    carried = {"p1": ONE.inertia, "p3": ONE.gravity_moment}
+    for name in ("p1", "p2", "p3", "p4"):
+        grown = getattr(ROBOT, name) + carried.get(name, 0.0)
+        closed = np.hypot(share * grown, rest.get(name, 0.0))
+        assert errors[name] == pytest.approx(closed, rel=0.05), name
+    assert found(estimate)["p4"] == pytest.approx(ROBOT.p4, rel=1e-3)
+
+
+def test_two_priors_are_weighed_by_their_uncertainties(sines):
+    told = {"p4": (1.01 * ROBOT.p4, 0.02 * ROBOT.p4), "p3": (ROBOT.p3, 0.002 * ROBOT.p3)}
+    one = METHODS["output-error"](knowing(sines, p3=told["p3"]))
+    both = METHODS["output-error"](knowing(sines, **told))
+    at = both.names.index("p4")
+    precisions = np.array([1 / one.covariance[at, at], 1 / told["p4"][1] ** 2])
+    weighed = precisions @ [one.values[at], told["p4"][0]] / precisions.sum()
+    assert both.values[at] == pytest.approx(weighed, rel=1e-4)
+    assert both.standard_errors[at] == pytest.approx(precisions.sum() ** -0.5, rel=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_priors_beside_three_masses_go_from_nothing_to_all(method):
+    logs = noisy(steady(ROBOT, SWINGS) if method == "harmonic-balance" else wild(ROBOT))
+    estimator = METHODS[method]
+    plain = estimator(DataSet.of(logs))
+    vague = estimator(knowing(logs, p4=(ROBOT.p4, 10.0)))
+    np.testing.assert_allclose(vague.values, plain.values, rtol=2e-4, atol=1e-6)
+    np.testing.assert_allclose(vague.standard_errors, plain.standard_errors, rtol=0.02)
+    tight = estimator(knowing(logs, p4=(1.0001 * ROBOT.p4, 1e-9)))
+    assert found(tight)["p4"] == pytest.approx(1.0001 * ROBOT.p4, rel=1e-6)
+
+
+def test_knowledge_that_the_logs_contradict_is_said():
+    logs = noisy(wild(ROBOT))
+    estimate = METHODS["weak-form"](knowing(logs, p4=(1.1 * ROBOT.p4, 0.01 * ROBOT.p4)))
+    (said,) = (f for f in estimate.findings if f.kind is FindingKind.PRIOR_APART)
+    assert said.parameters == ("p4",)
+    assert said.number > 5
+    agreeing = METHODS["weak-form"](knowing(logs, p4=(1.01 * ROBOT.p4, 0.01 * ROBOT.p4)))
+    assert not any(f.kind is FindingKind.PRIOR_APART for f in agreeing.findings)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_exact_knowledge_that_the_masses_contradict_is_said(method):
+    logs = noisy(steady(ROBOT, SWINGS) if method == "harmonic-balance" else wild(ROBOT))
+    estimate = METHODS[method](knowing(logs, p4=1.03 * ROBOT.p4))
+    (said,) = (f for f in estimate.findings if f.kind is FindingKind.KNOWN_APART)
+    assert said.parameters == ("p4",)
+    assert said.number == pytest.approx(-0.03, abs=0.005)
+    agreeing = METHODS[method](knowing(logs, p4=ROBOT.p4))
+    assert not any(f.kind is FindingKind.KNOWN_APART for f in agreeing.findings)
+
+
+def test_a_term_may_be_known():
+    robot = replace(ROBOT, drag=1e-3)
+    logs = wild(robot, duration=12.0)
+    exact = METHODS["output-error"](knowing(logs, drag=1e-3))
+    assert exact.parameters.drag == 1e-3
+    assert exact.parameters.p2 == pytest.approx(robot.p2, rel=1e-3)
+    vague = METHODS["output-error"](knowing(logs, drag=(2e-3, 1.0)))
+    assert vague.parameters.drag == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_known_cogging_acts_as_often_in_a_turn_as_is_known(method):
+    robot = replace(ROBOT, cogging=0.003, cogging_periods=7.0)
+    data = knowing(steady(robot, SWINGS), cogging=0.003, cogging_periods=7.0)
+    estimate = METHODS[method](data)
+    for name in LINEAR:
+        assert found(estimate)[name] == pytest.approx(getattr(robot, name), rel=1e-3), name
+    assert estimate.parameters.cogging_periods == 7.0
+
+
+def test_what_a_method_cannot_use_is_refused_with_one_that_can(sines):
+    with pytest.raises(InputError, match=r"known.tilt: got 0.1; expected the method output-error"):
+        METHODS["harmonic-balance"](knowing(sines, p4=1, tilt=0.1))
+    with pytest.raises(InputError, match=r"known.cogging_periods: .*expected an exact value"):
+        METHODS["output-error"](knowing(sines, p4=1, cogging_periods=(2, 1)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_that_tells_the_scale_is_refused_with_what_would(sines, method):
+    with pytest.raises(IdentifiabilityError, match=r"same added mass.*--known p4=1.*--known p3="):
+        METHODS[method](DataSet.of(sines))
+    with pytest.raises(IdentifiabilityError, match="known only up to a common factor"):
+        METHODS[method](knowing(sines, delay=0.0, p3=(0.0, 0.01)))
+
+
+def test_undriven_logs_need_a_gain_besides():
+    decays = [replace(log, input=np.zeros(log.time.size)) for log in wild(ROBOT, duration=6.0)]
+    with pytest.raises(IdentifiabilityError, match="--known p4="):
+        METHODS["weak-form"](knowing(decays, p3=0.04))
+
+
+@pytest.mark.parametrize("method", ["weak-form", "output-error"])
+def test_of_undriven_logs_a_gain_tells_no_scale(method):
+    starts = (0.8, -0.6)
+    still = [simulated(ROBOT, ONE, np.zeros_like, 6.0, start=start) for start in starts]
+    told = (ROBOT.p3, 0.02 * ROBOT.p3)
+    estimate = METHODS[method](knowing(noisy(still), p4=ROBOT.p4, delay=0.0, p3=told))
+    assert found(estimate)["p1"] == pytest.approx(ROBOT.p1, rel=0.01)
+    assert estimate.standard_errors[estimate.names.index("p3")] == pytest.approx(told[1], rel=0.05)
+
+
+def test_a_prior_widens_a_robust_fit_as_it_does_a_plain_one():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    data = knowing(logs, p4=(ROBOT.p4, 0.02 * ROBOT.p4), p3=(1.01 * ROBOT.p3, 0.02 * ROBOT.p3))
+    plain, robust = (
+        replace(METHODS["output-error"], loss=loss)(data) for loss in (Loss.LINEAR, Loss.HUBER)
+    )
+    assert robust.standard_errors[:4] == pytest.approx(plain.standard_errors[:4], rel=0.05)
+
+
+def test_a_vague_prior_beside_two_masses_widens_nothing():
+    logs = noisy(wild(ROBOT, [MASSES[0], MASSES[0], ONE, ONE], duration=6.0))
+    checked = WeakForm(terms=())
+    with_it, without = checked(knowing(logs, p4=(ROBOT.p4, ROBOT.p4))), checked(DataSet.of(logs))
+    assert with_it.upper - with_it.lower == pytest.approx(without.upper - without.lower, rel=1e-3)
+
+
+def test_a_term_that_is_known_is_not_chosen_away():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    estimate = OutputError(check=False, workers=1)(knowing(logs, p4=ROBOT.p4, bias=(2e-3, 2e-4)))
+    assert "bias" in estimate.names
+    (said,) = (f for f in estimate.findings if f.kind is FindingKind.PRIOR_APART)
+    assert said.parameters == ("bias",)
+
+
+def test_a_parameter_that_carries_the_scale_is_not_called_held():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    estimate = METHODS["output-error"](knowing(logs, p4=(ROBOT.p4, 0.01)))
+    assert not estimate.held.keys() & {*estimate.names}
+
+
+def test_an_uncertain_zero_weighs_as_its_uncertainty_says():
+    logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
+    data = knowing(logs, p4=ROBOT.p4)
+    told = data.with_zero(Known(value=0.01, uncertainty=0.02))
+    left, free = (METHODS["output-error"](each) for each in (told, data))
+    assert left.local[None]["zero"] == pytest.approx(free.local[None]["zero"], abs=1e-6)
+    assert left.standard_errors == pytest.approx(free.standard_errors, rel=1e-2)
+
+
+def test_what_is_known_is_not_to_be_found_otherwise():
+    data = knowing(wild(ROBOT, [ONE], duration=6.0), p4=(0.5, 0.01), bias=0.0)
+    for options, message in (
+        ({"fixed": ("p4",)}, "fixed: got p4; expected what is not known"),
+        ({"per_log": ("bias",)}, "per_log: got bias; expected what is not known"),
+    ):
+        with pytest.raises(InputError, match=message):
+            OutputError(terms=(), **options)(data)
+    every = {name: getattr(ROBOT, name) for name in PARAMETERS}
+    with pytest.raises(InputError, match=r"known: got p1, .* all exactly; expected some of them"):
+        METHODS["weak-form"](data.knowing(Knowledge.told(every)))
+
+
+def test_a_wrong_mass_is_weighed_by_the_gravity_there():
+    masses = [replace(mass, gravity=3.7) for mass in MASSES for _ in range(2)]
+    logs = wild(ROBOT, masses, duration=6.0)
+    logs[-1] = replace(logs[-1], added_mass=replace(masses[-1], mass=masses[-1].mass + 0.01))
+    first = METHODS["weak-form"](DataSet.of(noisy(logs))).corrections[0]
+    assert first.change == pytest.approx(-0.01, rel=0.1)
+
+
+@pytest.mark.parametrize("known", [{}, {"p3": 0.0}, {"p1": ROBOT.p1, "p4": ROBOT.p4}])
+def test_uncertain_masses_and_arms_widen_the_intervals(known):
+    logs = wild(replace(ROBOT, **known), duration=12.0)
+    share = 0.01
+
+    def estimated(factor, uncertainty):
+        told = [
+            replace(
+                log,
+                added_mass=replace(
+                    log.added_mass,
+                    arm=factor * log.added_mass.arm,
+                    arm_uncertainty=uncertainty * log.added_mass.arm,
+                ),
+            )
+            for log in logs
+        ]
+        return METHODS["weak-form"](knowing(told, **known))
+
+    exact, longer, vague = estimated(1, 0), estimated(1 + share, 0), estimated(1, share)
+    moved = abs(longer.values - exact.values)
+    for name in {"p1", "p3", "p4"} & set(exact.names):
+        at, of_vague = exact.names.index(name), vague.names.index(name)
+        added = vague.covariance[of_vague, of_vague] - exact.covariance[at, at]
+        assert np.sqrt(added) == pytest.approx(moved[at], rel=0.1)
+
+
+def test_covariance_with_a_prior_is_that_of_many_draws():
+    rng = np.random.default_rng(3)
+    rows = rng.standard_normal((12, 4, 2)) @ np.array([[1.0, 0.9], [0.0, 0.05]])
+    truth, told, size = np.array([1.0, 2.0]), 0.3, 0.4
+    flat = rows.reshape(-1, 2)
+    prior = Prior(mean=truth, weight=np.array([0.0, (size / told) ** 2]), variance=size**2)
+    normal = np.linalg.inv(flat.T @ flat + prior.curvature)
+    values, covariances = [], []
+    for _ in range(1000):
+        noise = size * np.repeat(rng.standard_normal(12), 4) * np.tile([1, 0, 0, 0], 12)
+        noise += size * rng.standard_normal(48) * np.tile([0, 1, 1, 1], 12)
+        mean = truth + np.array([0, told * rng.standard_normal()])
+        fit = normal @ (flat.T @ (flat @ truth + noise) + prior.weight * mean)
+        values.append(fit)
+        covariances.append(
+            cluster_covariance(rows, (flat @ fit - flat @ truth - noise).reshape(12, 4), prior)[0]
+        )
+    np.testing.assert_allclose(
+        np.mean(covariances, axis=0), np.cov(np.transpose(values)), rtol=0.12
+    )

@@ -1,0 +1,218 @@
+"""Physical parameters from lumped ones and what is known, against draws of all that is possible."""
+
+import numpy as np
+import pytest
+
+from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.implied import implied
+from butterfly.identification.judgement.findings import Ending
+from butterfly.identification.physical import Lack, physical_parameters
+from butterfly.logs.log import InputKind
+from butterfly.model.friction import Friction
+from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.parameters import (
+    NO_ADDED_MASS,
+    AddedMass,
+    Hand,
+    JointKind,
+    VoltageDrive,
+    lump,
+)
+
+HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
+TRUTH = lump(
+    HAND,
+    VoltageDrive(resistance=2.0, torque_constant=0.05, back_emf_constant=0.05),
+    Friction(viscous=2e-4),
+)
+NAMES = ("p1", "p2", "p3", "p4")
+VALUES = np.array([getattr(TRUTH, name) for name in NAMES])
+MOTOR = {
+    "hand_mass": (0.1, 0.002),
+    "resistance": (2.1, 0.06),
+    "torque_constant": (0.05, 0.001),
+    "back_emf_constant": (0.05, 0.002),
+    "rotor_inertia": (1e-4, 1e-5),
+}
+UPRIGHT = AddedMass(gravity=0.0)
+SLIDE = AddedMass(joint=JointKind.SLIDE)
+
+
+def _covariance(share):
+    """All scaled by one unknown, as masses alone leave it, and errors of their own."""
+    own = np.diag((0.3 * share * VALUES) ** 2)
+    return own + share**2 * np.outer(VALUES, VALUES)
+
+
+def _estimate(values, covariance, known=NOTHING, names=NAMES):
+    errors = np.sqrt(np.diag(covariance))
+    return ParameterEstimate(
+        method="",
+        names=names,
+        values=np.array(values),
+        covariance=np.array(covariance),
+        lower=values - 4 * errors,
+        upper=values + 4 * errors,
+        left_out={},
+        condition=1.0,
+        on_bound=(),
+        ending=Ending.CONVERGED,
+        findings=(),
+        known=known,
+    )
+
+
+def _of_logs(told, values=VALUES, covariance=None, kind=InputKind.VOLTAGE, carrier=NO_ADDED_MASS):
+    """Return what is told of an estimate that knows nothing but its logs."""
+    covariance = _covariance(0.01) if covariance is None else covariance
+    return physical_parameters(_estimate(values, covariance), Knowledge.told(told), kind, carrier)
+
+
+def _drawn(count=200_000):
+    """Draw what was told, weigh it by the logs, and draw the rest from these: no first order."""
+    rng = np.random.default_rng(0)
+    covariance = _covariance(0.03)
+    draw = {
+        name: mean + error * rng.standard_normal(count) for name, (mean, error) in MOTOR.items()
+    }
+    p4 = draw["torque_constant"] / draw["resistance"]
+    gap = p4 - VALUES[3]
+    weight = np.exp(-0.5 * gap**2 / covariance[3, 3])
+    slope = covariance[:3, 3] / covariance[3, 3]
+    rest = covariance[:3, :3] - np.outer(slope, covariance[3, :3])
+    p1, p2, p3 = (
+        VALUES[:3, None]
+        + slope[:, None] * gap
+        + np.linalg.cholesky(rest) @ rng.standard_normal((3, count))
+    )
+    distance = p3 / (9.81 * draw["hand_mass"])
+    about = p1 - draw["hand_mass"] * distance**2
+    return weight / weight.sum(), {
+        "resistance": draw["resistance"],
+        "torque_constant": draw["torque_constant"],
+        "viscous_friction": p2 - draw["back_emf_constant"] * p4,
+        "com_distance": distance,
+        "hand_inertia": p1 - draw["rotor_inertia"],
+        "inertia": about - draw["rotor_inertia"],
+    }
+
+
+@pytest.mark.parametrize("used", [False, True])
+def test_values_and_errors_are_those_of_all_that_is_possible(used):
+    """Whether or not the estimate has used R and k_t as knowledge of p4."""
+    covariance, told = _covariance(0.03), Knowledge.told(MOTOR)
+    known = implied(told, InputKind.VOLTAGE)
+    estimate = _estimate(VALUES, covariance)
+    if used:
+        p4 = known.parameters["p4"]
+        gain = covariance[:, 3] / (covariance[3, 3] + p4.uncertainty**2)
+        values = VALUES + gain * (p4.value - VALUES[3])
+        estimate = _estimate(values, covariance - np.outer(gain, covariance[3]), known)
+    found = physical_parameters(estimate, known, InputKind.VOLTAGE, NO_ADDED_MASS)
+    weight, drawn = _drawn()
+    assert {each.name for each in found.found} == drawn.keys()
+    for name, values in drawn.items():
+        mean = weight @ values
+        spread = np.sqrt(weight @ (values - mean) ** 2)
+        assert found[name].standard_error == pytest.approx(spread, rel=0.03), name
+        assert found[name].value == pytest.approx(mean, abs=0.1 * spread), name
+
+
+def test_errors_of_a_prior_are_not_counted_twice():
+    """R and k_t taken to be independent of the p4 that they told would be known too well."""
+    told = Knowledge.told({"resistance": (2.0, 0.1), "torque_constant": (0.05, 0.001)})
+    known = implied(told, InputKind.VOLTAGE)
+    p4 = known.parameters["p4"]
+    covariance = np.diag([1e-12, 1e-12, 1e-12, p4.uncertainty**2])
+    found = physical_parameters(
+        _estimate(VALUES, covariance, known), known, InputKind.VOLTAGE, NO_ADDED_MASS
+    )
+    assert {each.name for each in found.found} == set()
+
+
+def test_a_weighed_hand_is_separated_as_its_closed_form_says():
+    covariance = np.zeros((4, 4))
+    covariance[np.ix_([0, 2], [0, 2])] = [[4e-10, 1e-9], [1e-9, 1e-8]]
+    found = _of_logs({"hand_mass": (0.1, 1e-3)}, covariance=covariance)
+    assert found["com_distance"].value == pytest.approx(0.05)
+    assert found["inertia_with_rotor"].value == pytest.approx(0.003)
+    error = 0.05 * np.hypot(1e-4 / 0.04905, 0.01)
+    assert found["com_distance"].standard_error == pytest.approx(error)
+    reach = 0.05 * np.hypot(4 * 1e-4 / 0.04905, 1.96 * 0.01)
+    assert found["com_distance"].reach == pytest.approx(reach, rel=1e-4)
+    rng = np.random.default_rng(0)
+    p1, p3 = rng.multivariate_normal([0.00325, 0.04905], covariance[::2, ::2], 100_000).T
+    mass = 0.1 + 1e-3 * rng.standard_normal(p1.size)
+    spread = np.std(p1 - p3**2 / (mass * 9.81**2))
+    assert found["inertia_with_rotor"].standard_error == pytest.approx(spread, rel=0.02)
+
+
+def test_one_part_of_the_motor_tells_another():
+    gear = {"gear_ratio": 2.0}
+    assert _of_logs({"torque_constant": 0.05})["resistance"].value == pytest.approx(2.0)
+    assert _of_logs({"torque_constant": 0.05} | gear)["resistance"].value == pytest.approx(4.0)
+    found = _of_logs({"resistance": (2.0, 0.02)} | gear)["torque_constant"]
+    assert found.value == pytest.approx(0.025)
+    assert found.standard_error / found.value == pytest.approx(np.hypot(0.01, np.sqrt(1.09) * 0.01))
+    assert _of_logs({"back_emf_constant": 0.025} | gear)["viscous_friction"].value == pytest.approx(
+        2e-4
+    )
+
+
+def test_a_command_in_amperes_shows_in_its_current_and_hides_the_rest():
+    told = {"torque_constant": 0.05, "gear_ratio": 10.0, "resistance": 2.0}
+    found = _of_logs(told, np.array([1.0, 0.1, 3.0, 0.5]), kind=InputKind.TORQUE)
+    assert [each.name for each in found.found] == ["motor_current"]
+    assert found["motor_current"].value == pytest.approx(1.0)
+    lacks = {each.lack: each for each in found.unseparated}
+    assert lacks[Lack.UNUSED].names == ("resistance",)
+    assert Lack.COMMAND in lacks
+    assert Lack.BACK_EMF not in lacks
+
+
+def test_a_slide_has_a_mass_and_no_centre_of_it():
+    values = np.array([0.6, 0.1, 0.0, 2.0])
+    rotor = {"rotor_inertia": (1e-5, 1e-6), "gear_ratio": 100.0}
+    found = _of_logs(rotor, values, np.diag([1e-4, 0, 0, 0]), carrier=SLIDE)
+    assert [each.name for each in found.found] == ["hand_mass"]
+    assert found["hand_mass"].value == pytest.approx(0.5)
+    assert found["hand_mass"].standard_error == pytest.approx(np.hypot(0.01, 0.01))
+    found = _of_logs({"hand_mass": 0.5, "gear_ratio": 100.0}, values, carrier=SLIDE)
+    assert found["rotor_inertia"].value == pytest.approx(1e-5)
+    found = _of_logs({"hand_mass": 0.5, "torque_constant": 0.1}, values, carrier=SLIDE)
+    assert found.found == ()
+    assert Lack.GEAR in {each.lack for each in found.unseparated}
+
+
+def test_what_is_left_open_is_named_with_its_remedy():
+    def lacks(told, **setting):
+        return [each.lack for each in _of_logs(told, **setting).unseparated]
+
+    assert lacks({}) == [Lack.MASS, Lack.ROTOR, Lack.GAIN, Lack.BACK_EMF]
+    assert lacks(MOTOR) == []
+    assert lacks(MOTOR, carrier=UPRIGHT) == [Lack.GRAVITY]
+    assert "com_distance" not in {each.name for each in _of_logs(MOTOR, carrier=UPRIGHT).found}
+    (most,) = [each.most for each in _of_logs({}).unseparated if each.most]
+    assert most.value == pytest.approx(TRUTH.p2 / TRUTH.p4)
+
+
+def test_a_centre_of_mass_beside_its_line_and_a_tilted_axis_are_taken_into_account():
+    hand = Hand(mass=0.1, com_distance=0.05, com_offset=0.02, inertia=0.003, tilt=0.4)
+    lumped = lump(
+        hand, VoltageDrive(resistance=2, torque_constant=1, back_emf_constant=0), Friction()
+    )
+    names = (*NAMES, "p3_offset", "tilt")
+    values = np.array([getattr(lumped, name) for name in names])
+    estimate = _estimate(values, np.diag((1e-3 * values) ** 2), names=names)
+    told = Knowledge.told({"hand_mass": 0.1})
+    found = physical_parameters(estimate, told, InputKind.TORQUE, NO_ADDED_MASS)
+    assert found["com_distance"].value == pytest.approx(0.05)
+    assert found["com_offset"].value == pytest.approx(0.02)
+    assert found["inertia_with_rotor"].value == pytest.approx(0.003)
+
+
+def test_an_estimate_without_uncertainties_has_values_only():
+    found = _of_logs(MOTOR, covariance=np.full((4, 4), np.nan))
+    assert found["com_distance"].value == pytest.approx(0.05)
+    assert np.isnan(found["com_distance"].standard_error)
+    assert "resistance" not in {each.name for each in found.found}

@@ -1,0 +1,224 @@
+"""Bands hold what they promise, and are what a closed form says where there is one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.draws import draw_parameters
+from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.expected_errors import block, donors, left_over
+from butterfly.identification.free_run import Trajectory
+from butterfly.identification.importance import weighed
+from butterfly.identification.predict import Predictor, Setting, free_run
+from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Band, predict_logs
+from butterfly.model.parameters import AddedMass
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, simulated, steady
+
+NOISE = 2e-3  # rad
+RELATIVE_NOISE = 0.02
+SWINGS = {2.0: 0.2, 4.4: 0.3, 8.5: 0.5}
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return steady(ROBOT, SWINGS)
+
+
+def _noisy(logs, seed, noise=NOISE):
+    rng = np.random.default_rng(seed)
+    angles = [log.angle + noise * rng.standard_normal(log.angle.size) for log in logs]
+    return DataSet.of([replace(log, angle=a) for log, a in zip(logs, angles, strict=True)])
+
+
+def _predicted(data, found, draws, errors=(), seed=0):
+    return predict_logs(
+        data.logs, found, Predictor(data).setting, draws=draws, errors=errors, seed=seed
+    )
+
+
+@pytest.mark.slow
+def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_linear(clean):
+    """For small errors: 1.96 times the root of the diagonal of J Cov J^T."""
+    data = _noisy(clean, 0)
+    found = HarmonicBalance(terms=(), check=False)(data)
+    found = replace(
+        found,
+        covariance=1e-2 * found.covariance,
+        lower=found.values - 0.196 * found.standard_errors,
+        upper=found.values + 0.196 * found.standard_errors,
+    )
+    (prediction,) = _predicted(data.take([4]), found, draw_parameters(found, 4000))
+    log, samples = data.logs[4], prediction.samples
+    setting = Setting(parameters=found.parameters, zero=data.equilibria[log.added_mass])
+    trajectory = Trajectory(log, found.parameters)
+    rows = []
+    for name, error in zip(found.names, found.standard_errors, strict=True):
+        ends = [
+            trajectory.at_stamps(
+                replace(found.parameters, **{name: getattr(found.parameters, name) + step}),
+                setting.zero,
+            )
+            for step in (-1e-2 * error, 1e-2 * error)
+        ]
+        rows.append((ends[1] - ends[0])[samples] / (2e-2 * error))
+    jacobian = np.array(rows).T
+    expected = 1.96 * np.sqrt(np.sum(jacobian @ found.covariance * jacobian, axis=1))
+    band = prediction.bands[OF_PARAMETERS]
+    moving = expected > 0.2 * expected.max()
+    ratio = (band.upper - band.lower)[moving] / (2 * expected[moving])
+    assert np.median(ratio) == pytest.approx(1, abs=0.03)
+    assert np.all(np.abs(ratio - 1) < 0.12)
+
+
+def _noisy_by_its_motion(logs, seed):
+    """Noise in proportion to each log's motion, and a first sample without any."""
+    rng = np.random.default_rng(seed)
+    noisy = []
+    for log in logs:
+        noise = RELATIVE_NOISE * np.std(log.angle) * rng.standard_normal(log.angle.size)
+        noise[0] = 0.0
+        noisy.append(replace(log, angle=log.angle + noise))
+    return DataSet.of(noisy)
+
+
+@pytest.mark.slow
+def test_bands_hold_what_they_promise_of_a_new_mass_and_frequency(clean):
+    """Of a known robot: its motion lies in the one band, a noisy log of it in the other."""
+    truth, recorded, widths = [], [], []
+    for seed in range(6):
+        data = _noisy_by_its_motion(clean, seed)
+        found = HarmonicBalance(terms=())(data)
+        draws = weighed(draw_parameters(found, 100, seed=seed), data)
+        mass = AddedMass(mass=0.08, arm=0.104)
+        new = simulated(ROBOT, mass, lambda t: 0.03 * np.sin(3.3 * t), 40.0)
+        (prediction,) = predict_logs(
+            _noisy_by_its_motion([new], 100 + seed).logs,
+            found,
+            lambda _, estimate: Setting(parameters=estimate.parameters, zero=0.0),
+            draws=draws,
+            errors=left_over(data, found),
+        )
+        truth.append(prediction.bands[OF_PARAMETERS].share(new.angle[prediction.samples]))
+        recorded.append(prediction.bands[OF_NEW_LOG].share(prediction.measured))
+        widths.append(prediction.bands[OF_NEW_LOG].width / np.std(new.angle))
+    assert np.mean(truth) > 0.85
+    assert 0.93 <= np.mean(recorded) <= 1
+    assert np.mean(widths) < 1.5 * 2 * 1.96 * RELATIVE_NOISE
+
+
+def test_seeds_fix_bands_and_only_their_own_part(clean):
+    data = _noisy(clean, 0)
+    found = HarmonicBalance(terms=())(data)
+    draws, errors = draw_parameters(found, 40), left_over(data, found)
+    one, same, other = (
+        _predicted(data.take([0]), found, draws, errors, seed)[0].bands for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(one[OF_NEW_LOG].upper, same[OF_NEW_LOG].upper)
+    np.testing.assert_array_equal(one[OF_PARAMETERS].upper, other[OF_PARAMETERS].upper)
+    assert not np.array_equal(one[OF_NEW_LOG].upper, other[OF_NEW_LOG].upper)
+    (plain,) = _predicted(data.take([0]), found, None)
+    assert plain.bands == {}
+    assert plain.run.fit > 95
+
+
+def test_weights_leave_linear_models_alone_and_drop_draws_that_are_worse_than_promised(clean):
+    data = _noisy(clean, 0)
+    found = HarmonicBalance(terms=())(data)
+    draws = weighed(draw_parameters(found, 60), data)
+    assert draws.effective_size > 0.9 * 60
+    wide = replace(found, covariance=1e6 * found.covariance)
+    limits = 1960 * found.standard_errors
+    wide = replace(wide, lower=found.values - limits, upper=found.values + limits)
+    far = weighed(draw_parameters(wide, 60, masses=MASSES), data)
+    assert 1 < far.effective_size < 50
+    assert far.weights.sum() == pytest.approx(1)
+
+
+def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(clean):
+    data = _noisy(clean, 0)
+    found = HarmonicBalance(terms=())(data)
+    errors = left_over(data, found)
+    assert all(each.unseen for each in errors)
+    mass = data.logs[0].added_mass
+    unseen = replace(found, values=found.left_out[mass])
+    run = Predictor(data).run(0, unseen)
+    expected = (run.log.angle - run.simulated) / np.std(run.log.angle)
+    np.testing.assert_allclose(errors[0].relative, expected, atol=1e-12)
+    others = donors(errors, mass)
+    assert {each.log.added_mass for each in others} == {*data.masses} - {mass}
+    assert donors(others, data.masses[-1])
+    assert donors(others[:1], others[0].log.added_mass) == others[:1]
+
+
+def test_errors_in_sample_stand_for_those_unseen_but_are_larger(clean):
+    data = _noisy(clean, 0)
+    found = HarmonicBalance(terms=(), check=False)(data)
+    (first, *_) = left_over(data, found)
+    run = Predictor(data).run(0, found)
+    plain = (run.log.angle - run.simulated) / np.std(run.log.angle)
+    assert not first.unseen
+    np.testing.assert_allclose(first.relative, np.sqrt(4 / 3) * plain, atol=1e-12)
+
+
+def test_drawn_errors_keep_the_level_of_their_log_and_are_as_slow(clean):
+    data = _noisy(clean, 0, noise=0.0)
+    errors = left_over(data, OutputError(terms=(), check=False)(data))
+    slow = replace(errors[0], relative=np.sin(2.0 * errors[0].log.time))
+    assert block(slow.log) == pytest.approx(2 * np.pi)
+    time = np.arange(0, 300, 0.02)
+    drawn = slow.drawn(time, np.random.default_rng(0))
+    assert np.std(drawn) == pytest.approx(np.sqrt(0.5), rel=0.1)
+    assert np.mean(np.abs(np.diff(drawn)) > 0.05) < 0.02  # but where blocks meet
+    assert block(replace(slow.log, excitation=None)) == 5.0
+
+
+def test_drawn_noise_is_as_loud_as_the_log_s(clean):
+    data = _noisy(clean, 0)
+    noise = np.random.default_rng(0).standard_normal(data.logs[0].time.size)
+    loud = replace(left_over(data, HarmonicBalance(terms=())(data))[0], relative=noise)
+    drawn = loud.drawn(np.arange(0, 300, 0.0131), np.random.default_rng(1))
+    assert np.std(drawn) == pytest.approx(1.0, rel=0.03)
+
+
+def test_a_band_knows_its_width_and_what_is_inside():
+    band = Band(lower=np.zeros(4), upper=np.array([1.0, 1.0, 1.0, 3.0]))
+    assert band.width == 1.5
+    assert band.share(np.array([0.5, -1.0, 1.0, 2.0])) == 0.75
+
+
+EVERY_TERM = ("drag", "load", "bias", "p3_offset", "stribeck")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "estimator",
+    [HarmonicBalance(terms=(), check=False), OutputError(terms=EVERY_TERM, check=False)],
+)
+def test_left_out_masses_of_the_real_robot_lie_in_the_band_of_a_new_log(real, estimator):
+    """With an estimate from the other two masses only, where none could be checked."""
+    data = real.data
+    for mass in data.masses:
+        own, rest = (
+            data.take([k for k, log in enumerate(data.logs) if (log.added_mass == mass) == inside])
+            for inside in (True, False)
+        )
+        found = estimator(rest)
+        draws = draw_parameters(found, 60, masses=data.masses)
+        predictions = _predicted(own, found, draws, left_over(rest, found))
+        share = np.mean([each.bands[OF_NEW_LOG].share(each.measured) for each in predictions])
+        assert 0.85 <= share <= 0.99
+
+
+def test_the_centre_is_the_free_run(clean):
+    data = _noisy(clean, 0)
+    found = HarmonicBalance(terms=(), check=False)(data)
+    (prediction,) = _predicted(data.take([2]), found, draw_parameters(found, 40))
+    setting = Predictor(data).setting(2, found)
+    np.testing.assert_allclose(
+        prediction.run.simulated, free_run(data.logs[2], setting).simulated, atol=1e-3
+    )
+    band = prediction.bands[OF_PARAMETERS]
+    assert band.share(prediction.run.simulated[prediction.samples]) > 0.95

@@ -1,0 +1,152 @@
+"""Every estimator recovers every term that it offers, size and sign, from simulated logs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
+from butterfly.identification.judgement.findings import FindingKind
+from butterfly.model.terms import PARAMETERS, TERMS, offered
+from butterfly.orbit.recalibration import recalibrate
+from butterfly.orbit.recalibration_options import RecalibrationOptions
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, SLOW, SWINGS, steady, wild
+
+PRESENT = {
+    "coulomb": {"coulomb": 1.2e-3},
+    "drag": {"drag": 8e-4},
+    "load": {"load": 1.5e-3},
+    "bias": {"bias": -2e-3},
+    "p3_offset": {"p3_offset": -3e-3},
+    "stribeck": {"stribeck": 5e-4, "coulomb": 2e-4},
+    "stribeck_velocity": {"stribeck": 5e-4, "coulomb": 2e-4, "stribeck_velocity": 0.25},
+    "tilt": {"tilt": -0.5},
+    "cogging": {"cogging": -2e-3, "cogging_periods": 3.0},
+    "cogging_cosine": {"cogging_cosine": 2e-3, "cogging_periods": 3.0},
+    "compression": {"compression": 4.0},
+}
+"""What the robot has of each term: several per cent of the torque of its motor."""
+
+SCANNED = 0.06
+"""Of the weak form's Stribeck friction, whose velocity is scanned in steps of a third."""
+
+TOLERANCE = {"harmonic-balance": 0.06, "weak-form": 0.04, "output-error": 0.01}
+"""Relative, where the interval is not to be asked: each method leaves out something of its own."""
+
+
+def _value(names, values, term):
+    return float(values[names.index(term)])
+
+
+def _assert_recovered(found, term, truth, tolerance):
+    value = _value(found.names, found.values, term)
+    at = found.names.index(term)
+    inside = found.lower[at] <= truth <= found.upper[at]
+    assert np.sign(value) == np.sign(truth)
+    assert inside or value == pytest.approx(truth, rel=tolerance)
+    assert value == pytest.approx(truth, rel=3 * tolerance)
+
+
+@pytest.mark.parametrize("term", offered("harmonic-balance"))
+def test_harmonic_balance_recovers_a_term(term):
+    robot = replace(ROBOT, **PRESENT[term])
+    found = HarmonicBalance(terms=(term,), check=False)(
+        DataSet.of(steady(robot, SLOW if term == "stribeck" else SWINGS))
+    )
+    _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["harmonic-balance"])
+
+
+@pytest.mark.parametrize("term", offered("weak-form"))
+def test_the_weak_form_recovers_a_term(term):
+    robot = replace(ROBOT, **PRESENT[term])
+    zeros = dict.fromkeys(MASSES, 0.0)
+    estimator = WeakForm(terms=(term,), cogging_periods=robot.cogging_periods, check=False)
+    found = estimator.of_logs(wild(robot), zeros)
+    assert found.parameters.cogging_periods == robot.cogging_periods
+    tolerance = SCANNED if term == "stribeck" else TOLERANCE["weak-form"]
+    _assert_recovered(found, term, PRESENT[term][term], tolerance)
+    for speed in (robot.stribeck_velocity, 0.3, 2.0):
+        assert found.parameters.level(speed) == pytest.approx(robot.level(speed), rel=0.05)
+
+
+@pytest.mark.parametrize("term", [t for t in offered("output-error") if t != "tilt"])
+def test_output_error_recovers_a_term(term):
+    robot = replace(ROBOT, **PRESENT[term])
+    terms = ("stribeck", term) if term == "stribeck_velocity" else (term,)
+    start = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
+    estimator = OutputError(
+        terms=terms, cogging_periods=robot.cogging_periods, check=False, workers=1
+    )
+    found = estimator.of_logs(wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0))
+    assert found.parameters.cogging_periods == robot.cogging_periods
+    _assert_recovered(found, term, PRESENT[term][term], TOLERANCE["output-error"])
+
+
+def test_output_error_recovers_the_size_of_a_tilt_and_says_that_its_sign_is_unknown():
+    start = replace(ROBOT, p1=0.0031, p3=0.041, p4=0.49, coulomb=1e-3)
+    robot = replace(ROBOT, **PRESENT["tilt"])
+    found = OutputError(terms=("tilt",), check=False, workers=1).of_logs(
+        wild(robot, duration=8.0), start, dict.fromkeys(MASSES, 0.0)
+    )
+    assert _value(found.names, found.values, "tilt") == pytest.approx(0.5, rel=0.01)
+    (said,) = [each for each in found.findings if each.kind is FindingKind.SIGN_UNKNOWN]
+    assert said.parameters == ("tilt",)
+
+
+@pytest.mark.parametrize("term", offered("re-calibration"))
+@pytest.mark.parametrize("absolute", [True, False])
+def test_recalibration_finds_a_term_and_no_other_of_its_size(term, absolute):
+    robot = replace(ROBOT, coulomb=0.0)
+    robot = replace(robot, **PRESENT[term])
+    masses = MASSES if absolute else MASSES[1:2] * 3
+    besides = {"cogging_cosine": ("cogging",), "stribeck": ("coulomb",)}.get(term, ())
+    options = RecalibrationOptions(
+        candidates=(*besides, term), cogging_periods=robot.cogging_periods
+    )
+    found = recalibrate(wild(robot, masses), 0.0, options)
+    loaded = robot.with_added_mass(masses[0])
+    ratio = found.is_ratio(term)
+    assert absolute is found.is_absolute
+    assert ratio is (not absolute and not TERMS[term].of_gain)
+    truth = PRESENT[term][term] / (loaded.p1 if ratio else 1.0)
+    _assert_recovered(found.estimate, term, truth, 0.03)
+
+
+def test_a_term_that_kept_the_start_s_value_is_part_of_the_estimate():
+    robot = replace(ROBOT, bias=-2e-3, drag=8e-4)
+    logs, zeros = wild(robot, duration=8.0), dict.fromkeys(MASSES, 0.0)
+    start = replace(robot, p1=0.0031, coulomb=1e-3)
+    found = OutputError(terms=(), check=False, workers=1).of_logs(logs, start, zeros)
+    assert found.names == PARAMETERS
+    assert {"bias", "drag"} <= {*found.held}
+    assert (found.parameters.bias, found.parameters.drag) == (-2e-3, 8e-4)
+    assert found.parameters.p1 == pytest.approx(robot.p1, rel=1e-3)
+
+
+def test_a_parameter_that_was_held_is_part_of_the_estimate():
+    logs, zeros = wild(ROBOT, duration=8.0), dict.fromkeys(MASSES, 0.0)
+    start = replace(ROBOT, p1=0.0031, coulomb=1e-3)
+    estimator = OutputError(terms=(), fixed=("p4", "p3"), check=False, workers=1)
+    found = estimator.of_logs(logs, start, zeros)
+    assert not {"p3", "p4"} & set(found.names)
+    assert (found.parameters.p3, found.parameters.p4) == (ROBOT.p3, ROBOT.p4)
+    assert found.parameters.p1 == pytest.approx(ROBOT.p1, rel=1e-3)
+
+
+def test_cogging_of_one_period_a_turn_is_dropped_and_said_since_it_is_what_p3_is():
+    robot = replace(ROBOT, cogging=-2e-3)
+    zeros = dict.fromkeys(MASSES, 0.0)
+    logs = wild(robot, duration=8.0)
+    for estimator, arguments in (
+        (WeakForm(terms=("cogging",), check=False), (logs, zeros)),
+        (OutputError(terms=("cogging",), check=False, workers=1), (logs, ROBOT, zeros)),
+    ):
+        found = estimator.of_logs(*arguments)
+        assert found.names == PARAMETERS
+        (said,) = [each for each in found.findings if each.kind is FindingKind.INSEPARABLE]
+        assert said.parameters == ("cogging",)
+        assert found.parameters.p3 == pytest.approx(robot.p3 - robot.cogging, rel=2e-3)

@@ -1,0 +1,162 @@
+"""Segments, against closed loops about the upright that the independent integrator simulates."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import OutputError
+from butterfly.identification.free_run import Trajectory
+from butterfly.identification.identification import identify
+from butterfly.identification.judgement.misfit import judge_misfit
+from butterfly.identification.predict import Predictor, Setting, free_run
+from butterfly.identification.segments import Segments, simulation
+from butterfly.logs.log import Log
+from butterfly.model.known import Knowledge
+from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.report.numbers.estimate_json import estimate_content, estimate_of
+from butterfly.report.words import summary
+from tests.independent.integrator import Joint, motion
+
+STEP = 0.005
+JOINT = Joint(inertia=0.19, viscous=0.03, gravity=3.7, gain=1.0, coulomb=0.15)
+TRUTH = {"p1": 0.19, "p2": 0.03, "p3": 3.7, "coulomb": 0.15}
+ROBOT = LumpedParameters(**TRUTH, p4=1.0)
+START = LumpedParameters(p1=0.25, p2=0.01, p3=4.5, p4=1.0, coulomb=0.05)
+KNOWN = Knowledge.told({"p4": 1.0})
+ZEROS = {NO_ADDED_MASS: 0.0}
+
+
+def _swung_up(seed, noise=0.0, seconds=6.0):
+    """A swing-up, and a balance under a PD law that hears a dither."""
+    random = np.random.default_rng(seed)
+    phase, rate = random.uniform(0, 6), random.uniform(5, 9)
+    time = STEP * np.arange(round(seconds / STEP))
+    inputs, angles = np.zeros(time.size), np.zeros(time.size)
+    x, v = random.uniform(-0.3, 0.3), 0.0
+    for k, t in enumerate(time):
+        off, dither = math.remainder(x - math.pi, 2 * math.pi), 0.5 * math.sin(rate * t + phase)
+        lacking = 2 * 3.7 - (0.5 * 0.19 * v**2 + 3.7 * (1 - math.cos(x)))
+        law = -12 * off - 1.5 * v if abs(off) < 0.4 else 1.5 * lacking * math.copysign(1, v)
+        inputs[k], angles[k] = float(np.clip(law, -3, 3)) + dither, x
+        held = np.full(2, inputs[k])
+        (_, x), (_, v) = motion(JOINT, [0.0, STEP], held, x, v)
+    noisy = angles + noise * random.standard_normal(time.size)
+    return Log(time, inputs, noisy, input_kind="torque", name=f"swing-up {seed}")
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return [_swung_up(seed) for seed in range(2)]
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return DataSet.of([_swung_up(seed, 0.003) for seed in range(4)], known=KNOWN)
+
+
+def _fit(logs, **options):
+    estimator = OutputError(terms=(), check=False, workers=1, **options)
+    return estimator.of_logs(logs, START, ZEROS, KNOWN)
+
+
+def _values(found):
+    return [found.values[found.names.index(name)] for name in TRUTH]
+
+
+def test_noise_free_swing_ups_give_the_exact_parameters(exact):
+    found = _fit(exact)
+    assert found.horizon == pytest.approx(0.8)
+    assert _values(found) == pytest.approx(list(TRUTH.values()), rel=1e-3)
+    fits = Predictor(DataSet.of(exact)).fits(found)
+    assert fits.min() > 99.99
+    off = replace(ROBOT, p3=1.01 * ROBOT.p3)
+    assert all(free_run(log, Setting(parameters=off, zero=0.0)).fit < 50 for log in exact)
+
+
+def test_a_horizon_that_is_told_goes_before(exact):
+    assert _fit(exact, horizon=0.5).horizon == 0.5
+    assert math.isinf(_fit(exact[:1], horizon=0).horizon)
+
+
+def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
+    segments = Segments(exact[0], ROBOT, 0.8)
+    other = replace(ROBOT, p1=0.2)
+    names, step = ["p1", "p3", "zero"], 1e-5
+    errors, rows, mixture = segments.linearised(names, other, 0.0)
+    assert np.sqrt(np.mean(errors**2)) < 0.05
+    for k, name in enumerate(names[:2]):
+        value = getattr(other, name)
+        near = [
+            segments.linearised([], replace(other, **{name: value + by}), 0.0)[0]
+            for by in (step, -step)
+        ]
+        cost = [np.sum(each**2) for each in near]
+        slope = 2 * errors @ (rows @ mixture)[:, k]
+        assert slope == pytest.approx((cost[0] - cost[1]) / (2 * step), rel=0.02)
+    directions = segments.directions(other, 0.0)
+    assert sum(each.shape[0] for each in directions) == errors.size
+    assert all(each.shape[1] == 2 for each in directions)
+
+
+def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
+    time = STEP * np.arange(400)
+    moving = 0.3 * np.sin(np.maximum(time - 1.0, 0.0))
+    log = Log(time, np.zeros(400), moving, input_kind="torque")
+    stuck = LumpedParameters(p1=0.19, p2=0.03, p3=0.1, p4=1.0, coulomb=0.5)
+    first, *_ = Segments(log, stuck, 0.5).directions(stuck, 0.0)
+    assert first.shape[1] == 1
+
+
+def test_whole_logs_from_rest_are_simulated_as_they_were():
+    time = STEP * np.arange(800)
+    inputs = 0.5 * np.sin(3 * time)
+    angle, _ = motion(JOINT, time, inputs)
+    log = Log(time, inputs, angle, input_kind="torque")
+    assert isinstance(simulation(log, ROBOT), Trajectory)
+    assert isinstance(simulation(log.piece(200, 800), ROBOT), Segments)
+    assert isinstance(simulation(log.piece(200, 800), ROBOT, told=True), Trajectory)
+
+
+def test_pieces_are_simulated_from_fitted_starts_with_what_was_commanded_before():
+    time = STEP * np.arange(1000)
+    inputs = 1.2 * np.sign(np.sin(4 * time))
+    delayed = JOINT._replace(delay=0.06)
+    angle, _ = motion(delayed, time, inputs)
+    robot = replace(ROBOT, delay=0.06)
+    whole = Log(time, inputs, angle, input_kind="torque")
+    setting = Setting(parameters=robot, zero=0.0)
+    for first in range(120, 400, 40):
+        assert free_run(whole.piece(first, first + 500), setting).fit > 99.9
+
+
+def test_the_judgement_sees_segments_and_says_so(noisy):
+    found = identify(noisy, OutputError(terms=(), check=False, workers=1))
+    inside = (found.estimate.lower <= found.estimate.values).all()
+    assert inside
+    for name, truth in TRUTH.items():
+        k = found.estimate.names.index(name)
+        assert found.estimate.lower[k] <= truth <= found.estimate.upper[k]
+    said = summary(found)
+    assert said[0].startswith("Good")
+    assert any("Simulated over segments of 0.8 s, each from a start" in each for each in said)
+    assert found.summary.over == " over segments of 0.8 s"
+    assert found.summary.median > 99
+    assert not judge_misfit(noisy, found.estimate).beyond_sensors
+
+
+def test_a_saved_estimate_keeps_its_horizon(exact):
+    found = _fit(exact[:1], horizon=0.5)
+    for horizon in (None, 0.5, math.inf):
+        content = json.loads(json.dumps(estimate_content(replace(found, horizon=horizon))))
+        assert estimate_of(content).horizon == horizon
+    assert estimate_of({k: v for k, v in content.items() if k != "horizon"}).horizon is None
+
+
+def test_logs_that_were_left_out_have_starts_of_their_own(noisy):
+    found = _fit(noisy.logs[:3])
+    held = DataSet.of(noisy.logs[3:])
+    assert Predictor(held).fits(found).min() > 99

@@ -1,0 +1,156 @@
+"""Standard errors against spreads, and what estimators say of their own checks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
+from butterfly.identification.estimators.weak_fit import WeakFit, Windows
+from butterfly.identification.judgement.findings import FindingKind
+from butterfly.identification.predict import Predictor
+from butterfly.identification.weak_signals import HALF_WIDTH, Averaging, Known, weak_signals
+from butterfly.model.known import NOTHING
+from butterfly.model.terms import PARAMETERS, FrictionTerms
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, SWINGS, steady, wild
+
+ZEROS = dict.fromkeys(MASSES, 0.0)
+
+
+@pytest.mark.slow
+def test_the_weak_form_s_standard_errors_are_its_spread_for_logs_of_unequal_length():
+    masses = MASSES * 4
+    clean = wild(ROBOT, masses, 16.0)
+    shares = np.resize([0.1, 1.0, 0.15, 0.1, 0.4], len(clean))
+    clean = [
+        log.take(np.arange(int(share * log.time.size)))
+        for log, share in zip(clean, shares, strict=True)
+    ]
+    rng = np.random.default_rng(0)
+    estimator = WeakForm(terms=(), check=False)
+    fits = []
+    for _ in range(120):
+        logs = [
+            replace(log, angle=log.angle + 5e-4 * rng.standard_normal(log.time.size))
+            for log in clean
+        ]
+        fits.append(estimator.of_logs(logs, ZEROS))
+    spread = np.std([fit.values for fit in fits], axis=0)
+    claimed = np.sqrt(np.mean([fit.standard_errors**2 for fit in fits], axis=0))
+    np.testing.assert_allclose(claimed / spread, 1.0, atol=0.15)
+
+
+def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
+    """The sum over logs of rows times residuals vanishes, each over its squared inertial torque."""
+    rng = np.random.default_rng(2)
+    logs = [
+        replace(log, angle=log.angle + 2e-3 * rng.standard_normal(log.time.size))
+        for log in wild(ROBOT, MASSES, 16.0)
+    ]
+    logs = [logs[0].take(np.arange(1200)), *logs[1:]]
+    averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
+    windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
+    values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity, NOTHING).values
+    known = Known(zero=0.0, delay=values.pop("delay"))
+    parts = {True: 0.0, False: 0.0}
+    for log in logs:
+        signals = weak_signals(log, tuple(values), known, HALF_WIDTH)
+        columns = {name: signals.mean[name][signals.moving] for name in values}
+        rows = np.column_stack(list(columns.values()))
+        carried = log.added_mass.inertia * columns["p1"]
+        carried = carried + log.added_mass.gravity_moment * columns["p3"]
+        score = rows.T @ (rows @ np.array(list(values.values())) + carried)
+        size = columns["p1"] @ columns["p1"]
+        parts[True] = parts[True] + score / size
+        parts[False] = parts[False] + score / 1e3
+    assert np.abs(parts[True]).max() < 1e-8
+    assert np.abs(parts[False]).max() > 1e-6
+
+
+def test_a_robust_loss_has_a_robust_standard_error():
+    rng = np.random.default_rng(1)
+    logs = [
+        replace(log, angle=log.angle + 2e-3 * rng.standard_normal(log.time.size))
+        for log in wild(ROBOT, MASSES * 2, 6.0)
+    ]
+    angle = logs[1].angle.copy()
+    angle[1200:1500] += 0.5
+    spoilt = [logs[0], replace(logs[1], angle=angle), *logs[2:]]
+
+    def fit(some, loss):
+        estimator = OutputError(terms=(), loss=loss, check=False, workers=1)
+        found = estimator.of_logs(some, ROBOT, ZEROS)
+        return found.values[3], found.standard_errors[3]
+
+    _, clean = fit(logs, Loss.LINEAR)
+    p4, robust = fit(spoilt, Loss.CAUCHY)
+    _, misled = fit(spoilt, Loss.LINEAR)
+    assert abs(p4 - ROBOT.p4) < 4 * robust
+    assert clean / 3 < robust < 3 * clean
+    assert misled > 5 * clean
+
+
+RHO = {
+    Loss.LINEAR: lambda z: z,
+    Loss.SOFT_L1: lambda z: 2 * (np.sqrt(1 + z) - 1),
+    Loss.HUBER: lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
+    Loss.CAUCHY: np.log1p,
+}
+"""Losses of squared residuals over the scale, as `scipy.optimize.least_squares` documents them."""
+
+
+@pytest.mark.parametrize("loss", Loss)
+def test_weights_are_the_slope_of_the_loss_in_the_squared_residual(loss):
+    residuals, scale, h = np.array([-3.0, -0.4, 0.2, 1.9]), 0.7, 1e-6
+    z = (residuals / scale) ** 2
+    slope = (RHO[loss](z + h) - RHO[loss](z - h)) / (2 * h)
+    np.testing.assert_allclose(loss.weights(residuals, scale), slope, rtol=1e-6)
+
+
+def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
+    biases = (-2e-3, 0.0, 3e-3)
+    logs = [
+        replace(wild(replace(ROBOT, bias=bias), (mass,), 8.0)[0], name=f"log {k}")
+        for k, (mass, bias) in enumerate(zip(MASSES, biases, strict=True))
+    ]
+    estimator = OutputError(terms=(), per_log=("bias",), check=False, workers=1)
+    found = estimator.of_logs(logs, ROBOT, ZEROS)
+    assert [found.local[f"log {k}"]["bias"] for k in range(3)] == pytest.approx(biases, abs=2e-5)
+    assert found.local[None]["zero"] == pytest.approx(0.0, abs=1e-4)
+    assert Predictor(DataSet.of(logs)).fits(found).min() > 99.5
+
+
+@pytest.fixture(scope="module")
+def sines():
+    return DataSet.of(steady(ROBOT, SWINGS))
+
+
+def _kinds(found):
+    return {each.kind for each in found.findings} & {FindingKind.UNCHECKED, FindingKind.FEW_MASSES}
+
+
+def test_what_was_not_asked_for_is_not_blamed_on_the_masses(sines):
+    fewer = sines.take([k for k, log in enumerate(sines.logs) if log.added_mass != MASSES[1]])
+    for data in (sines, fewer):
+        for estimator in (HarmonicBalance, WeakForm):
+            assert _kinds(estimator(check=False)(data)) == {FindingKind.UNCHECKED}
+    assert _kinds(HarmonicBalance()(sines)) == set()
+    assert _kinds(HarmonicBalance()(fewer)) == {FindingKind.FEW_MASSES}
+    (few,) = [each for each in HarmonicBalance()(fewer).findings if each.kind == "few-masses"]
+    assert few.number == 2
+
+
+def test_intervals_hold_what_each_left_out_mass_leaves(sines):
+    checked = HarmonicBalance(terms=()).of_points(sines.sines)
+    unchecked = HarmonicBalance(terms=(), check=False).of_points(sines.sines)
+    for mass, values in checked.left_out.items():
+        kept = [point for point in sines.sines if point.added_mass != mass]
+        alone = HarmonicBalance(terms=(), check=False).of_points(kept)
+        np.testing.assert_array_equal(values, alone.values)
+        assert np.all((checked.lower <= values) & (values <= checked.upper))
+    assert np.all(checked.upper - checked.lower >= unchecked.upper - unchecked.lower)
+    np.testing.assert_array_equal(checked.values, unchecked.values)

@@ -1,0 +1,147 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.weak_signals import Averaging, Known, weak_signals
+from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.model.greybox import simulate
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import FrictionTerms
+from tests.conftest import MASSES
+
+ROBOT = LumpedParameters(
+    p1=0.003, p2=5e-4, p3=0.04, p4=0.5, coulomb=2e-4, delay=0.004, drag=1e-4, p3_offset=-2e-3
+)
+
+
+def _multisine(time):
+    parts = [np.sin(w * time + k * k) for k, w in enumerate((1.7, 2.9, 4.3, 6.1, 8.3))]
+    return 0.006 * np.sum(parts, axis=0)
+
+
+def _log(mass, signal=_multisine, start=0.2, noise=0.0):
+    time = np.arange(0, 40, 1e-3)
+    late = np.column_stack([time[:-1], (time[1:] + time[:-1]) / 2, time[1:]]) - ROBOT.delay
+    inputs = np.where(late > 0, signal(late), 0.0)
+    angle, _ = simulate(ROBOT.with_added_mass(mass), time, inputs, start)
+    angle += noise * np.random.default_rng(0).standard_normal(time.size)
+    return Log(
+        time=time,
+        input=signal(time),
+        angle=0.3 + angle,
+        input_kind=InputKind.TORQUE,
+        intersample=Intersample.FIRST_ORDER_HOLD,
+        added_mass=mass,
+        source=f"{mass}",
+    )
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return [_log(mass) for mass in MASSES]
+
+
+ZEROS = dict.fromkeys(MASSES, 0.3)
+
+
+def test_the_robot_is_found_from_any_input(logs):
+    found = WeakForm(terms=("drag", "p3_offset")).of_logs(logs, ZEROS)
+    truth = [getattr(ROBOT, name) for name in found.names]
+    np.testing.assert_allclose(found.values, truth, rtol=0.02)
+    np.testing.assert_allclose(found.values[[0, 2, 3]], np.array(truth)[[0, 2, 3]], rtol=2e-3)
+
+
+def test_noise_of_a_few_encoder_steps_does_little_harm():
+    noisy = [_log(mass, noise=5e-4) for mass in MASSES]
+    found = WeakForm(terms=("drag", "p3_offset")).of_logs(noisy, ZEROS).parameters
+    for name in ("p1", "p3", "p4"):
+        assert getattr(found, name) == pytest.approx(getattr(ROBOT, name), rel=0.01)
+
+
+def test_unit_sign_clock_and_order_change_p4_alone(logs):
+    moved = [replace(log, time=log.time + 7.0, input=-3.0 * log.input) for log in reversed(logs)]
+    before, after = (WeakForm().of_logs(each, ZEROS).values for each in (logs, moved))
+    after[3] *= -3.0
+    np.testing.assert_allclose(after, before, rtol=1e-4)
+
+
+def test_a_third_of_the_sampling_rate_gives_the_same(logs):
+    coarse = [log.take(np.arange(0, log.time.size, 3)) for log in logs]
+    terms = ("drag", "p3_offset")
+    fine, thinned = (WeakForm(terms=terms).of_logs(each, ZEROS).values for each in (logs, coarse))
+    np.testing.assert_allclose(thinned[:4], fine[:4], rtol=0.01)
+
+
+def test_on_a_slow_clock_a_held_input_s_gain_is_right():
+    """Steps of 10 ms at up to 8 rad/s: by the means of the input, p4 would be 1.5e-4 too high."""
+    robot = LumpedParameters(p1=0.003, p2=1e-3, p3=0.04, p4=0.5)
+    time = np.arange(0, 60, 0.01)
+    fine = np.arange(0, 59.99 + 5e-5, 1e-4)
+    held = np.repeat(_multisine(time[:-1]), 100)
+    logs = []
+    for mass in MASSES:
+        angle, _ = simulate(robot.with_added_mass(mass), fine, np.column_stack([held] * 3), 0.0)
+        log = Log(
+            time=time,
+            input=_multisine(time),
+            angle=angle[::100],
+            input_kind=InputKind.TORQUE,
+            intersample=Intersample.ZERO_ORDER_HOLD,
+            added_mass=mass,
+        )
+        logs.append(log)
+    found = WeakForm(terms=(), check=False).of_logs(logs, dict.fromkeys(MASSES, 0.0)).parameters
+    assert found.p4 == pytest.approx(robot.p4, rel=1e-5)
+    assert found.delay == pytest.approx(0.0, abs=1e-6)
+
+
+def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
+    settings = FrictionTerms()
+    kept = Averaging(logs[1], 0.3, 0.25, settings)
+    for names, delay, compression in (
+        (("p1", "p4"), 0.0, 0.0),
+        (("p4", "coulomb", "delay"), 0.004, 0.0),
+        (("p1", "compression", "p4"), 0.0041, 2.0),
+        (("p4", "p1", "p3"), 0.0, 2.0),
+        (("delay", "p4"), 0.004, 0.0),
+    ):
+        known = Known(zero=0.3, delay=delay, compression=compression, settings=settings)
+        found = kept.signals(names, delay=delay, compression=compression)
+        fresh = weak_signals(logs[1], names, known, 0.25)
+        assert list(found.mean) == list(names)
+        np.testing.assert_array_equal(found.time, fresh.time)
+        np.testing.assert_array_equal(found.still, fresh.still)
+        for name in names:
+            np.testing.assert_array_equal(found.mean[name], fresh.mean[name])
+
+
+def test_output_error_starts_from_it_when_there_are_no_sines(logs):
+    data = DataSet.of(logs)
+    found = OutputError()(data).parameters
+    for name in ("p1", "p2", "p3", "p4", "delay"):
+        assert getattr(found, name) == pytest.approx(getattr(ROBOT, name), rel=5e-3)
+
+
+def test_what_cannot_be_estimated_is_refused(logs):
+    with pytest.raises(InputError, match="did you mean"):
+        WeakForm(terms=("dreg",)).of_logs(logs, ZEROS)
+    with pytest.raises(IdentifiabilityError, match="common factor"):
+        WeakForm().of_logs(logs[:1], ZEROS)
+    with pytest.raises(InputError, match="or more"):
+        WeakForm().of_logs([logs[0].take(np.arange(100)), logs[1]], ZEROS)
+
+
+def test_the_real_logs_give_the_known_values(real):
+    chosen, plain = (
+        WeakForm(terms=terms, check=False).of_logs(real.data.logs, real.data.equilibria).parameters
+        for terms in (None, ("drag",))
+    )
+    assert 0.0044 <= plain.coulomb <= 0.0053
+    for found in (chosen, plain):
+        assert 0.00205 <= found.p1 <= 0.00216
+        assert 2.40 <= found.p4 <= 2.50
+        assert 0.0044 <= found.level(0.0) <= 0.0053
