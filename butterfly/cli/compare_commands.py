@@ -34,8 +34,8 @@ from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import judged
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.judgement.splits import Split
+from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.inference.splits import Split
 from butterfly.plant.twin import MASS
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison

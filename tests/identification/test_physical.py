@@ -5,7 +5,7 @@ import pytest
 
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
-from butterfly.identification.judgement.findings import Ending
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.friction import Friction
