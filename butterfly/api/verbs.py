@@ -21,11 +21,11 @@ from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.simulation import write_logs
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.design import next_experiments
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.identification import judged
-from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.other_parameters import told_parameters

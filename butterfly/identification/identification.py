@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.diagnostics.contradictions import judge_knowledge
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.following import judge_fit, judge_held_out
@@ -27,6 +25,8 @@ from butterfly.identification.diagnostics.unit_errors.search import (
     find_slips_of_clock,
     find_slips_of_refused,
 )
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.other_parameters import OtherParameters, try_parameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.identification.predict import FitSummary, FreeRun, Predictor

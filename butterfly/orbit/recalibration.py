@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.regression import Solution
 from butterfly.identification.solved import Solved

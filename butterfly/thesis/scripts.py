@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass

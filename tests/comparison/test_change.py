@@ -7,9 +7,9 @@ import pytest
 
 from butterfly.comparison.change import LEVEL, change
 from butterfly.errors import InputError
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.inference.intervals import honest_limits
 from butterfly.model.known import Knowledge
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import apart
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
 from butterfly.identification.physical import physical_parameters
 
 _CLEARLY = 3.0  # standard errors, or uncertainties, apart

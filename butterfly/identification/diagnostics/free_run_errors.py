@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.left_over import missing_terms, slow_velocity
 from butterfly.identification.draws import covariance_root, honest_covariance
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Trajectory
-from butterfly.identification.diagnostics.left_over import missing_terms, slow_velocity
 from butterfly.identification.predict import Predictor, Setting
 from butterfly.identification.segments import Segments
 from butterfly.logs.log import Log

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import InputKind
 
 LEAST_RESISTANCE = 0.01

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.prior import Prior
 from butterfly.identification.solved import Solved
 from butterfly.logs.log import Log

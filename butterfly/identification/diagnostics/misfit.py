@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.free_run_errors import (
     Errors,
@@ -25,10 +24,11 @@ from butterfly.identification.diagnostics.free_run_errors import (
     free_run_errors,
     less_shared,
 )
-from butterfly.identification.inference.intervals import SPREADS
 from butterfly.identification.diagnostics.left_over import Balance, LeftOver, name_left_over
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.diagnostics.whiteness import Curve, autocorrelation, cross_correlation
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.intervals import SPREADS
 
 Samples = NDArray[np.float64]
 

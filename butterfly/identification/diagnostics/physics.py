@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.intervals import CONFIDENCE
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.left_over import (
     Balance,
     LeftOver,
@@ -20,6 +19,7 @@ from butterfly.identification.diagnostics.left_over import (
     slow_velocity,
 )
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.predict import FreeRun, Predictor, Setting
 from butterfly.identification.weak_signals import Known, WeakSignals, weak_signals
 from butterfly.logs.log import Log

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.inference.covariance import split
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.inference.covariance import split
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     NEGLIGIBLE,

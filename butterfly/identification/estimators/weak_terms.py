@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.estimators.weak_fit import WeakFit, Windows
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.estimators.weak_fit import WeakFit, Windows
 from butterfly.identification.inference.scanned_terms import ScannedTerms
+from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     candidates,
     folds_of,

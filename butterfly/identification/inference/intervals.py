@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
 from butterfly.identification.diagnostics.knowledge import refuse_without_scale
+from butterfly.identification.inference.covariance import FEW
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import OTHER_LOGS
 from butterfly.identification.inference.submodels import Nested
 from butterfly.model.known import Knowledge

@@ -9,12 +9,12 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import held_out_fits
 from butterfly.identification.inference.bootstrap import Bootstrap
-from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.inference.term_selection import Structure
 from butterfly.identification.inference.validation import HeldOut
 from butterfly.identification.predict import FitSummary, Predictor

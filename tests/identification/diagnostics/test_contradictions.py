@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import implied
 from butterfly.identification.diagnostics.contradictions import judge_knowledge
 from butterfly.identification.diagnostics.findings import Ending, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.implied import implied
 from butterfly.logs.log import InputKind
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS

@@ -11,6 +11,8 @@ from scipy.stats import t as student
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
+from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.input_kind import judge_input
 from butterfly.identification.estimators import (
     Estimator,
     HarmonicBalance,
@@ -19,8 +21,6 @@ from butterfly.identification.estimators import (
     WeakForm,
 )
 from butterfly.identification.inference.bootstrap import bootstrap
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
-from butterfly.identification.diagnostics.input_kind import judge_input
 from butterfly.identification.inference.profile_likelihood import profile
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.diagnostics.findings import FindingKind, Severity
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
+from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.predict import Setting, free_run
 from butterfly.model.terms import TERMS
 from butterfly.plant.sensors import Encoder

@@ -8,11 +8,11 @@ import pytest
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identification import identify
-from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.inference.mass_consistency import disagreeing
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass

@@ -8,10 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators import Estimator
 from butterfly.identification.diagnostics.unit_errors.hypotheses import of_angle
 from butterfly.identification.diagnostics.unit_errors.names import Slip
-from butterfly.identification.diagnostics.unit_errors.trial import Explanation, attempt, attempt_roughly
+from butterfly.identification.diagnostics.unit_errors.trial import (
+    Explanation,
+    attempt,
+    attempt_roughly,
+)
+from butterfly.identification.estimators import Estimator
 
 PER_TURN = tuple(
     sorted(

@@ -10,10 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, HarmonicBalance
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
-from butterfly.identification.inference.mass_consistency import Correction, disagreeing
 from butterfly.identification.diagnostics.unit_errors.hypotheses import carrying
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.identification.diagnostics.unit_errors.trial import (
@@ -25,6 +22,9 @@ from butterfly.identification.diagnostics.unit_errors.trial import (
     judged,
     thinned,
 )
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator, HarmonicBalance
+from butterfly.identification.inference.mass_consistency import Correction, disagreeing
 from butterfly.model.parameters import AddedMass
 
 _ROUNDS = 8  # in which a mass is corrected about the parameters found with it

@@ -6,10 +6,7 @@ import math
 from collections.abc import Iterable
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
-from butterfly.identification.inference.mass_consistency import disagreeing
 from butterfly.identification.diagnostics.unit_errors.counts import fitting_counts
 from butterfly.identification.diagnostics.unit_errors.hypotheses import CLOCKS, OTHERS, Hypothesis
 from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_omega
@@ -19,7 +16,11 @@ from butterfly.identification.diagnostics.unit_errors.masses import (
     wrong_masses,
 )
 from butterfly.identification.diagnostics.unit_errors.names import Slip
-from butterfly.identification.diagnostics.unit_errors.suspicion import slow_clock, suspicious, too_heavy
+from butterfly.identification.diagnostics.unit_errors.suspicion import (
+    slow_clock,
+    suspicious,
+    too_heavy,
+)
 from butterfly.identification.diagnostics.unit_errors.trial import (
     FOLLOWED,
     NOTHING,
@@ -29,6 +30,9 @@ from butterfly.identification.diagnostics.unit_errors.trial import (
     judged,
     thinned,
 )
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
+from butterfly.identification.inference.mass_consistency import disagreeing
 
 _CLEARLY = 0.5  # share of the misfit that a slip undone must leave at most
 _FAR_MORE = 0.3  # share of the misfit that a far-fetched slip must leave at most to come first

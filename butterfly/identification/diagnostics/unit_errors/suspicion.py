@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
 from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 

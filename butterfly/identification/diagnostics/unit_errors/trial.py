@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
 from butterfly.identification.diagnostics.physics import is_possible
 from butterfly.identification.diagnostics.unit_errors.names import Slip
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator
 from butterfly.identification.predict import Predictor
 
 FOLLOWED = 0.6
