@@ -45,10 +45,20 @@ class Segments:
         Longest segment in s.
     first
         Number of the first sample whose error counts; a segment begins there.
+    warm
+        Whether each start is sought from the one that was found last, which is near in a descent.
+        What is found then depends on what was asked before; else each search begins where the
+        log does.
     """
 
     def __init__(
-        self, log: Log, parameters: LumpedParameters, horizon: float, first: int = 0
+        self,
+        log: Log,
+        parameters: LumpedParameters,
+        horizon: float,
+        first: int = 0,
+        *,
+        warm: bool = False,
     ) -> None:
         self.log = log
         before = _edges(log.time[:first], horizon)
@@ -56,7 +66,9 @@ class Segments:
         ends = [*self._edges[1:], log.time.size]
         rate = log.rms_speed / (float(np.std(log.angle)) or 1.0)
         self._segments = [
-            _Segment(log.piece(begin, end), parameters, rate, whole=len(self._edges) == 1)
+            _Segment(
+                log.piece(begin, end), parameters, rate, whole=len(self._edges) == 1, warm=warm
+            )
             for begin, end in zip(self._edges, ends, strict=True)
         ]
         self._counted = self._segments[len(before) :]
@@ -162,16 +174,18 @@ class _About(NamedTuple):
 
 
 class _Segment:
-    """One segment, and the start that was fitted to it last: the next one is near.
+    """One segment, and where the search for its start begins.
 
     Of a whole log that begins at rest only the angle there is sought: friction holds a joint at
     rest, so that nothing can be differentiated by its velocity.
     """
 
-    def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, whole: bool) -> None:
+    def __init__(
+        self, log: Log, parameters: LumpedParameters, rate: float, *, whole: bool, warm: bool
+    ) -> None:
         self.trajectory = Trajectory(log, parameters)
         self._units = np.array([1.0, rate])
-        self._latest = log.beginning
+        self._warm, self._near = warm, log.beginning
         self._spread = float(np.var(log.angle))
         self._sought = 1 if whole and log.beginning.velocity == 0 else len(_START)
 
@@ -180,7 +194,7 @@ class _Segment:
     ) -> _Expanded:
         """Return what the errors come down to at the best start."""
         every = tuple(dict.fromkeys((*names, *_START)))
-        found = self._about(every, parameters, zero, self._latest)
+        found = self._about(every, parameters, zero, self._near)
         if not found.settled:
             found = self._about(every, parameters, zero, self.begin(parameters, zero))
         directions, rows = found.directions, found.rows
@@ -193,7 +207,7 @@ class _Segment:
 
     def begin(self, parameters: LumpedParameters, zero: float) -> Beginning:
         """Return the start from which a simulation follows the segment best."""
-        begin = self._latest
+        begin = self._near
         at = self._about(_START, parameters, zero, begin)
         if not math.isfinite(at.cost):
             begin = self.trajectory.log.beginning
@@ -208,7 +222,8 @@ class _Segment:
                 begin, at, reach = there, tried, min(reach / _SHORTER, 1.0)
             else:
                 reach *= _SHORTER
-        self._latest = begin
+        if self._warm:
+            self._near = begin
         return begin
 
     def _about(
@@ -243,6 +258,7 @@ def simulation(
     *,
     told: bool = False,
     free: bool = False,
+    warm: bool = False,
 ) -> Trajectory | Segments:
     """Make a log ready to be simulated, whole or in segments.
 
@@ -253,7 +269,7 @@ def simulation(
 
     Parameters
     ----------
-    log, parameters, horizon, first
+    log, parameters, horizon, first, warm
         See `Segments`.
     told
         Whether the velocity at the first sample is told, or found otherwise.
@@ -266,7 +282,7 @@ def simulation(
     loaded = parameters.with_added_mass(log.added_mass)
     doubtful = loaded.p3 == 0 or whole.starts_anew or (free and first == 0)
     fitted = (longer or (doubtful and not told)) and loaded.p1 > 0
-    return Segments(log, parameters, horizon, first) if fitted else whole
+    return Segments(log, parameters, horizon, first, warm=warm) if fitted else whole
 
 
 def _edges(time: Samples, horizon: float) -> list[int]:

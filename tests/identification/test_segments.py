@@ -102,6 +102,15 @@ def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
     assert all(each.shape[1] == 2 for each in directions)
 
 
+def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
+    far = replace(ROBOT, p1=0.3, p3=4.5)
+    fresh, used = (Segments(exact[0], ROBOT, 0.8) for _ in range(2))
+    used.squared_error(far, 0.0)
+    assert used.squared_error(ROBOT, 0.0) == fresh.squared_error(ROBOT, 0.0)
+    for mine, own in zip(*(s.linearised(["p1"], ROBOT, 0.0) for s in (used, fresh)), strict=True):
+        np.testing.assert_array_equal(mine, own)
+
+
 def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
     time = STEP * np.arange(400)
     moving = 0.3 * np.sin(np.maximum(time - 1.0, 0.0))

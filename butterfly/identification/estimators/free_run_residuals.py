@@ -139,7 +139,15 @@ class FreeRunResiduals:
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
         told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
         trajectories = tuple(
-            simulation(log, start, choice.horizon, k, told=told_velocity, free=len(logs) <= FEW)
+            simulation(
+                log,
+                start,
+                choice.horizon,
+                k,
+                told=told_velocity,
+                free=len(logs) <= FEW,
+                warm=True,
+            )
             for log, k in zip(logs, first, strict=True)
         )
         hangs = not choice.known.weightless(log.added_mass for log in logs)
