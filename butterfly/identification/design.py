@@ -7,9 +7,7 @@ Identification of Parametric Models from Experimental Data, 1997, ch. 6).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +21,7 @@ from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, in_threads, untracked
 
 DURATION = 40.0
 """Length of a run in s."""
@@ -122,11 +120,12 @@ def rank_experiments(
         for mass in masses
         for each in _inputs(estimate.parameters, mass, largest_swing)
     ]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = pool.map(
-            lambda job: _judge(estimate, job[0], job[1], misfit=misfit, limit=largest_swing), jobs
-        )
-        candidates = list(track(list(found), "Judging candidates"))
+    candidates = in_threads(
+        lambda job: _judge(estimate, job[0], job[1], misfit=misfit, limit=largest_swing),
+        jobs,
+        track,
+        "Judging candidates",
+    )
     return sorted(candidates, key=lambda c: (bool(c.warning), c.score))
 
 

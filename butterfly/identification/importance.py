@@ -15,8 +15,6 @@ below S/N of the estimate, the share of one of N independent logs.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +22,7 @@ from numpy.typing import NDArray
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.predict import Predictor, Setting
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, in_threads, untracked
 
 _TINY = float(np.finfo(float).tiny)
 
@@ -42,9 +40,9 @@ def weighed(draws: ParameterDraws, data: DataSet, *, track: Track = untracked) -
         Shows progress.
     """
     predictor, logs = Predictor(data), range(len(data.logs))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        parts = pool.map(lambda number: _of_log(predictor, number, draws), logs)
-        found = list(track(parts, "Weighing draws"))
+    found = in_threads(
+        lambda number: _of_log(predictor, number, draws), logs, track, "Weighing draws"
+    )
     start, slope, curvature, risen = (np.sum(part, axis=0) for part in zip(*found, strict=True))
     moved = draws.values - draws.estimate.values
     quadratic = np.sum(moved @ curvature * moved, axis=1)

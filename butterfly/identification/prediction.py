@@ -8,9 +8,7 @@ at `butterfly.identification.judgement.intervals.CONFIDENCE`.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +22,7 @@ from butterfly.identification.judgement.intervals import CONFIDENCE
 from butterfly.identification.predict import FreeRun, Setting, free_run
 from butterfly.identification.segments import Segments
 from butterfly.logs.log import Log
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, in_threads, untracked
 
 Samples = NDArray[np.float64]
 SettingOf = Callable[[int, ParameterEstimate], Setting]
@@ -129,8 +127,7 @@ def predict_logs(
                 bands[OF_NEW_LOG] = _band(angles, draws.weights)
         return Prediction(run=run, samples=samples, bands=bands)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(track(pool.map(predicted, range(len(logs))), "Predicting logs"))
+    return in_threads(predicted, range(len(logs)), track, "Predicting logs")
 
 
 def _angles(course: Trajectory | Segments, time: Samples, settings: Sequence[Setting]) -> Samples:
