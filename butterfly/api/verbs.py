@@ -21,7 +21,7 @@ from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.simulation import write_logs
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.design import next_experiments
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.identification import judged
@@ -209,7 +209,7 @@ def compare(
 
 def _estimated(
     data: Data, method: Method | None, options: Mapping[str, Any], *, check: bool = True
-) -> tuple[DataSet, Estimator | None, ParameterEstimate]:
+) -> tuple[DataSet, Estimator | None, Estimate]:
     """Return logs, an estimator, and its judged estimate; an identification has them already."""
     if isinstance(data, Identified):
         if method is not None or options:

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from butterfly.identification.data import DataSet
-    from butterfly.identification.estimate import ParameterEstimate
+    from butterfly.identification.estimate import Estimate
 
 _WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
@@ -253,7 +253,7 @@ def _show_shares(left_over: LeftOver) -> None:
         )
 
 
-def _show_estimates(estimates: Mapping[str, ParameterEstimate], logs: DataSet) -> None:
+def _show_estimates(estimates: Mapping[str, Estimate], logs: DataSet) -> None:
     """Print what each estimate found, by what was left out of it."""
     names = dict.fromkeys(name for each in estimates.values() for name in each.names)
     found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import estimated, judge
 from butterfly.identification.judgement.splits import Split
@@ -46,7 +46,7 @@ class Entry:
     in_sample: FitSummary | None
     held_out: FitSummary | None
     left_out: str
-    estimate: ParameterEstimate | None
+    estimate: Estimate | None
     seconds: float
     error: str
     input_kind: InputKind = InputKind.VOLTAGE

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.residual_torque import ResidualTorque, residual_torques
 from butterfly.identification.predict import FreeRun, Predictor
 from butterfly.logs.log import Log
@@ -63,7 +63,7 @@ class ThreeWay:
 
 def compare_three(
     data: DataSet,
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     numbers: Sequence[int],
     *,
     mass: float = MASS,

@@ -27,7 +27,7 @@ from butterfly.model.terms import TERMS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ParameterEstimate:
+class Estimate:
     """Parameters of the bare hand and how far to trust them.
 
     Parameters
@@ -112,7 +112,7 @@ class ParameterEstimate:
         blocks: int = 1,
         known: Knowledge = NOTHING,
         besides: NDArray[np.float64] | None = None,
-    ) -> ParameterEstimate:
+    ) -> Estimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
         Parameters
@@ -243,16 +243,16 @@ class ParameterEstimate:
             owners += [("zero", mass) for mass in masses]
         return owners
 
-    def with_gain(self, p4: float) -> ParameterEstimate:
+    def with_gain(self, p4: float) -> Estimate:
         """Return the estimate with p4 set to a value found otherwise."""
         values = np.where(np.array(self.names) == "p4", p4, self.values)
         return replace(self, values=values)
 
-    def with_findings(self, *more: Finding) -> ParameterEstimate:
+    def with_findings(self, *more: Finding) -> Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
-    def with_slips(self, *slips: Finding) -> ParameterEstimate:
+    def with_slips(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""
         if not slips:
             return self

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.draws import ParameterDraws
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.expected_errors import LeftOver, donors
 from butterfly.identification.free_run import Trajectory
 from butterfly.identification.judgement.intervals import CONFIDENCE
@@ -25,7 +25,7 @@ from butterfly.logs.log import Log
 from butterfly.progress import Track, in_threads, untracked
 
 Samples = NDArray[np.float64]
-SettingOf = Callable[[int, ParameterEstimate], Setting]
+SettingOf = Callable[[int, Estimate], Setting]
 
 OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"
@@ -83,7 +83,7 @@ class Prediction:
 
 def predict_logs(
     logs: Sequence[Log],
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     setting: SettingOf,
     *,
     draws: ParameterDraws | None = None,

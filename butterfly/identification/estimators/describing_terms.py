@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.describing_fit import DescribingFit
 from butterfly.identification.judgement.findings import Finding, FindingKind
 from butterfly.identification.judgement.nested import Nested
@@ -94,7 +94,7 @@ class DescribingTerms:
             best={name: value for name, value in self.best.items() if name not in idle},
         )
 
-    def judge(self, found: ParameterEstimate) -> ParameterEstimate:
+    def judge(self, found: Estimate) -> Estimate:
         """Return the estimate, with what there is to say of terms."""
         return found.with_findings(*self.said, *missing_terms(found, self.best))
 

@@ -22,7 +22,7 @@ from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.divergence import horizon_of
 from butterfly.identification.drift import lasting_horizon
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.ends import Ends
 from butterfly.identification.estimators.equations import Equations
@@ -114,7 +114,7 @@ class OutputError(Estimator):
         if self.workers < 0:
             raise InputError(self.method, "workers", self.workers, "0 or more")
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
         first = starts(data, self.terms)
         calm = data.take(data.calm)
@@ -131,7 +131,7 @@ class OutputError(Estimator):
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
         known: Knowledge = NOTHING,
-    ) -> ParameterEstimate:
+    ) -> Estimate:
         """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
         Parameters
@@ -149,7 +149,7 @@ class OutputError(Estimator):
 
     def of_starts(
         self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
-    ) -> ParameterEstimate:
+    ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses.
 
         Raises
@@ -195,7 +195,7 @@ class OutputError(Estimator):
         left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = solved_of(problem, end)
-        found = ParameterEstimate.from_rows(
+        found = Estimate.from_rows(
             reference.whole(solved),
             method="output error",
             left_out=left_out,
@@ -216,8 +216,8 @@ class OutputError(Estimator):
         logs: Sequence[Log],
         first: Sequence[Start],
         known: Knowledge,
-        found: ParameterEstimate,
-    ) -> ParameterEstimate:
+        found: Estimate,
+    ) -> Estimate:
         """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
         if not known.weightless(log.added_mass for log in logs):
             return found
@@ -259,7 +259,7 @@ class OutputError(Estimator):
     def _missing(
         self,
         logs: Sequence[Log],
-        found: ParameterEstimate,
+        found: Estimate,
         zeros: Mapping[AddedMass, float],
         variance: float,
     ) -> list[Finding]:

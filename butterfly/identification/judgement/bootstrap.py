@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.judgement.intervals import CONFIDENCE
 from butterfly.progress import Track, untracked
@@ -37,7 +37,7 @@ class Bootstrap:
 def bootstrap(
     data: DataSet,
     estimator: Estimator,
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     *,
     repetitions: int = 200,
     seed: int = 0,

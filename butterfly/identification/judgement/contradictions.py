@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import apart
 from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identification.physical import physical_parameters
@@ -11,7 +11,7 @@ from butterfly.identification.physical import physical_parameters
 _CLEARLY = 3.0  # standard errors, or uncertainties, apart
 
 
-def judge_knowledge(estimate: ParameterEstimate, data: DataSet) -> list[Finding]:
+def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     """Tell what cannot all be true: p4 of two sources, friction or inertia that would be negative.
 
     So p2 is at least the back EMF's share N^2 k_emf k_t/R, p1 at least the rotor's N^2 J_r, and

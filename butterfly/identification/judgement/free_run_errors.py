@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import covariance_root, honest_covariance
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Trajectory
 from butterfly.identification.judgement.left_over import missing_terms, slow_velocity
 from butterfly.identification.predict import Predictor, Setting
@@ -106,7 +106,7 @@ class Errors:
         return less(self.own, errors)
 
 
-def free_run_errors(data: DataSet, estimate: ParameterEstimate) -> list[Run | Errors]:
+def free_run_errors(data: DataSet, estimate: Estimate) -> list[Run | Errors]:
     """Simulate and differentiate all logs of a data set.
 
     Returns
@@ -120,7 +120,7 @@ def free_run_errors(data: DataSet, estimate: ParameterEstimate) -> list[Run | Er
     return [_differentiated(run, varied, slow) or run for run in runs]
 
 
-def _root_of(estimate: ParameterEstimate) -> Samples:
+def _root_of(estimate: Estimate) -> Samples:
     """(n, n) root of the covariance, as wide as the intervals; zeros where there is none."""
     try:
         return covariance_root(honest_covariance(estimate))

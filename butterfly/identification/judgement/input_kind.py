@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.findings import Finding, FindingKind
 from butterfly.logs.log import InputKind
 
@@ -10,7 +10,7 @@ LEAST_RESISTANCE = 0.01
 """Ohm; no motor of a robot's joint has less."""
 
 
-def judge_input(estimate: ParameterEstimate, kind: InputKind) -> list[Finding]:
+def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     """Tell whether a voltage-fed motor could have the damping and gain that were found.
 
     With one motor constant K for torque and back EMF, p4 = K/R and p2 >= K^2/R = p4^2 R (6): the

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
@@ -101,7 +101,7 @@ class LeftOver:
         return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
 
 
-def missing_terms(estimate: ParameterEstimate, added: AddedMass) -> tuple[str, ...]:
+def missing_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
     """Names of the terms that are looked for: those with a name for it that the model lacks.
 
     Parameters

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.findings import Finding, FindingKind
 from butterfly.identification.judgement.free_run_errors import (
     Errors,
@@ -193,7 +193,7 @@ class Misfit:
         return found
 
 
-def judge_misfit(data: DataSet, estimate: ParameterEstimate) -> Misfit:
+def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
     """Compare what the free runs of an estimate leave over with what the sensors explain.
 
     Parameters

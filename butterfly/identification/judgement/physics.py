@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identification.judgement.intervals import CONFIDENCE
 from butterfly.model.parameters import AddedMass
@@ -18,7 +18,7 @@ _EARLY = 1e-4  # s, by which stamps of input and angle may differ
 _OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
 
 
-def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> list[Finding]:
+def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Finding]:
     """Tell what no joint can have: no inertia, friction that drives, torque before its command.
 
     A negative p4 is possible: the angle or the input may count the other way. One that was known
@@ -63,12 +63,12 @@ def judge_physics(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> l
     return judged
 
 
-def is_possible(estimate: ParameterEstimate, masses: Sequence[AddedMass]) -> bool:
+def is_possible(estimate: Estimate, masses: Sequence[AddedMass]) -> bool:
     """Whether a joint can have the parameters (see `judge_physics`)."""
     return all(each.severity is not Severity.WARNING for each in judge_physics(estimate, masses))
 
 
-def _drives(estimate: ParameterEstimate, mass: AddedMass) -> bool:
+def _drives(estimate: Estimate, mass: AddedMass) -> bool:
     """Whether friction that grows with the added weight is clearly negative with some mass."""
     weights = np.array([_OF_LEVEL.get(name, 0.0) for name in estimate.names])
     weights[estimate.names.index("load")] = mass.weight
@@ -77,7 +77,7 @@ def _drives(estimate: ParameterEstimate, mass: AddedMass) -> bool:
     return bool(level < -_CLEARLY * stdtrit(len(estimate.names), 0.5 + CONFIDENCE / 2) * error)
 
 
-def _rows(estimate: ParameterEstimate) -> list[tuple[str, float, float]]:
+def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:
     """Names, values and half-widths."""
     reach = np.nan_to_num((estimate.upper - estimate.lower) / 2)
     return list(zip(estimate.names, estimate.values.tolist(), reach.tolist(), strict=True))

@@ -11,7 +11,7 @@ from scipy.special import fdtri
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.judgement.intervals import CONFIDENCE
 from butterfly.progress import Track, untracked
@@ -55,7 +55,7 @@ class Profile:
 
 def profile(
     data: DataSet,
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     name: str,
     values: Sequence[float],
     estimator: OutputError | None = None,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.left_over import (
     Balance,
     LeftOver,
@@ -72,7 +72,7 @@ class ResidualTorques:
 
 
 def residual_torques(
-    data: DataSet, estimate: ParameterEstimate, numbers: Sequence[int] | None = None
+    data: DataSet, estimate: Estimate, numbers: Sequence[int] | None = None
 ) -> ResidualTorques:
     """Subtract all terms of an estimate from the torque, and name what is left by one it lacks.
 

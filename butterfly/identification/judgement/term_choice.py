@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identification.judgement.identifiability import OTHER_LOGS
 from butterfly.identification.judgement.nested import Nested
@@ -286,7 +286,7 @@ def _kept(
     return np.array([[name in {*always, *terms} for name in nested.names] for terms in sets])
 
 
-def missing_terms(found: ParameterEstimate, best: Mapping[str, float]) -> list[Finding]:
+def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
     """Tell which terms an estimate lacks that would help, and matter.
 
     They matter if they would move a parameter by more than the half-width of its interval, or by

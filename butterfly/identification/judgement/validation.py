@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.splits import ENOUGH_MASSES, Division, Split, divide, remedy
 from butterfly.identification.predict import FitSummary, FreeRun, Predictor, fit_of
 from butterfly.progress import Track, untracked
 
-Fitter = Callable[[DataSet], ParameterEstimate]
+Fitter = Callable[[DataSet], Estimate]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +38,7 @@ class HeldOut:
 
     division: Division
     fits: NDArray[np.float64]
-    estimates: dict[str, ParameterEstimate]
+    estimates: dict[str, Estimate]
     horizon: float = math.inf
 
     @property

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
 from butterfly.identification.judgement.contradictions import judge_knowledge
 from butterfly.identification.judgement.findings import Ending, FindingKind, Severity
@@ -19,7 +19,7 @@ VALUES = np.array([0.00325, 0.00145, 0.04905, 0.025])
 def _judged(**known):
     told = Knowledge.told(known)
     errors = 0.01 * VALUES
-    estimate = ParameterEstimate(
+    estimate = Estimate(
         method="",
         names=("p1", "p2", "p3", "p4"),
         values=VALUES,

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance
 from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identification.judgement.mass_consistency import Correction, disagreeing
@@ -89,7 +89,7 @@ def mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
     return [_explanation(data, each, 1) for each in best]
 
 
-def mass_of_unfollowed(data: DataSet, estimate: ParameterEstimate) -> list[Explanation]:
+def mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
     """Return the logs that the model does not follow, but would with another mass.
 
     Parameters
@@ -125,9 +125,7 @@ def mass_of_unfollowed(data: DataSet, estimate: ParameterEstimate) -> list[Expla
     return found
 
 
-def _fitting_mass(
-    data: DataSet, estimate: ParameterEstimate, number: int
-) -> tuple[AddedMass, float]:
+def _fitting_mass(data: DataSet, estimate: Estimate, number: int) -> tuple[AddedMass, float]:
     """Return the mass with which a model follows one log best, and its misfit then."""
     log, largest = data.logs[number], max(data.masses)
     arm = log.added_mass.arm or largest.arm
@@ -203,7 +201,7 @@ def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Correct
     return _Corrected(suspect=suspect, mass=mass, trial=trial, left=left)
 
 
-def _estimated(data: DataSet, quick: Estimator) -> ParameterEstimate | None:
+def _estimated(data: DataSet, quick: Estimator) -> Estimate | None:
     try:
         with np.errstate(all="ignore"):
             return quick(data)

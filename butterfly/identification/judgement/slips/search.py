@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identification.judgement.mass_consistency import disagreeing
@@ -38,7 +38,7 @@ _EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method r
 _ROOM = 0.005  # misfit that makes no difference
 
 
-def find_slips(data: DataSet, estimator: Estimator, estimate: ParameterEstimate) -> list[Finding]:
+def find_slips(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
     """Name the slips that explain what speaks against an estimate; cheap where nothing does.
 
     Parameters
@@ -89,9 +89,7 @@ def find_slips_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
     return _best(_tried(data, quick, CLOCKS), before)
 
 
-def _before(
-    data: DataSet, estimator: Estimator, estimate: ParameterEstimate, quick: Estimator
-) -> Trial:
+def _before(data: DataSet, estimator: Estimator, estimate: Estimate, quick: Estimator) -> Trial:
     """Return how well a joint explains the logs as they are: a poor method is no slip of theirs."""
     found = judged(data, estimate)
     if isinstance(estimator, type(quick)):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.judgement.findings import FindingKind, Severity
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
@@ -25,7 +25,7 @@ _STEEL = 7850.0  # kg/m^3
 _LOOKED_AT = 1000  # samples
 
 
-def suspicious(data: DataSet, estimate: ParameterEstimate) -> bool:
+def suspicious(data: DataSet, estimate: Estimate) -> bool:
     """Whether an estimate, or the sizes in its data, are those of a slip."""
     return (
         any(
@@ -44,7 +44,7 @@ def slow_clock(data: DataSet) -> bool:
     return bool(np.median(steps) > _LONGEST_STEP or np.median(spans) > _LONGEST_LOG)
 
 
-def too_heavy(masses: Sequence[AddedMass], estimate: ParameterEstimate) -> bool:
+def too_heavy(masses: Sequence[AddedMass], estimate: Estimate) -> bool:
     """Whether a mass is too heavy for its place: so heavy, so large, or for such a motor.
 
     In grams all masses, and with them all parameters but the delay, are a thousand times too large,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
 from butterfly.identification.judgement.physics import is_possible
@@ -66,7 +66,7 @@ def attempt_roughly(
 def _attempted(
     undo: Callable[[DataSet], DataSet],
     data: DataSet,
-    estimate: Callable[[DataSet], ParameterEstimate],
+    estimate: Callable[[DataSet], Estimate],
 ) -> Trial:
     try:
         with np.errstate(all="ignore"):
@@ -76,7 +76,7 @@ def _attempted(
         return NOTHING
 
 
-def judged(data: DataSet, estimate: ParameterEstimate) -> Trial:
+def judged(data: DataSet, estimate: Estimate) -> Trial:
     """Simulate logs with an estimate, if a joint can be so.
 
     Logs are simulated whole, unless the estimate says otherwise: wrong units make any motion look
