@@ -28,6 +28,7 @@ from butterfly.cli.options import (
 )
 from butterfly.cli.show_progress import show_progress
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
 from butterfly.identification.judgement.bootstrap import bootstrap
 from butterfly.identification.judgement.left_over import LeftOver
@@ -36,7 +37,6 @@ from butterfly.identification.judgement.residual_torque import residual_torques
 from butterfly.identification.judgement.splits import Split
 from butterfly.identification.judgement.term_selection import select_terms
 from butterfly.identification.judgement.validation import hold_out
-from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
     told_residual,
@@ -94,7 +94,7 @@ def validate_command(
     say_verdict(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
     say(held.division.said)
-    predictor = Predictor(logs)
+    predictor = logs.simulations
     seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
     unused = held_out_fits(logs, whole)
     counted = held.fits[~np.isnan(held.fits)]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FreeRun
 from butterfly.identification.judgement.residual_torque import ResidualTorque, residual_torques
-from butterfly.identification.predict import FreeRun, Predictor
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint
@@ -89,7 +89,7 @@ def compare_three(
     InputError
         If no hand moves as the parameters say, or a simulation diverges.
     """
-    predictor = Predictor(data)
+    predictor = data.simulations
     found = []
     torques = residual_torques(data, estimate, numbers).logs
     for number, residual in zip(track(numbers, "Simulating twice"), torques, strict=True):

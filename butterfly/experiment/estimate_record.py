@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pydantic import computed_field
 
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.judgement.findings import Ending, Finding
 from butterfly.identification.judgement.verdict import Standing, Verdict
-from butterfly.identification.predict import FitSummary
 from butterfly.model.parameters import LumpedParameters
 
 

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identification.free_run import Simulations
 from butterfly.identification.implied import beside_masses, implied
 from butterfly.identification.judgement.knowledge import is_driven
 from butterfly.identification.judgement.slips.inputs import slips_of_refused, slips_of_still
@@ -153,6 +154,11 @@ class DataSet:
     def zero_of(self, log: Log) -> float:
         """Return the encoder reading in rad where the model's angle is 0 in one of the logs."""
         return reading_of(log, self.equilibria)
+
+    @cached_property
+    def simulations(self) -> Simulations:
+        """What simulates the logs, and has simulated them."""
+        return Simulations(self.logs, self.equilibria, self.counted)
 
     @property
     def hangs(self) -> bool:

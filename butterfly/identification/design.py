@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -121,7 +120,7 @@ def rank_experiments(
         for each in _inputs(estimate.parameters, mass, largest_swing)
     ]
     candidates = in_threads(
-        lambda job: _judge(estimate, job[0], job[1], misfit=misfit, limit=largest_swing),
+        lambda job: judged_candidate(estimate, job[0], job[1], misfit=misfit, limit=largest_swing),
         jobs,
         track,
         "Judging candidates",
@@ -157,7 +156,7 @@ def next_experiments(
     if largest_swing is None:
         seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
         largest_swing = seen if data.joint is JointKind.SLIDE else LARGEST_SWING
-    misfit = 1 - float(np.median(Predictor(data).fits(estimate))) / 100
+    misfit = 1 - float(np.median(data.simulations.fits(estimate))) / 100
     masses = masses_at_hand(data)
     return rank_experiments(estimate, masses, misfit, largest_swing=largest_swing, track=track)
 
@@ -200,9 +199,10 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list
     return inputs
 
 
-def _judge(
+def judged_candidate(
     estimate: Estimate, mass: AddedMass, what: _Input, *, misfit: float, limit: float
 ) -> Candidate:
+    """Return what a candidate would tell, and why not to rely on it."""
     parameters = estimate.parameters
     angle = _respond(parameters, mass, what)
     errors = estimate.standard_errors

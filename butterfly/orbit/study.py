@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.judgement.following import judge_fit
-from butterfly.identification.predict import FreeRun, Setting, free_run
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
@@ -159,4 +159,4 @@ def beside_orbit(
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
-    return free_run(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))
+    return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

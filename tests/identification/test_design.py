@@ -6,8 +6,8 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification import design
-from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, steady
 
@@ -20,7 +20,7 @@ def found():
 
 
 def test_progress_is_shown_while_candidates_are_judged(found, monkeypatch):
-    begun, judge = threading.Event(), design._judge
+    begun, judge = threading.Event(), design.judged_candidate
 
     def track(items, _):
         begun.set()
@@ -30,7 +30,7 @@ def test_progress_is_shown_while_candidates_are_judged(found, monkeypatch):
         assert begun.wait(5), "the work is over before its progress is shown"
         return judge(*job, **options)
 
-    monkeypatch.setattr(design, "_judge", judged)
+    monkeypatch.setattr(design, "judged_candidate", judged)
     assert design.rank_experiments(found, [MASSES[1]], 0.05, track=track)
 
 

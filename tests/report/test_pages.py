@@ -19,9 +19,9 @@ from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRec
 from butterfly.experiment.store import ResultStore
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.judgement.findings import Ending
 from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions
