@@ -216,7 +216,7 @@ class Manifest(StrictModel):
     def _arms_where_needed(self) -> Manifest:
         if self.joint is JointKind.HINGE and self.arm is None:
             for entry in self.logs:
-                if entry.added_mass and entry.arm is None:
+                if known_of(entry.added_mass).value and entry.arm is None:
                     raise ValueError(f"arm, in m, since {entry.file} carries a mass")
         return self
 
