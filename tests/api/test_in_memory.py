@@ -87,3 +87,26 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     first, second = (bf.identify(data, "linear").estimate for data in (memory, folder))
     np.testing.assert_array_equal(first.values, second.values)
     np.testing.assert_array_equal(first.covariance, second.covariance)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("units", {"angle": ["deg"]}),
+        ("piece", (1, 2, 3)),
+        ("piece", 3.0),
+        ("repair", 3),
+        ("zero", "x"),
+        ("columns", "time=t"),
+    ],
+)
+def test_a_wrong_word_about_a_table_is_one_typed_error(field, value):
+    with pytest.raises(bf.InputError) as caught:
+        bf.read(MADE, **{"columns": COLUMNS} | {field: value})
+    assert caught.value.field.startswith(field)
+
+
+@pytest.mark.parametrize("names", [[3], "log"])
+def test_logs_are_held_out_by_names_only(names):
+    with pytest.raises(bf.InputError, match="holdout: got"):
+        bf.identify(bf.read(MADE, columns=COLUMNS, repair=None), holdout=names)
