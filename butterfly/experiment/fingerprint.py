@@ -8,7 +8,7 @@ from pathlib import Path
 
 from butterfly.resources import shipped
 
-COMPUTING = ("model", "plant", "signals", "logs", "identify", "thesis", "orbit", "experiment")
+COMPUTING = ("model", "plant", "signals", "logs", "identification", "thesis", "orbit", "experiment")
 """The subpackages that a run computes with."""
 
 _PACKAGE = Path(__file__).parents[1]
