@@ -56,6 +56,17 @@ def test_grid_list_random_and_repetitions_are_combined(sweep):
     assert "sweep" not in tasks[0].content
 
 
+def test_a_part_may_refine_what_an_earlier_part_sets_and_rows_are_alternatives(sweep):
+    hand = {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003}
+    tasks = _tasks(sweep(grid={"plant.hand": [hand]}, list=[{"plant.hand.mass": 0.2}]))
+    assert tasks[0].content["plant"]["hand"] == hand | {"mass": 0.2}
+    rows = [{"plant.hand.mass": 0.3}, {"plant.hand": hand}]
+    assert [task.content["plant"]["hand"]["mass"] for task in _tasks(sweep(list=rows))] == [
+        0.3,
+        0.1,
+    ]
+
+
 def test_a_latin_hypercube_visits_every_slice_of_every_field_once(sweep):
     fields = {
         "plant.hand.mass": {"uniform": [0.1, 0.2]},
@@ -131,6 +142,14 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
         ({"sweep": {"grid": {"seed.x": [1.0]}}}, "a path to a field"),
         ({"sweep": {"grid": {"sweep.repetitions": [1]}}}, "a field of the experiment"),
         ({"sweep": {"repetitions": 0}}, "sweep.repetitions: got 0"),
+        (
+            {"sweep": {"grid": {"duration": [20.0]}, "list": [{"seed": 1}, {"duration": 30.0}]}},
+            r"s\.yaml:4: sweep\.duration: got duration set before; expected each field in one of",
+        ),
+        (
+            {"sweep": {"grid": {"plant.hand.mass": [0.1]}, "list": [{"plant.hand": {}}]}},
+            r"sweep\.plant\.hand: got plant\.hand\.mass set before",
+        ),
         (
             {"sweep": {"random": {"count": 2, "fields": {"duration": {"uniform": [2, 1]}}}}},
             "lower first",
