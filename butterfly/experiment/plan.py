@@ -123,7 +123,7 @@ def _tasks(source: Source, experiment: Experiment) -> Iterator[Task]:
         else experiment.sweep.points(experiment.seed, source.path)
     )
     for number, (overrides, repetition, seed) in enumerate(points):
-        content = source.with_digests(apply(base, {"seed": seed} | overrides, source.path))
+        content = source.with_digests(apply(base, overrides | {"seed": seed}, source.path))
         asked = source.experiment(content)
         yield Task(
             number=number,

@@ -129,7 +129,8 @@ class SweepSpec(StrictModel):
         """Yield the overrides, the repetition and the seed of each run, in order.
 
         A run's seed depends on the experiment's seed, the repetition and the values set alone, so
-        a sweep that grows keeps the runs that it had.
+        a sweep that grows keeps the runs that it had. A seed that is set is that of its first
+        repetition; those of the others are derived from it.
 
         Parameters
         ----------
@@ -154,7 +155,10 @@ class SweepSpec(StrictModel):
         for parts in product(*axes):
             overrides = {path: value for part in parts for path, value in part.items()}
             for repetition in range(self.repetitions):
-                yield overrides, repetition, _derived_seed(seed, repetition, overrides)
+                if "seed" in overrides and repetition == 0:
+                    yield overrides, repetition, overrides["seed"]
+                else:
+                    yield overrides, repetition, _derived_seed(seed, repetition, overrides)
 
 
 def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:

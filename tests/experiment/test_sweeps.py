@@ -52,8 +52,15 @@ def test_grid_list_random_and_repetitions_are_combined(sweep):
     assert tasks[0].content["plant"]["encoder"]["noise"] == 0
     assert tasks[-1].content["added_masses"][1]["mass"] == 0.06
     assert tasks[0].content["seed"] == 7
-    assert len({task.content["seed"] for task in tasks}) == 48 + 1
+    assert len({task.content["seed"] for task in tasks}) == 48 + 24 + 1  # 24 first repetitions: 7
     assert "sweep" not in tasks[0].content
+
+
+def test_repetitions_of_a_swept_seed_are_all_different_and_the_first_has_the_seed(sweep):
+    once = _tasks(sweep(grid={"seed": [5, 6]}))
+    tasks = _tasks(sweep(grid={"seed": [5, 6]}, repetitions=3))
+    assert [task.seed for task in once] == [task.seed for task in tasks[::3]] == [5, 6]
+    assert len({task.key for task in tasks}) == len({task.seed for task in tasks}) == 6
 
 
 def test_a_part_may_refine_what_an_earlier_part_sets_and_rows_are_alternatives(sweep):
