@@ -32,7 +32,7 @@ class Task:
     number
         In the sweep's order, from 0 on.
     key
-        Address of the result: a hash of the experiment with its defaults, the seed, code and versions.
+        Address of the result: a hash of the experiment and its defaults, seed, code and versions.
     overrides
         Fields that this run sets, by their paths.
     repetition

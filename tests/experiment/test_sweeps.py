@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
+from butterfly.experiment.kept import keep_experiment
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.schema import Experiment
@@ -130,6 +131,35 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
     assert experiment.plant.friction.coulomb == 3e-4
     child = _write(tmp_path / "f.yaml", extends="e.yaml", name="f", seed=9)
     assert read_experiment(child).plant == experiment.plant
+
+
+SIGNAL = {"file": {"path": "u.csv"}}
+
+
+@pytest.mark.parametrize(
+    "sweep",
+    [
+        None,
+        {"grid": {"signals.0.file.path": ["u.csv"]}},
+        {"list": [{"signals": [SIGNAL]}]},
+        {"random": {"count": 1, "fields": {"signals.0.file": {"choice": [SIGNAL["file"]]}}}},
+    ],
+)
+def test_what_is_extended_finds_its_files_beside_itself(tmp_path, sweep):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/u.csv").write_text("time,input\n0,0.1\n1,-0.1\n")
+    (tmp_path / "u.csv").write_text("time,input\n0,0.2\n1,-0.2\n")
+    base = {"extends": "quickstart", "name": "b", "excitations": [], "signals": [SIGNAL]}
+    alone = _write(tmp_path / "sub/base.yaml", **base, **({"sweep": sweep} if sweep else {}))
+    child = _write(tmp_path / "child.yaml", extends="sub/base.yaml", name="c")
+    source = Source(child)
+    (task,) = plan_sweep(source).tasks
+    assert task.content["signals"] == _tasks(alone)[0].content["signals"]
+    written = keep_experiment(source, tmp_path / "out")
+    assert "sub/u.csv" in written
+    assert _tasks(tmp_path / "out/experiment.yaml")[0].key == task.key
+    own = _write(tmp_path / "own.yaml", extends="sub/base.yaml", name="o", signals=[SIGNAL])
+    assert read_experiment(own).signals[0].table.values[0] == 0.2
 
 
 @pytest.mark.parametrize(
