@@ -23,7 +23,7 @@ from butterfly.experiment.planned import planned_logs
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.expected_errors import LeftOver, left_over
 from butterfly.identification.given import given_estimate, judged_on, outdone
 from butterfly.identification.importance import weighed
@@ -196,7 +196,7 @@ class _Known:
 
 
 def _of_gain(
-    told: Mapping[str, object], estimate: ParameterEstimate, data: DataSet | None
+    told: Mapping[str, object], estimate: Estimate, data: DataSet | None
 ) -> tuple[str, ...]:
     """Say which p4 was taken where none was given."""
     known = {} if data is None else data.known.exact
@@ -267,6 +267,6 @@ def _require_input(found: Identified, kind: InputKind) -> None:
         raise InputError("predict", "input", str(kind), f"{own}, as the estimate was made with")
 
 
-def _from_rest(logs: Sequence[Log]) -> Callable[[int, ParameterEstimate], Setting]:
+def _from_rest(logs: Sequence[Log]) -> Callable[[int, Estimate], Setting]:
     """Return what simulates a log from rest, its angles from where the hand hangs."""
     return lambda number, estimate: Setting(parameters=estimate.applied(logs[number])[0], zero=0.0)

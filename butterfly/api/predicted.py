@@ -11,8 +11,8 @@ import numpy as np
 
 from butterfly.api.drawn import Drawn
 from butterfly.api.tabulated import Tabulated
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.verdict import Standing
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.predict import FitSummary
 from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
@@ -54,7 +54,7 @@ class Predicted(Tabulated):
         name: str,
         predictions: Sequence[Prediction],
         said: Sequence[str],
-        estimate: ParameterEstimate,
+        estimate: Estimate,
         *,
         drawn: Drawn | None,
         measured: bool,

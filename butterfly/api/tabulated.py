@@ -12,9 +12,9 @@ from plotly.graph_objects import Bar, Figure, Scatter
 from butterfly.api.result import Result, text, texts
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.misfit import Misfit
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.misfit import Misfit
 from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.numbers.document import HEAD, Told
@@ -142,7 +142,7 @@ class Compared(Tabulated):
         estimator: Estimator | None,
         compared: Sequence[ThreeWay],
         misfit: Misfit,
-        found: ParameterEstimate,
+        found: Estimate,
     ) -> Compared:
         """Tabulate logs, each simulated twice with an estimate, and the misfit of the data set."""
         told = told_comparison(data, estimator, compared, misfit, found)

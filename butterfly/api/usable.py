@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from butterfly.errors import UnusableError
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import verdict_on
 
 
-def require_possible(estimate: ParameterEstimate) -> SaidVerdict:
+def require_possible(estimate: Estimate) -> SaidVerdict:
     """Return the verdict on an estimate from which simulations or a model are to be made.
 
     Raises

@@ -21,13 +21,13 @@ from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.simulation import write_logs
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.design import next_experiments
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.identification import judged
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
@@ -209,7 +209,7 @@ def compare(
 
 def _estimated(
     data: Data, method: Method | None, options: Mapping[str, Any], *, check: bool = True
-) -> tuple[DataSet, Estimator | None, ParameterEstimate]:
+) -> tuple[DataSet, Estimator | None, Estimate]:
     """Return logs, an estimator, and its judged estimate; an identification has them already."""
     if isinstance(data, Identified):
         if method is not None or options:

@@ -27,15 +27,15 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
+from butterfly.identification.diagnostics.left_over import LeftOver
+from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.judgement.bootstrap import bootstrap
-from butterfly.identification.judgement.left_over import LeftOver
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.judgement.residual_torque import residual_torques
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.term_selection import select_terms
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.bootstrap import bootstrap
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.term_selection import select_terms
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from butterfly.identification.data import DataSet
-    from butterfly.identification.estimate import ParameterEstimate
+    from butterfly.identification.estimate import Estimate
 
 _WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
@@ -253,7 +253,7 @@ def _show_shares(left_over: LeftOver) -> None:
         )
 
 
-def _show_estimates(estimates: Mapping[str, ParameterEstimate], logs: DataSet) -> None:
+def _show_estimates(estimates: Mapping[str, Estimate], logs: DataSet) -> None:
     """Print what each estimate found, by what was left out of it."""
     names = dict.fromkeys(name for each in estimates.values() for name in each.names)
     found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]

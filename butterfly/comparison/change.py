@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 
 from butterfly.errors import InputError
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.intervals import CONFIDENCE, widened
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.intervals import CONFIDENCE, widened
 from butterfly.model.known import OF_SCALE
 from butterfly.model.terms import TERMS
 
@@ -116,7 +116,7 @@ class Change:
         return self.joint <= _OF_ALL
 
 
-def change(before: ParameterEstimate, after: ParameterEstimate) -> Change:
+def change(before: Estimate, after: Estimate) -> Change:
     """Test whether parameters differ between two estimates from independent logs.
 
     Each by Student's t with Welch's degrees of freedom, corrected for their number (Holm, Scand. J.
@@ -183,7 +183,7 @@ class _Side:
     covariance: Values
 
     @classmethod
-    def of(cls, estimate: ParameterEstimate, names: Sequence[str]) -> _Side:
+    def of(cls, estimate: Estimate, names: Sequence[str]) -> _Side:
         rows = [estimate.names.index(name) for name in names]
         free = np.full(len(estimate.names), np.inf)
         freedom = (free if estimate.freedom is None else estimate.freedom)[rows]
@@ -206,7 +206,7 @@ class _Side:
         )
 
 
-def _untested(before: ParameterEstimate, after: ParameterEstimate) -> dict[str, str]:
+def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
     """Say of which parameters there is no evidence, and why."""
     both = (before, after)
     told = [name for each in both for name in (*each.names, *each.known.parameters)]
@@ -226,7 +226,7 @@ def _untested(before: ParameterEstimate, after: ParameterEstimate) -> dict[str, 
     return why
 
 
-def _learnt(estimate: ParameterEstimate, name: str) -> bool:
+def _learnt(estimate: Estimate, name: str) -> bool:
     """Whether logs tell a parameter better than it was told."""
     if name not in estimate.names:
         return False
@@ -238,7 +238,7 @@ def _which(flags: Sequence[bool]) -> str:
     return "the first" if flags[0] else "the second"
 
 
-def _uncertain(estimate: ParameterEstimate, name: str) -> bool:
+def _uncertain(estimate: Estimate, name: str) -> bool:
     row = estimate.names.index(name)
     limits = (estimate.lower[row], estimate.upper[row])
     return bool(estimate.covariance[row, row] > 0 and np.isfinite(limits).all())

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import estimated, judge
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
@@ -46,7 +46,7 @@ class Entry:
     in_sample: FitSummary | None
     held_out: FitSummary | None
     left_out: str
-    estimate: ParameterEstimate | None
+    estimate: Estimate | None
     seconds: float
     error: str
     input_kind: InputKind = InputKind.VOLTAGE
@@ -69,7 +69,7 @@ def leaderboard(
     estimators
         Told what they are to be told.
     split
-        What is left out together (see `butterfly.identification.judgement.splits.divide`).
+        What is left out together (see `butterfly.identification.inference.splits.divide`).
     track
         Shows progress.
     """

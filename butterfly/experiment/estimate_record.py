@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from pydantic import computed_field
 
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.findings import Ending, Finding
-from butterfly.identification.judgement.verdict import Standing, Verdict
+from butterfly.identification.diagnostics.findings import Ending, Finding
+from butterfly.identification.diagnostics.verdict import Standing, Verdict
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.predict import FitSummary
 from butterfly.model.parameters import LumpedParameters
 
@@ -47,7 +47,7 @@ class ParameterRecord:
 
     @classmethod
     def all_of(
-        cls, found: ParameterEstimate, truth: LumpedParameters | None = None
+        cls, found: Estimate, truth: LumpedParameters | None = None
     ) -> tuple[ParameterRecord, ...]:
         """Return a record for each parameter of an estimate, beside the truth if it is known.
 
@@ -132,7 +132,7 @@ class EstimateRecord:
     def of(
         cls,
         estimator: str,
-        found: ParameterEstimate,
+        found: Estimate,
         fit: FitSummary,
         truth: LumpedParameters,
         holdout: FitSummary | None = None,

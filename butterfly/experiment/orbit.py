@@ -12,7 +12,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.streams import of_orbit
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import judged
 from butterfly.logs.log import Log
 from butterfly.logs.mat import write_mat
@@ -72,7 +72,7 @@ def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untrack
 def hold_orbit(
     experiment: Experiment,
     data: DataSet | None,
-    found: ParameterEstimate | None = None,
+    found: Estimate | None = None,
     *,
     track: Track = untracked,
 ) -> OrbitStudy:

@@ -20,10 +20,10 @@ from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import packed, simulate
 from butterfly.experiment.versions import versions
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.identification import Identification, identify
-from butterfly.identification.judgement.findings import Ending
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
@@ -80,7 +80,7 @@ class _Input:
 
 
 def rank_experiments(
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     masses: Sequence[AddedMass],
     misfit: float,
     *,
@@ -132,7 +132,7 @@ def rank_experiments(
 
 def next_experiments(
     data: DataSet,
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     *,
     largest_swing: float | None = None,
     track: Track = untracked,
@@ -202,7 +202,7 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list
 
 
 def _judge(
-    estimate: ParameterEstimate, mass: AddedMass, what: _Input, *, misfit: float, limit: float
+    estimate: Estimate, mass: AddedMass, what: _Input, *, misfit: float, limit: float
 ) -> Candidate:
     parameters = estimate.parameters
     angle = _respond(parameters, mass, what)

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.intervals import SPREADS, widened
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.intervals import SPREADS, widened
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
 
@@ -45,7 +45,7 @@ class ParameterDraws:
         (m,) how much each counts; they add up to 1.
     """
 
-    estimate: ParameterEstimate
+    estimate: Estimate
     values: NDArray[np.float64]
     weights: NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class ParameterDraws:
         """Each draw as parameters of the bare hand."""
         return [each.parameters for each in self.estimates()]
 
-    def estimates(self) -> Iterator[ParameterEstimate]:
+    def estimates(self) -> Iterator[Estimate]:
         """Yield the estimate with the values of each draw in place of its own."""
         for values in self.values:
             yield replace(self.estimate, values=values)
@@ -70,7 +70,7 @@ class ParameterDraws:
 
 
 def draw_parameters(
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     count: int = COUNT,
     *,
     masses: Iterable[AddedMass] = (),
@@ -122,7 +122,7 @@ def draw_parameters(
     )
 
 
-def honest_covariance(estimate: ParameterEstimate) -> NDArray[np.float64]:
+def honest_covariance(estimate: Estimate) -> NDArray[np.float64]:
     """(n, n) covariance whose spreads are at least those of the intervals.
 
     Raises
@@ -170,7 +170,7 @@ def _within(
 
 
 def _possible(
-    moved: NDArray[np.float64], estimate: ParameterEstimate, masses: Iterable[AddedMass]
+    moved: NDArray[np.float64], estimate: Estimate, masses: Iterable[AddedMass]
 ) -> NDArray[np.bool_]:
     """(m,) whether (m, n) changes of the estimate make a joint with each mass."""
     possible = np.ones(len(moved), dtype=bool)

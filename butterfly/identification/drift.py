@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.sensor_errors import encoder_step
+from butterfly.identification.diagnostics.sensor_errors import encoder_step
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.segments import simulation
 from butterfly.logs.log import Log
 
@@ -23,7 +23,7 @@ HORIZONS = (math.inf, 10.0, 5.0, 2.0, 1.0, 0.5)
 _MORE = 3.0  # times the noise, above which something else is left over
 
 
-def lasting_horizon(logs: Sequence[Log], estimate: ParameterEstimate) -> float:
+def lasting_horizon(logs: Sequence[Log], estimate: Estimate) -> float:
     """Return the longest stretch in s over which simulations leave little but noise; else 0.5 s.
 
     Parameters
@@ -39,12 +39,12 @@ def lasting_horizon(logs: Sequence[Log], estimate: ParameterEstimate) -> float:
     return HORIZONS[-1]
 
 
-def lasts(logs: Sequence[Log], estimate: ParameterEstimate, horizon: float) -> bool:
+def lasts(logs: Sequence[Log], estimate: Estimate, horizon: float) -> bool:
     """Whether simulations over stretches of a horizon in s leave little but noise."""
     return float(np.median([_excess(log, estimate, horizon) for log in logs])) <= _MORE
 
 
-def _excess(log: Log, estimate: ParameterEstimate, horizon: float) -> float:
+def _excess(log: Log, estimate: Estimate, horizon: float) -> float:
     """Errors over stretches, each from a fitted start, in units of the noise."""
     parameters, own = estimate.applied(log)
     stretches = simulation(log, parameters, horizon)

@@ -8,17 +8,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.judgement.covariance import cluster_covariance, robust
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.identifiability import Conditioning, sort_by_precision
-from butterfly.identification.judgement.intervals import honest_limits
-from butterfly.identification.judgement.knowledge import (
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.knowledge import (
     disagreements,
     moved_by_masses,
     scale_apart,
 )
-from butterfly.identification.judgement.mass_consistency import Correction, corrections
-from butterfly.identification.judgement.verdict import Verdict
+from butterfly.identification.diagnostics.verdict import Verdict
+from butterfly.identification.inference.covariance import cluster_covariance, robust
+from butterfly.identification.inference.identifiability import Conditioning, sort_by_precision
+from butterfly.identification.inference.intervals import honest_limits
+from butterfly.identification.inference.mass_consistency import Correction, corrections
 from butterfly.identification.solved import Solved, pulled_below
 from butterfly.logs.log import Log
 from butterfly.model.known import NOTHING, Knowledge
@@ -27,7 +27,7 @@ from butterfly.model.terms import TERMS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ParameterEstimate:
+class Estimate:
     """Parameters of the bare hand and how far to trust them.
 
     Parameters
@@ -112,7 +112,7 @@ class ParameterEstimate:
         blocks: int = 1,
         known: Knowledge = NOTHING,
         besides: NDArray[np.float64] | None = None,
-    ) -> ParameterEstimate:
+    ) -> Estimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
         Parameters
@@ -243,16 +243,16 @@ class ParameterEstimate:
             owners += [("zero", mass) for mass in masses]
         return owners
 
-    def with_gain(self, p4: float) -> ParameterEstimate:
+    def with_gain(self, p4: float) -> Estimate:
         """Return the estimate with p4 set to a value found otherwise."""
         values = np.where(np.array(self.names) == "p4", p4, self.values)
         return replace(self, values=values)
 
-    def with_findings(self, *more: Finding) -> ParameterEstimate:
+    def with_findings(self, *more: Finding) -> Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
-    def with_slips(self, *slips: Finding) -> ParameterEstimate:
+    def with_slips(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""
         if not slips:
             return self

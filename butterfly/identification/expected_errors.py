@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.predict import Predictor
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
@@ -70,7 +70,7 @@ def block(log: Log) -> float:
     return math.ceil(_BLOCK / period) * period
 
 
-def left_over(data: DataSet, estimate: ParameterEstimate) -> list[LeftOver]:
+def left_over(data: DataSet, estimate: Estimate) -> list[LeftOver]:
     """Return the errors of the logs that an estimate was made from, in their order.
 
     A log that stands still has none.

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.identification.diagnostics.physics import is_possible, judge_physics
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.following import judge_fit
-from butterfly.identification.judgement.physics import is_possible, judge_physics
 from butterfly.identification.other_parameters import best_gain, told_parameters
 from butterfly.identification.predict import Predictor
 from butterfly.model.known import Knowledge, Known
@@ -35,7 +35,7 @@ def given_estimate(
     *,
     data: DataSet | None = None,
     masses: Sequence[AddedMass] = (),
-) -> ParameterEstimate:
+) -> Estimate:
     """Return given parameters as an estimate of which no uncertainty is known.
 
     Parameters
@@ -69,7 +69,7 @@ def given_estimate(
     found = asdict(parameters)
     count = len(PARAMETERS)
     unknown = np.full(count, np.nan)
-    estimate = ParameterEstimate(
+    estimate = Estimate(
         method=METHOD,
         names=PARAMETERS,
         values=np.array([found[name] for name in PARAMETERS]),
@@ -87,9 +87,7 @@ def given_estimate(
     return estimate.with_findings(*judge_physics(estimate, masses))
 
 
-def judged_on(
-    estimate: ParameterEstimate, fits: NDArray[np.float64], names: Sequence[str]
-) -> ParameterEstimate:
+def judged_on(estimate: Estimate, fits: NDArray[np.float64], names: Sequence[str]) -> Estimate:
     """Return an estimate judged by how well it foretells logs, not by those it was made from.
 
     Parameters
@@ -106,7 +104,7 @@ def judged_on(
 
 
 def outdone(
-    data: DataSet, estimate: ParameterEstimate, fits: NDArray[np.float64], numbers: Sequence[int]
+    data: DataSet, estimate: Estimate, fits: NDArray[np.float64], numbers: Sequence[int]
 ) -> list[Finding]:
     """Tell whether values that the logs give themselves follow them far better.
 

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.estimators import Estimator, Suitable
-from butterfly.identification.judgement.contradictions import judge_knowledge
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.following import judge_fit, judge_held_out
-from butterfly.identification.judgement.input_kind import judge_input
-from butterfly.identification.judgement.misfit import Misfit, judge_misfit
-from butterfly.identification.judgement.physics import judge_physics
-from butterfly.identification.judgement.slips.names import with_slips
-from butterfly.identification.judgement.slips.search import (
+from butterfly.identification.diagnostics.contradictions import judge_knowledge
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.following import judge_fit, judge_held_out
+from butterfly.identification.diagnostics.input_kind import judge_input
+from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
+from butterfly.identification.diagnostics.physics import judge_physics
+from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.diagnostics.unit_errors.search import (
     find_slips,
     find_slips_of_clock,
     find_slips_of_refused,
 )
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.other_parameters import OtherParameters, try_parameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.identification.predict import FitSummary, FreeRun, Predictor
@@ -58,7 +58,7 @@ class Identification:
     """
 
     data: DataSet
-    estimate: ParameterEstimate
+    estimate: Estimate
     free_runs: tuple[FreeRun, ...]
     comparisons: tuple[OtherParameters, ...]
     held_runs: tuple[FreeRun, ...] = ()
@@ -127,7 +127,7 @@ def identify(
     return replace(run, estimate=sure, estimator=estimator)
 
 
-def held_out_fits(data: DataSet, estimate: ParameterEstimate) -> dict[str, float]:
+def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
     if data.held is None:
         return {}
@@ -135,7 +135,7 @@ def held_out_fits(data: DataSet, estimate: ParameterEstimate) -> dict[str, float
     return dict(zip((log.name for log in data.held.logs), fits.tolist(), strict=True))
 
 
-def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
+def judged(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
     estimator, predictor = estimator.suited(data), Predictor(data)
     found = predictor.settled(estimated(data, estimator))
@@ -144,8 +144,8 @@ def judged(data: DataSet, estimator: Estimator) -> ParameterEstimate:
 
 @_UNWARNED
 def judge(
-    data: DataSet, estimator: Estimator, found: ParameterEstimate, fits: NDArray[np.float64]
-) -> ParameterEstimate:
+    data: DataSet, estimator: Estimator, found: Estimate, fits: NDArray[np.float64]
+) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and slips say of it.
 
     Parameters
@@ -173,9 +173,7 @@ def judge(
     return told.with_slips(*find_slips(data, estimator, told))
 
 
-def _of_held_out(
-    data: DataSet, found: ParameterEstimate, seen: NDArray[np.float64]
-) -> list[Finding]:
+def _of_held_out(data: DataSet, found: Estimate, seen: NDArray[np.float64]) -> list[Finding]:
     """Judge by the logs that were held out, but for those that pass the upright."""
     if data.held is None:
         return []
@@ -185,7 +183,7 @@ def _of_held_out(
 
 
 @_UNWARNED
-def estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
+def estimated(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
     clock = find_slips_of_clock(data, estimator)
     if clock:
@@ -202,7 +200,7 @@ def estimated(data: DataSet, estimator: Estimator) -> ParameterEstimate:
     return found
 
 
-def _refuse_not_finite(found: ParameterEstimate) -> None:
+def _refuse_not_finite(found: Estimate) -> None:
     """Raise IdentifiabilityError for values that are none; a p4 is, where nothing drives."""
     values = zip(found.names, found.values.tolist(), strict=True)
     wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
@@ -214,7 +212,7 @@ def _refuse_not_finite(found: ParameterEstimate) -> None:
 @_UNWARNED
 def simulated(
     data: DataSet,
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     *,
     against: Mapping[str, LumpedParameters] = MappingProxyType({}),
     track: Track = untracked,
@@ -242,7 +240,7 @@ def simulated(
 
 
 def _runs(
-    predictor: Predictor, estimate: ParameterEstimate, track: Track = untracked
+    predictor: Predictor, estimate: Estimate, track: Track = untracked
 ) -> tuple[FreeRun, ...]:
     numbers = track(range(len(predictor.data.logs)), "Simulating logs")
     return tuple(predictor.run(number, estimate) for number in numbers)

@@ -15,9 +15,9 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import relations, with_gear
-from butterfly.identification.judgement.intervals import SPREADS
+from butterfly.identification.inference.intervals import SPREADS
 from butterfly.identification.physical_formulas import SIGNED, SYMBOLS, WAYS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
@@ -114,7 +114,7 @@ class PhysicalParameters:
 
 
 def physical_parameters(
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     known: Knowledge,
     input_kind: InputKind,
     carrier: AddedMass,
@@ -164,7 +164,7 @@ def physical_parameters(
 
 
 def _together(
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     errors: NDArray[np.float64],
     known: Knowledge,
     input_kind: InputKind,
@@ -192,7 +192,7 @@ def _together(
     )
 
 
-def _estimated(estimate: ParameterEstimate, errors: NDArray[np.float64]) -> Quantities:
+def _estimated(estimate: Estimate, errors: NDArray[np.float64]) -> Quantities:
     """Return the lumped parameters, those that were held exactly known."""
     held = {
         name: value
@@ -211,7 +211,7 @@ def _estimated(estimate: ParameterEstimate, errors: NDArray[np.float64]) -> Quan
     )
 
 
-def _of_intervals(estimate: ParameterEstimate) -> NDArray[np.float64]:
+def _of_intervals(estimate: Estimate) -> NDArray[np.float64]:
     """Return (n,) standard errors of which the intervals are the normal ones."""
     reach = np.maximum(estimate.upper - estimate.values, estimate.values - estimate.lower)
     return np.maximum(reach / SPREADS, estimate.standard_errors)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.divergence import horizon_of
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Trajectory, grid_step
 from butterfly.identification.segments import Segments, simulation
 from butterfly.logs.log import Log
@@ -125,7 +125,7 @@ class Predictor:
         self._horizon: float | None = None
         self._spreads = [_spread(log) for log in data.logs]
 
-    def setting(self, number: int, estimate: ParameterEstimate) -> Setting:
+    def setting(self, number: int, estimate: Estimate) -> Setting:
         """Return what an estimate says of one log, by its number."""
         log = self.data.logs[number]
         parameters, own = estimate.applied(log)
@@ -137,7 +137,7 @@ class Predictor:
             horizon=self.horizon(estimate),
         )
 
-    def horizon(self, estimate: ParameterEstimate) -> float:
+    def horizon(self, estimate: Estimate) -> float:
         """Return the longest stretch in s over which logs are simulated with an estimate.
 
         One that says nothing has that of the logs in which the hand stays away from the upright,
@@ -150,12 +150,12 @@ class Predictor:
             self._horizon = horizon_of(logs, estimate.parameters, self.data.equilibria)
         return self._horizon
 
-    def settled(self, estimate: ParameterEstimate) -> ParameterEstimate:
+    def settled(self, estimate: Estimate) -> Estimate:
         """Return an estimate that says over what horizon these logs are simulated, if any."""
         horizon = self.horizon(estimate)
         return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
 
-    def run(self, number: int, estimate: ParameterEstimate) -> FreeRun:
+    def run(self, number: int, estimate: Estimate) -> FreeRun:
         """Simulate one log, by its number, with an estimate."""
         return self.run_with(number, self.setting(number, estimate))
 
@@ -165,9 +165,7 @@ class Predictor:
         simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
         return FreeRun(log=self.data.logs[number], simulated=simulated, horizon=setting.horizon)
 
-    def fits(
-        self, estimate: ParameterEstimate, numbers: Iterable[int] | None = None
-    ) -> NDArray[np.float64]:
+    def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> NDArray[np.float64]:
         """(n,) FIT in per cent of all logs, or some, with an estimate."""
         chosen = range(len(self.data.logs)) if numbers is None else numbers
         return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.bumps import SPACING
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.regression import Regression
 from butterfly.identification.weak_signals import weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
@@ -118,7 +118,7 @@ class OnlineRecalibration:
         ratios = dict(zip(self._names, self.ratios().tolist(), strict=True))
         return from_ratios(ratios, inertia, self._options.cogging_periods)
 
-    def estimate(self) -> ParameterEstimate:
+    def estimate(self) -> Estimate:
         """Return the current ratios to p1, and how far to trust them.
 
         Raises

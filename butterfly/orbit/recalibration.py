@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.findings import Finding, FindingKind
-from butterfly.identification.judgement.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.regression import Solution
 from butterfly.identification.solved import Solved
 from butterfly.logs.log import Log
@@ -47,7 +47,7 @@ class Recalibration:
         Of a cogging torque.
     """
 
-    estimate: ParameterEstimate
+    estimate: Estimate
     rejected: tuple[str, ...]
     carried: AddedMass | None
     cogging_periods: float
@@ -155,7 +155,7 @@ def recalibrate(
 
 def estimate_of(
     equations: Equations, solution: Solution, method: str, *findings: Finding
-) -> ParameterEstimate:
+) -> Estimate:
     """Judge what equations say, their errors independent between stretches of runs.
 
     Parameters
@@ -172,7 +172,7 @@ def estimate_of(
     """
     solved = Solved.of(equations.regression, solution)
     left_out = _without_each_run(equations)
-    return ParameterEstimate.from_rows(solved, method=method, left_out=left_out, findings=findings)
+    return Estimate.from_rows(solved, method=method, left_out=left_out, findings=findings)
 
 
 def _refuse_singular(equations: Equations) -> None:

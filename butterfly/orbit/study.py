@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.following import judge_fit
+from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.predict import FreeRun, Setting, free_run
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
@@ -62,8 +62,8 @@ class OrbitStudy:
     generic: LumpedParameters
     calibration: Calibration
     held_out: Log
-    estimate: ParameterEstimate
-    small_swings: ParameterEstimate | None
+    estimate: Estimate
+    small_swings: Estimate | None
     errors: dict[str, float]
     amplitudes: tuple[float, ...]
     cross: NDArray[np.float64]
@@ -77,7 +77,7 @@ def study_orbit(
     options: RecalibrationOptions,
     *,
     amplitudes: tuple[float, ...] = (),
-    small_swings: ParameterEstimate | None = None,
+    small_swings: Estimate | None = None,
     rng: np.random.Generator,
     name: str = "orbit",
     description: str = "",

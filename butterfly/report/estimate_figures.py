@@ -9,7 +9,7 @@ import numpy as np
 from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import Identification
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE, add, grams, look, rank_by_fit
@@ -54,7 +54,7 @@ def parameter_figure(rows: Sequence[ParameterRow]) -> Figure:
     return figure
 
 
-def correlation_map(estimate: ParameterEstimate) -> Figure | None:
+def correlation_map(estimate: Estimate) -> Figure | None:
     """Draw how the errors of an estimate's parameters go together; None without a covariance."""
     numbered = len(estimate.names) <= _MOST_NUMBERED
     symbols = [TERMS[name].symbol for name in estimate.names]

@@ -8,11 +8,11 @@ from statistics import median
 
 from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.unit_errors.names import listed, slip_in_words
+from butterfly.identification.diagnostics.verdict import Standing, Verdict
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import Identification
-from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identification.judgement.slips.names import listed, slip_in_words
-from butterfly.identification.judgement.verdict import Standing, Verdict
 from butterfly.identification.physical_formulas import SYMBOLS
 from butterfly.identification.predict import FitSummary
 from butterfly.logs.remarks import Condition
@@ -107,7 +107,7 @@ def _thinned(data: DataSet) -> list[str]:
     return [f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."]
 
 
-def _known(estimate: ParameterEstimate) -> list[str]:
+def _known(estimate: Estimate) -> list[str]:
     """Say what was not found out, but told."""
     told = {**estimate.known.parameters, **estimate.known.physical}
     if not told:
@@ -116,12 +116,12 @@ def _known(estimate: ParameterEstimate) -> list[str]:
     return [f"Known beforehand: {said}."]
 
 
-def sentences(estimate: ParameterEstimate) -> list[str]:
+def sentences(estimate: Estimate) -> list[str]:
     """Say how far to trust an estimate: the verdict, how well each value is known, the rest."""
     return sentences_of(estimate.verdict, estimate.findings, values_of(estimate))
 
 
-def verdict_on(estimate: ParameterEstimate) -> SaidVerdict:
+def verdict_on(estimate: Estimate) -> SaidVerdict:
     """Say what may be done with an estimate, and why not more."""
     return verdict_in_words(estimate.verdict, values_of(estimate))
 
@@ -165,7 +165,7 @@ def finding_said(finding: Finding, values: Values) -> str:
     return _SENTENCES[finding.kind](finding, values)
 
 
-def values_of(estimate: ParameterEstimate) -> dict[str, float]:
+def values_of(estimate: Estimate) -> dict[str, float]:
     """Return the values that sentences speak of, by parameter."""
     return estimate.held | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.other_parameters import best_gain
 from butterfly.identification.predict import Predictor
@@ -35,7 +35,7 @@ class Thesis(Estimator):
         if self.decimation < 1:
             raise InputError(self.method, "decimation", self.decimation, "1 or more")
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
         found = fit_thesis(data.recorded, self.decimation)
         return found.with_gain(best_gain(found.parameters, Predictor(data)))

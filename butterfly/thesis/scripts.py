@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.identifiability import Conditioning
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
@@ -136,7 +136,7 @@ def fit_resonances(
     return values, best.jac / bounds
 
 
-def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEstimate:
+def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     """Resonance of each added mass by (100), then p1, p2, p3 by (102).
 
     p4 is not estimated by the thesis: it is NaN here.
@@ -168,7 +168,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> ParameterEs
     conditioning = Conditioning.of(jacobian, PARAMETERS[:3])
     bounds = zip(PARAMETERS, (p1, p2, p3), UPPER_BOUNDS, strict=False)
     on_bound = tuple(n for n, value, top in bounds if value > 0.999 * top or value < 1e-9 * top)
-    return ParameterEstimate(
+    return Estimate(
         method=METHOD,
         names=PARAMETERS,
         values=values,

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.draws import draw_parameters
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.findings import Ending
+from butterfly.identification.estimate import Estimate
 from butterfly.model.terms import lower_bounds
 from tests.conftest import MASSES
 
@@ -21,7 +21,7 @@ VALUES = np.array([0.003, 1e-3, 0.04, 0.5, 8e-4, 1e-4])
 def estimate_of(values, errors, correlation, left_out=(), reach=1.96):
     covariance = np.outer(errors, errors) * correlation
     candidates = np.array([values, *left_out])
-    return ParameterEstimate(
+    return Estimate(
         method="a test",
         names=NAMES[: len(values)],
         values=values,

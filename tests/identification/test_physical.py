@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
-from butterfly.identification.judgement.findings import Ending
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.friction import Friction
@@ -46,7 +46,7 @@ def _covariance(share):
 
 def _estimate(values, covariance, known=NOTHING, names=NAMES):
     errors = np.sqrt(np.diag(covariance))
-    return ParameterEstimate(
+    return Estimate(
         method="",
         names=names,
         values=np.array(values),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.findings import FindingKind
+from butterfly.identification.diagnostics.findings import FindingKind
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.regression import Regression
 from butterfly.identification.solved import Solved
 
@@ -92,7 +92,7 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
         lower=np.array([-np.inf, 0.0, -np.inf]),
     )
     left_out = {"heavy": np.array([9.0, 0.1])}
-    found = ParameterEstimate.from_rows(solved, method="any", left_out=left_out, shared=2)
+    found = Estimate.from_rows(solved, method="any", left_out=left_out, shared=2)
     assert found.names == ("p1", "coulomb")
     assert found.covariance.shape == (2, 2)
     assert found.lower[1] == 0.0

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.identification.estimators.weak_fit import WeakFit, Windows
-from butterfly.identification.judgement.findings import FindingKind
 from butterfly.identification.predict import Predictor
 from butterfly.identification.weak_signals import HALF_WIDTH, Averaging, Known, weak_signals
 from butterfly.model.known import NOTHING

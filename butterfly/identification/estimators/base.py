@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.model.known import Knowledge, Known
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 
@@ -27,7 +27,7 @@ class Estimator:
     summary: ClassVar[str]
     """What it does, in a few words."""
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Estimate the parameters of the robot that made the logs.
 
         Raises
@@ -54,7 +54,7 @@ class Estimator:
         """Return the estimator that is meant for the logs of a data set: itself."""
         return self
 
-    def roughly(self, data: DataSet) -> ParameterEstimate:
+    def roughly(self, data: DataSet) -> Estimate:
         """Estimate in as little time as may be (see `__call__`).
 
         Without terms, but for a constant torque where no gravity holds against it.
@@ -78,7 +78,7 @@ class Estimator:
             raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
         return self._with(terms=terms)
 
-    def holding_terms_of(self, estimate: ParameterEstimate) -> Self:
+    def holding_terms_of(self, estimate: Estimate) -> Self:
         """Return the estimator with the terms that an estimate of its own has, and no choice."""
         if not hasattr(self, "terms"):
             return self

@@ -31,15 +31,15 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.knowledge import refuse_without_scale
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.describing_fit import DescribingFit
 from butterfly.identification.estimators.describing_terms import DescribingTerms
 from butterfly.identification.estimators.steady_model import ROUGHLY, SteadyModel
 from butterfly.identification.free_run import Trajectory
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.intervals import without_each_mass
-from butterfly.identification.judgement.knowledge import refuse_without_scale
+from butterfly.identification.inference.intervals import without_each_mass
 from butterfly.identification.phasors import Phasors
 from butterfly.identification.reference import Reference
 from butterfly.identification.rest_angles import RestAngles
@@ -82,7 +82,7 @@ class HarmonicBalance(Estimator):
     def __post_init__(self) -> None:
         names_of(self.method, self.terms or ())
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
         require_usable(self.method, data.known)
         numbers, said = steady_sines(data)
@@ -105,15 +105,13 @@ class HarmonicBalance(Estimator):
             points, fit, _NAME, said, reference, chosen=chosen, rest=known, check=self.check
         )
 
-    def roughly(self, data: DataSet) -> ParameterEstimate:
+    def roughly(self, data: DataSet) -> Estimate:
         """Estimate without terms, as far as describing functions go (see `Estimator`)."""
         require_usable(self.method, data.known)
         reference, fit = _begun(data.sines, data.known, PARAMETERS)
         return _judged(data.sines, fit, _NAME, [], reference, check=False)
 
-    def of_points(
-        self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
-    ) -> ParameterEstimate:
+    def of_points(self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
         chosen = DescribingTerms.of(first, self.terms, check=self.check)
@@ -140,13 +138,11 @@ class Linear(Estimator):
 
     summary: ClassVar[str] = "joint complex fit for small swings without friction"
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
         return self.of_points(data.sines, data.known)
 
-    def of_points(
-        self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING
-    ) -> ParameterEstimate:
+    def of_points(self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
         reference, fit = _begun(points, known, LINEAR, small=True)
@@ -178,7 +174,7 @@ def _judged(
     chosen: DescribingTerms | None = None,
     rest: RestAngles | None = None,
     check: bool,
-) -> ParameterEstimate:
+) -> Estimate:
     """Judge a fit, and the bias that the rest angles tell."""
     masses = [point.added_mass for point in points]
     solved = fit.solved if rest is None else fit.solved.beside(rest.solved)
@@ -197,7 +193,7 @@ def _judged(
     besides = np.zeros((len(whole.names), len(whole.names)))
     if rest is not None:
         besides[-1, -1] = rest.variance_by_zeros
-    found = ParameterEstimate.from_rows(
+    found = Estimate.from_rows(
         whole,
         method=method,
         left_out=left_out,

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.divergence import horizon_of
 from butterfly.identification.drift import lasting_horizon
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.ends import Ends
 from butterfly.identification.estimators.equations import Equations
@@ -32,11 +34,9 @@ from butterfly.identification.estimators.free_run_terms import CANDIDATES, FreeR
 from butterfly.identification.estimators.gauss_newton import MOST, Minimum, minimise
 from butterfly.identification.estimators.loss import Loss, outlying
 from butterfly.identification.estimators.starts import Start, starts
-from butterfly.identification.judgement.covariance import FEW, blocks_of
-from butterfly.identification.judgement.findings import Finding, FindingKind
-from butterfly.identification.judgement.intervals import of_few_logs, without_each_mass
-from butterfly.identification.judgement.knowledge import is_driven, refuse_without_scale
-from butterfly.identification.judgement.term_choice import candidates, missing_terms, told_terms
+from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
 from butterfly.identification.reference import Reference
 from butterfly.logs.log import Log
 from butterfly.model.friction import require_periods
@@ -114,7 +114,7 @@ class OutputError(Estimator):
         if self.workers < 0:
             raise InputError(self.method, "workers", self.workers, "0 or more")
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Fit from every closed form's estimate on, and keep the best end (see `Estimator`)."""
         first = starts(data, self.terms)
         calm = data.take(data.calm)
@@ -131,7 +131,7 @@ class OutputError(Estimator):
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
         known: Knowledge = NOTHING,
-    ) -> ParameterEstimate:
+    ) -> Estimate:
         """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
         Parameters
@@ -149,7 +149,7 @@ class OutputError(Estimator):
 
     def of_starts(
         self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
-    ) -> ParameterEstimate:
+    ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses.
 
         Raises
@@ -195,7 +195,7 @@ class OutputError(Estimator):
         left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
         solved = solved_of(problem, end)
-        found = ParameterEstimate.from_rows(
+        found = Estimate.from_rows(
             reference.whole(solved),
             method="output error",
             left_out=left_out,
@@ -216,8 +216,8 @@ class OutputError(Estimator):
         logs: Sequence[Log],
         first: Sequence[Start],
         known: Knowledge,
-        found: ParameterEstimate,
-    ) -> ParameterEstimate:
+        found: Estimate,
+    ) -> Estimate:
         """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
         if not known.weightless(log.added_mass for log in logs):
             return found
@@ -259,7 +259,7 @@ class OutputError(Estimator):
     def _missing(
         self,
         logs: Sequence[Log],
-        found: ParameterEstimate,
+        found: Estimate,
         zeros: Mapping[AddedMass, float],
         variance: float,
     ) -> list[Finding]:

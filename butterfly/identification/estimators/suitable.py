@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.drift import HORIZONS, lasts
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.output_error import OutputError
@@ -66,6 +66,6 @@ class Suitable(Estimator):
         carried = found.parameters.p1 + min(mass.inertia for mass in data.masses)
         return carried > 0 and not lasts(data.logs, found, HORIZONS[-1])
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Estimate as the estimator does that suits the logs (see `Estimator`)."""
         return self.suited(data)(data)

@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 
 from butterfly.errors import require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.instruments import refined, seen
 from butterfly.identification.estimators.weak_fit import Windows
 from butterfly.identification.estimators.weak_terms import WeakTerms
 from butterfly.identification.estimators.zero_errors import zero_covariance
-from butterfly.identification.judgement.covariance import blocks_of, split
-from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identification.judgement.intervals import of_few_logs, without_each_mass
-from butterfly.identification.judgement.knowledge import is_driven, refuse_without_scale
-from butterfly.identification.judgement.term_choice import missing_terms
+from butterfly.identification.inference.covariance import blocks_of, split
+from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.term_choice import missing_terms
 from butterfly.identification.reference import Reference
 from butterfly.identification.weak_signals import HALF_WIDTH, Averaging
 from butterfly.identification.zeros import doubts, reading_of
@@ -82,7 +82,7 @@ class WeakForm(Estimator):
         require_number(self.method, positive=True, unit="s", half_width=self.half_width)
         require_periods(self.method, self.cogging_periods)
 
-    def __call__(self, data: DataSet) -> ParameterEstimate:
+    def __call__(self, data: DataSet) -> Estimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
         zeros = data.equilibria
         uncertain = doubts(data.zeros) if data.hangs else None
@@ -105,7 +105,7 @@ class WeakForm(Estimator):
         zeros: Mapping[AddedMass, float],
         known: Knowledge = NOTHING,
         uncertain: NDArray[np.float64] | None = None,
-    ) -> ParameterEstimate:
+    ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass.
 
         What a log tells of its own zero goes before it.
@@ -149,7 +149,7 @@ class WeakForm(Estimator):
         rivals = [each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else zero_covariance(fit, pairs, uncertain, whole.names)
-        found = ParameterEstimate.from_rows(
+        found = Estimate.from_rows(
             whole,
             method="weak form",
             left_out=left_out,

@@ -10,10 +10,10 @@ import numpy as np
 from butterfly.comparison.leaderboard import Entry
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.misfit import Misfit
+from butterfly.identification.diagnostics.verdict import Standing
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.misfit import Misfit
-from butterfly.identification.judgement.verdict import Standing
 from butterfly.report.misfit import misfit_sentences
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
@@ -32,7 +32,7 @@ def told_comparison(
     estimator: Estimator | None,
     compared: Sequence[ThreeWay],
     misfit: Misfit,
-    found: ParameterEstimate,
+    found: Estimate,
 ) -> Told:
     """Tell logs, each simulated twice with an estimate, and the misfit of the data set."""
     verdict, way = verdict_on(found), data.joint.way

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.estimate import ParameterEstimate
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS
@@ -19,7 +19,7 @@ from butterfly.model.terms import TERMS
 _LARGEST = 1e60  # of any number: squares of such are numbers too
 
 
-def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
+def estimate_content(estimate: Estimate) -> dict[str, Any]:
     """Return all that `estimate_of` needs, as JSON can hold it once NaN is null."""
     return {
         "method": estimate.method,
@@ -43,7 +43,7 @@ def estimate_content(estimate: ParameterEstimate) -> dict[str, Any]:
     }
 
 
-def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
+def estimate_of(content: dict[str, Any]) -> Estimate:
     """Return the estimate of which `estimate_content` told.
 
     Raises
@@ -70,7 +70,7 @@ def estimate_of(content: dict[str, Any]) -> ParameterEstimate:
         raise ValueError("values that are no numbers")
     if (np.diag(covariance) < 0).any():
         raise ValueError("variances below 0")
-    return ParameterEstimate(
+    return Estimate(
         method=str(content["method"]),
         names=names,
         covariance=covariance,

@@ -8,9 +8,9 @@ from typing import Any
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_none
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.findings import Finding
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS
@@ -33,7 +33,7 @@ def data_numbers(data: DataSet) -> dict[str, Any]:
 
 
 def chosen_numbers(
-    estimator: Estimator | None, estimate: ParameterEstimate, label: str = ""
+    estimator: Estimator | None, estimate: Estimate, label: str = ""
 ) -> dict[str, Any]:
     """Return what an estimate was made with: method, terms that it fits, options.
 
@@ -56,7 +56,7 @@ def chosen_numbers(
 
 
 def estimate_numbers(
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     kind: InputKind,
     joint: JointKind,
     *,

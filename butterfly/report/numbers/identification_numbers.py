@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import Identification
 from butterfly.identification.physical import PhysicalParameters
 from butterfly.identification.predict import FitSummary
@@ -93,7 +93,7 @@ def besides_of(identification: Identification) -> dict[str, Any]:
 
 def told_of_parts(
     *,
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     label: str,
     origin: Mapping[str, Any],
     fits: Mapping[str, float],

@@ -9,14 +9,14 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.estimate import ParameterEstimate
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.misfit import Misfit
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import held_out_fits
-from butterfly.identification.judgement.bootstrap import Bootstrap
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.misfit import Misfit
-from butterfly.identification.judgement.term_selection import Structure
-from butterfly.identification.judgement.validation import HeldOut
+from butterfly.identification.inference.bootstrap import Bootstrap
+from butterfly.identification.inference.term_selection import Structure
+from butterfly.identification.inference.validation import HeldOut
 from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.logs.log import Log
 from butterfly.report.numbers.document import Told
@@ -35,7 +35,7 @@ _FIT_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"}
 
 def rests_on(
     data: DataSet,
-    estimate: ParameterEstimate,
+    estimate: Estimate,
     estimator: Estimator | None = None,
     *,
     more: Sequence[Finding] = (),
@@ -52,7 +52,7 @@ def told_validation(
     data: DataSet,
     estimator: Estimator,
     held: HeldOut,
-    whole: ParameterEstimate,
+    whole: Estimate,
     drawn: Bootstrap | None = None,
 ) -> Told:
     """Tell what was held out, beside an estimate from all logs, and intervals by bootstrap."""
@@ -97,7 +97,7 @@ def _refits(held: HeldOut) -> list[dict[str, Any]]:
     ]
 
 
-def _intervals(whole: ParameterEstimate, drawn: Bootstrap) -> dict[str, Any]:
+def _intervals(whole: Estimate, drawn: Bootstrap) -> dict[str, Any]:
     rows = zip(whole.names, drawn.lower.tolist(), drawn.upper.tolist(), strict=True)
     return {name: {"lower": lower, "upper": upper} for name, lower, upper in rows}
 
@@ -105,7 +105,7 @@ def _intervals(whole: ParameterEstimate, drawn: Bootstrap) -> dict[str, Any]:
 def told_residual(
     data: DataSet,
     estimator: Estimator,
-    found: ParameterEstimate,
+    found: Estimate,
     misfit: Misfit,
     said: Sequence[str],
 ) -> Told:
@@ -135,7 +135,7 @@ def told_residual(
 def told_design(
     data: DataSet,
     estimator: Estimator | None,
-    found: ParameterEstimate,
+    found: Estimate,
     ranked: Sequence[Candidate],
 ) -> Told:
     """Tell candidates: standard errors after each, over those now."""
@@ -166,7 +166,7 @@ def told_selection(
     estimator: Estimator,
     candidates: Sequence[str],
     passed: Sequence[Structure],
-    found: ParameterEstimate,
+    found: Estimate,
 ) -> Told:
     """Tell the sets of terms that were passed through, the last being the one that is chosen."""
     judged = verdict_on(found)
