@@ -17,8 +17,8 @@ from butterfly.errors import InputError
 from butterfly.experiment.estimator_spec import make_estimator
 from butterfly.experiment.methods import DEFAULT_METHOD
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulation import data_set_of, write_logs
 from butterfly.experiment.simulation import simulate as simulated_logs
-from butterfly.experiment.simulation import write_logs
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.misfit import judge_misfit
@@ -99,7 +99,7 @@ def simulate(experiment: Named | Experiment, *, out: Named | None = None) -> Dat
     logs = list(simulated_logs(plan))
     if out is not None:
         return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
-    return DataSet.of(logs, name=plan.name, description=plan.description)
+    return data_set_of(plan, logs)
 
 
 def validate(

@@ -262,7 +262,10 @@ class Experiment(StrictModel):
     def _possible(self) -> Experiment:
         Knowledge.told(self.known)
         self.plant.clock.count(self.duration)
-        if any(mass.effect != replace(mass, gravity=GRAVITY).effect for mass in self.added_masses):
+        if any(
+            mass.inertia_and_moment != replace(mass, gravity=GRAVITY).inertia_and_moment
+            for mass in self.added_masses
+        ):
             raise ValueError("added masses on a hinge under 9.81 m/s², as the simulators have it")
         return self
 

@@ -307,7 +307,7 @@ def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
     known = implied(told, first.input_kind, first.added_mass.joint)
-    return beside_masses(known, {log.added_mass for log in logs})
+    return beside_masses(known, [log.added_mass for log in logs])
 
 
 def turns_over(log: Log, zero: float) -> bool:

@@ -129,6 +129,21 @@ def sines():
     return DataSet.of(steady(ROBOT, SWINGS))
 
 
+def test_a_mass_in_two_spellings_is_left_out_as_one(sines):
+    def spelt(mass):
+        return replace(mass, mass=(1 + 1e-12) * mass.mass, mass_uncertainty=1e-12 * bool(mass.mass))
+
+    logs = [
+        replace(log, added_mass=spelt(log.added_mass)) if k % 2 else log
+        for k, log in enumerate(sines.logs)
+    ]
+    once, twice = (HarmonicBalance(terms=())(DataSet.of(each)) for each in (sines.logs, logs))
+    assert len(DataSet.of(logs).masses) == len(MASSES)
+    for limits in ("lower", "upper"):
+        expected = getattr(once, limits)
+        np.testing.assert_allclose(getattr(twice, limits), expected, rtol=1e-6)
+
+
 def _kinds(found):
     return {each.kind for each in found.findings} & {FindingKind.UNCHECKED, FindingKind.FEW_MASSES}
 

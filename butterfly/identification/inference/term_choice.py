@@ -105,7 +105,7 @@ def candidates(
     or where p3 is known and no second mass tells it from a turn of the encoder.
     """
     carried = list(masses)
-    effects = {mass.effect for mass in carried}
+    effects = {mass.inertia_and_moment for mass in carried}
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
     if len(effects) < _LEAST_FOLDS:
         lost.add("load")
