@@ -296,10 +296,6 @@ class OutputError(Estimator):
         end = self.descend(problem, problem.initial)
         return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
 
-    def holding(self, name: str) -> OutputError:
-        """Return the estimator with a parameter held at the start's value."""
-        return replace(self, fixed=(*self.fixed, name))
-
     def problem(
         self,
         logs: Sequence[Log],

@@ -274,7 +274,7 @@ def _excess_over_none(trial: _Trial) -> bool:
 def _as_good(trial: _Trial, best: _Trial) -> bool:
     """Whether a set of terms predicts as well as the best, but for a standard error."""
     worse = trial.errors - best.errors
-    error = float(np.std(worse, ddof=1)) / worse.size**0.5
+    error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
     slack = max(best.nested.slack * error, best.nested.negligible)
     return bool(worse.mean() <= slack)
 
