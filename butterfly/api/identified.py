@@ -21,11 +21,11 @@ from butterfly.api.usable import require_possible
 from butterfly.errors import InputError
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification, simulated
-from butterfly.identification.judgement.slips.names import listed
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest

@@ -11,9 +11,9 @@ import numpy as np
 
 from butterfly.api.drawn import Drawn
 from butterfly.api.tabulated import Tabulated
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.judgement.verdict import Standing
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.residual_torque import ResidualTorque, residual_torques
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.judgement.residual_torque import ResidualTorque, residual_torques
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint

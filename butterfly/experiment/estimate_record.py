@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from pydantic import computed_field
 
+from butterfly.identification.diagnostics.findings import Ending, Finding
+from butterfly.identification.diagnostics.verdict import Standing, Verdict
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.judgement.findings import Ending, Finding
-from butterfly.identification.judgement.verdict import Standing, Verdict
 from butterfly.model.parameters import LumpedParameters
 
 

@@ -24,7 +24,7 @@ from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.splits import Split
+from butterfly.identification.inference.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Told
 from butterfly.model.friction import Friction
@@ -156,7 +156,7 @@ class ValidationSpec(StrictModel):
     Parameters
     ----------
     split
-        What is left out together (see `butterfly.identification.judgement.splits.divide`).
+        What is left out together (see `butterfly.identification.inference.splits.divide`).
     folds
         How many, of frequency, log and time.
     """
@@ -262,7 +262,10 @@ class Experiment(StrictModel):
     def _possible(self) -> Experiment:
         Knowledge.told(self.known)
         self.plant.clock.count(self.duration)
-        if any(mass.effect != replace(mass, gravity=GRAVITY).effect for mass in self.added_masses):
+        if any(
+            mass.inertia_and_moment != replace(mass, gravity=GRAVITY).inertia_and_moment
+            for mass in self.added_masses
+        ):
             raise ValueError("added masses on a hinge under 9.81 m/s², as the simulators have it")
         return self
 

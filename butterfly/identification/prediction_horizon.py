@@ -16,13 +16,13 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.diagnostics.sensor_errors import encoder_step
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.sensor_errors import encoder_step
 from butterfly.identification.segments import simulation_of
 from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.resample import uniform_grid
+from butterfly.signals.spectrum import uniform_grid
 
 Samples = NDArray[np.float64]
 

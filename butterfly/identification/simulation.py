@@ -16,8 +16,8 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters, compressed
 from butterfly.model.sensitivities import Columns, Readings, differentiate
 from butterfly.signals import hermite, hold
-from butterfly.signals.resample import uniform_grid
 from butterfly.signals.sine_fit import sine_basis, with_transient
+from butterfly.signals.spectrum import uniform_grid
 from butterfly.signals.window import STEADY_SECONDS, steady_span
 
 Samples = NDArray[np.float64]

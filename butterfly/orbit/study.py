@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.diagnostics.following import judge_fit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.judgement.following import judge_fit
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters

@@ -18,10 +18,10 @@ from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.judgement.findings import Ending
-from butterfly.identification.judgement.misfit import judge_misfit
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions

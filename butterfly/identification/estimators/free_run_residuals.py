@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.identification.estimators.equations import Equations, LogEquations
 from butterfly.identification.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
-from butterfly.identification.judgement.covariance import FEW
+from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.prior import Prior
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
