@@ -21,10 +21,10 @@ from butterfly.api.usable import require_possible
 from butterfly.errors import InputError
 from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import Identification, simulated
-from butterfly.identification.judgement.slips.names import listed
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import InputKind

@@ -11,8 +11,8 @@ import numpy as np
 
 from butterfly.api.drawn import Drawn
 from butterfly.api.tabulated import Tabulated
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.verdict import Standing
 from butterfly.identification.predict import FitSummary
 from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.numbers.estimate_numbers import estimate_numbers

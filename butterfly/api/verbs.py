@@ -17,17 +17,17 @@ from butterfly.errors import InputError
 from butterfly.experiment.estimator_spec import make_estimator
 from butterfly.experiment.methods import DEFAULT_METHOD
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulation import data_set_of, write_logs
 from butterfly.experiment.simulation import simulate as simulated_logs
-from butterfly.experiment.simulation import write_logs
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.design import next_experiments
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.identification import judged
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
@@ -98,7 +98,7 @@ def simulate(experiment: Named | Experiment, *, out: Named | None = None) -> Dat
     logs = list(simulated_logs(plan))
     if out is not None:
         return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
-    return DataSet.of(logs, name=plan.name, description=plan.description)
+    return data_set_of(plan, logs)
 
 
 def validate(

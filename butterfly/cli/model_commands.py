@@ -32,7 +32,7 @@ from butterfly.resources import locate
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from butterfly.identification.judgement.verdict import Standing
+    from butterfly.identification.diagnostics.verdict import Standing
     from butterfly.logs.log import InputKind
     from butterfly.plant.robot import Robot
     from butterfly.report.numbers.document import Told

@@ -11,8 +11,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import estimated, judge
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
@@ -69,7 +69,7 @@ def leaderboard(
     estimators
         Told what they are to be told.
     split
-        What is left out together (see `butterfly.identification.judgement.splits.divide`).
+        What is left out together (see `butterfly.identification.inference.splits.divide`).
     track
         Shows progress.
     """

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.residual_torque import ResidualTorque, residual_torques
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.residual_torque import ResidualTorque, residual_torques
 from butterfly.identification.predict import FreeRun, Predictor
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters

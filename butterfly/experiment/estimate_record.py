@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from pydantic import computed_field
 
+from butterfly.identification.diagnostics.findings import Ending, Finding
+from butterfly.identification.diagnostics.verdict import Standing, Verdict
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Ending, Finding
-from butterfly.identification.judgement.verdict import Standing, Verdict
 from butterfly.identification.predict import FitSummary
 from butterfly.model.parameters import LumpedParameters
 

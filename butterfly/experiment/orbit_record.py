@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_none
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.orbit.study import OrbitStudy
 
 

@@ -18,7 +18,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit_record import OrbitRecord
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.verdict import Standing
 
 SCHEMA = 3
 """Of the records; one with another number counts as none."""

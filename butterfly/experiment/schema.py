@@ -23,7 +23,7 @@ from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.splits import Split
+from butterfly.identification.inference.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Told
 from butterfly.model.friction import Friction
@@ -154,7 +154,7 @@ class ValidationSpec(StrictModel):
     Parameters
     ----------
     split
-        What is left out together (see `butterfly.identification.judgement.splits.divide`).
+        What is left out together (see `butterfly.identification.inference.splits.divide`).
     folds
         How many, of frequency, log and time.
     """

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identification.diagnostics.knowledge import is_driven
+from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_refused, slips_of_still
+from butterfly.identification.diagnostics.unit_errors.names import with_slips
 from butterfly.identification.implied import beside_masses, implied
-from butterfly.identification.judgement.knowledge import is_driven
-from butterfly.identification.judgement.slips.inputs import slips_of_refused, slips_of_still
-from butterfly.identification.judgement.slips.names import with_slips
 from butterfly.identification.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names
@@ -307,7 +307,7 @@ def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
     known = implied(told, first.input_kind, first.added_mass.joint)
-    return beside_masses(known, {log.added_mass for log in logs})
+    return beside_masses(known, [log.added_mass for log in logs])
 
 
 def turns_over(log: Log, zero: float) -> bool:

@@ -166,7 +166,7 @@ def next_experiments(
 def masses_at_hand(data: DataSet) -> list[AddedMass]:
     """Return the added masses of a data set, and none; those that load alike count once."""
     bare = AddedMass(joint=data.joint, gravity=data.logs[0].added_mass.gravity)
-    return sorted({mass.effect: mass for mass in (bare, *data.masses)}.values())
+    return sorted({mass.inertia_and_moment: mass for mass in (bare, *data.masses)}.values())
 
 
 def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list[_Input]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.intervals import SPREADS, widened
+from butterfly.identification.inference.intervals import SPREADS, widened
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
 

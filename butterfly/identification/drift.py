@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from butterfly.identification.diagnostics.sensor_errors import encoder_step
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.sensor_errors import encoder_step
 from butterfly.identification.segments import simulation
 from butterfly.logs.log import Log
 

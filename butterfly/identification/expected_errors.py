@@ -91,5 +91,7 @@ def left_over(data: DataSet, estimate: Estimate) -> list[LeftOver]:
 
 def donors(found: Sequence[LeftOver], mass: AddedMass) -> list[LeftOver]:
     """Return the logs with other added masses than one; all if there are none."""
-    others = [each for each in found if each.log.added_mass.effect != mass.effect]
+    others = [
+        each for each in found if each.log.added_mass.inertia_and_moment != mass.inertia_and_moment
+    ]
     return others or list(found)

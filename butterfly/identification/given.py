@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.identification.diagnostics.physics import is_possible, judge_physics
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.following import judge_fit
-from butterfly.identification.judgement.physics import is_possible, judge_physics
 from butterfly.identification.other_parameters import best_gain, told_parameters
 from butterfly.identification.predict import Predictor
 from butterfly.model.known import Knowledge, Known

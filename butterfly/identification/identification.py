@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, Suitable
-from butterfly.identification.judgement.contradictions import judge_knowledge
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.following import judge_fit, judge_held_out
-from butterfly.identification.judgement.input_kind import judge_input
-from butterfly.identification.judgement.misfit import Misfit, judge_misfit
-from butterfly.identification.judgement.physics import judge_physics
-from butterfly.identification.judgement.slips.names import with_slips
-from butterfly.identification.judgement.slips.search import (
+from butterfly.identification.diagnostics.contradictions import judge_knowledge
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.following import judge_fit, judge_held_out
+from butterfly.identification.diagnostics.input_kind import judge_input
+from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
+from butterfly.identification.diagnostics.physics import judge_physics
+from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.diagnostics.unit_errors.search import (
     find_slips,
     find_slips_of_clock,
     find_slips_of_refused,
 )
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.other_parameters import OtherParameters, try_parameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.identification.predict import FitSummary, FreeRun, Predictor

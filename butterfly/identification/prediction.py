@@ -3,7 +3,7 @@
 The band of the parameters holds the motion of the model, with whatever parameters the estimate
 leaves open. The band of a new log holds a recording: to each draw of the parameters come the errors
 of a log that the model has not seen (see `expected_errors`). Both are pointwise,
-at `butterfly.identification.judgement.intervals.CONFIDENCE`.
+at `butterfly.identification.inference.intervals.CONFIDENCE`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.expected_errors import LeftOver, donors
 from butterfly.identification.free_run import Trajectory
-from butterfly.identification.judgement.intervals import CONFIDENCE
+from butterfly.identification.inference.intervals import CONFIDENCE
 from butterfly.identification.predict import FreeRun, Setting, free_run
 from butterfly.identification.segments import Segments
 from butterfly.logs.log import Log

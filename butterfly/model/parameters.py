@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TypeVar
+from functools import cached_property, total_ordering
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,9 +147,15 @@ class JointKind(StrEnum):
         return "m" if self is JointKind.SLIDE else "rad"
 
 
-@dataclass(frozen=True, kw_only=True, order=True)
+def rounded(value: float) -> float:
+    """Return a mass or an arm to the six digits by which equal ones are grouped, and printed."""
+    return float(f"{value:g}")
+
+
+@total_ordering
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AddedMass:
-    """A point mass screwed to the hand.
+    """A point mass screwed to the hand; equal to others by its `key`, whatever is uncertain of it.
 
     Parameters
     ----------
@@ -181,6 +188,20 @@ class AddedMass:
             for name in lengths:
                 object.__setattr__(self, name, 0.0)
 
+    @cached_property
+    def key(self) -> tuple[float, float, float, JointKind]:
+        """Mass, arm and gravity, rounded, and the joint: the same in every spelling of one mass."""
+        return rounded(self.mass), rounded(self.arm), rounded(self.gravity), self.joint
+
+    def __eq__(self, other: object) -> bool:
+        return self.key == other.key if isinstance(other, AddedMass) else NotImplemented
+
+    def __lt__(self, other: Any) -> bool:  # noqa: ANN401 - whatever is compared
+        return self.key < other.key if isinstance(other, AddedMass) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
     @property
     def inertia(self) -> float:
         """Z = m_a l_a^2 in kg m^2 (81); on a slide m_a in kg."""
@@ -197,9 +218,11 @@ class AddedMass:
         return self.mass * self.gravity * self.arm
 
     @property
-    def effect(self) -> tuple[float, float]:
-        """Z and X (81), all that the motion tells of it but for friction by its weight."""
-        return self.inertia, self.gravity_moment
+    def inertia_and_moment(self) -> tuple[float, float]:
+        """Z and X (81) of the `key`: what motion shows of it, friction by its weight aside."""
+        mass, arm, gravity, joint = self.key
+        inertia = mass if joint is JointKind.SLIDE else mass * arm**2
+        return rounded(inertia), rounded(mass * gravity * arm)
 
     def __str__(self) -> str:
         if not self.mass:

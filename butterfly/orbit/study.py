@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.diagnostics.following import judge_fit
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.following import judge_fit
 from butterfly.identification.predict import FreeRun, Setting, free_run
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit

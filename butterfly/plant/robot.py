@@ -80,7 +80,7 @@ class Robot:
             weight relieves the bearing of more friction than there is.
         """
         mounted = replace(added, gravity=GRAVITY, joint=JointKind.HINGE)
-        if added.effect != mounted.effect:
+        if added.inertia_and_moment != mounted.inertia_and_moment:
             found = f"{added} on a {added.joint} under {added.gravity:g} m/s²"
             expected = f"masses on a hinge under {GRAVITY} m/s², which the simulators have"
             raise InputError("Robot", "added_masses", found, expected)

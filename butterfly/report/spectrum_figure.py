@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
 
-from butterfly.identification.judgement.misfit import LogMisfit
+from butterfly.identification.diagnostics.misfit import LogMisfit
 from butterfly.identification.predict import FreeRun
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.series import Series, packable

@@ -37,7 +37,11 @@ def measured_response(
     InputError
         If nothing was.
     """
-    taken = [point for point in points if point.added_mass.effect == added_mass.effect]
+    taken = [
+        point
+        for point in points
+        if point.added_mass.inertia_and_moment == added_mass.inertia_and_moment
+    ]
     if not taken:
         raise InputError(
             "measured response", "added mass", added_mass, "one that sines were logged with"

@@ -40,7 +40,7 @@ class _Data:
 
     @classmethod
     def of(cls, resonances: Mapping[AddedMass, Resonance]) -> _Data:
-        if len({mass.effect for mass in resonances}) < 2:  # noqa: PLR2004
+        if len({mass.inertia_and_moment for mass in resonances}) < 2:  # noqa: PLR2004
             raise IdentifiabilityError(
                 "resonances of fewer than two added masses leave p1, p3 open"
             )

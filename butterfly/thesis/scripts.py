@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.identifiability import Conditioning
+from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS

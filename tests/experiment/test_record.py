@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
 from butterfly.experiment.record import PlannedRun, RunRecord, SweepRecord
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identification.predict import FitSummary
 
 PARAMETER = ParameterRecord(

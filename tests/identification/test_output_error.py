@@ -5,8 +5,8 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
-from butterfly.identification.judgement.findings import Ending
 from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import Trajectory
 from butterfly.identification.identification import identify
-from butterfly.identification.judgement.misfit import judge_misfit
 from butterfly.identification.predict import Predictor, Setting, free_run
 from butterfly.identification.segments import Segments, simulation
 from butterfly.logs.log import Log

@@ -10,11 +10,11 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.dwell import rest_readings
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.owned_keys import columns_of, known_zeros, owned_keys
 from butterfly.identification.estimators.starts import starts
-from butterfly.identification.judgement.findings import FindingKind
 from butterfly.identification.predict import Predictor
 from butterfly.identification.zero_fit import fitted_zero
 from butterfly.identification.zeros import ZeroKind, doubts, near

@@ -18,9 +18,9 @@ from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import HarmonicBalance, Linear
-from butterfly.identification.judgement.findings import Ending
-from butterfly.identification.judgement.misfit import judge_misfit
 from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass

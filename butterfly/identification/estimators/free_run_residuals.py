@@ -13,7 +13,7 @@ from butterfly.errors import InputError
 from butterfly.identification.estimators.equations import Equations, LogEquations
 from butterfly.identification.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
 from butterfly.identification.free_run import Trajectory
-from butterfly.identification.judgement.covariance import FEW
+from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.prior import Prior
 from butterfly.identification.segments import Segments, simulation
 from butterfly.identification.zeros import reading_of

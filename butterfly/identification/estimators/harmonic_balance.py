@@ -31,15 +31,15 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.knowledge import refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.describing_fit import DescribingFit
 from butterfly.identification.estimators.describing_terms import DescribingTerms
 from butterfly.identification.estimators.steady_model import ROUGHLY, SteadyModel
 from butterfly.identification.free_run import Trajectory
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.intervals import without_each_mass
-from butterfly.identification.judgement.knowledge import refuse_without_scale
+from butterfly.identification.inference.intervals import without_each_mass
 from butterfly.identification.phasors import Phasors
 from butterfly.identification.reference import Reference
 from butterfly.identification.rest_angles import RestAngles

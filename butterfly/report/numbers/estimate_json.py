@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS

@@ -8,9 +8,9 @@ from typing import Any
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_none
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.findings import Finding
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS, TERMS

@@ -9,14 +9,14 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import held_out_fits
-from butterfly.identification.judgement.bootstrap import Bootstrap
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.misfit import Misfit
-from butterfly.identification.judgement.term_selection import Structure
-from butterfly.identification.judgement.validation import HeldOut
+from butterfly.identification.inference.bootstrap import Bootstrap
+from butterfly.identification.inference.term_selection import Structure
+from butterfly.identification.inference.validation import HeldOut
 from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.logs.log import Log
 from butterfly.report.numbers.document import Told
