@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.resample import uniform_grid
+from butterfly.signals.spectrum import uniform_grid
 
 Samples = NDArray[np.float64]
 

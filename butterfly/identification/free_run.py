@@ -16,7 +16,7 @@ from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters, compressed
 from butterfly.model.sensitivities import Columns, Readings, differentiate
 from butterfly.signals import hermite, hold
-from butterfly.signals.resample import uniform_grid
+from butterfly.signals.spectrum import uniform_grid
 
 Samples = NDArray[np.float64]
 

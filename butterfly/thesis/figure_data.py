@@ -16,8 +16,7 @@ from butterfly.model.discrete import HeldSystem
 from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.resources import shipped
-from butterfly.signals.periodogram import periodogram
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 from butterfly.thesis.scripts import scripted_amplitude
 from butterfly.thesis.synthetic import Synthetic, synthetic_log
 from butterfly.thesis.tables import (

@@ -22,8 +22,7 @@ from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
-from butterfly.signals.periodogram import periodogram
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 
 METHOD = "thesis"
 
