@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from butterfly.identification.diagnostics.findings import Ending
 
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import PERIODS, beside_orbit, study_orbit
 from butterfly.report.numbers.orbit_numbers import told_orbit
