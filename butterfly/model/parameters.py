@@ -300,14 +300,11 @@ def compressed(inputs: _Inputs, compression: float) -> _Inputs:
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:
     """Find a hand of a given mass in kg that moves as ``parameters`` say, by (6) read backwards.
 
-    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay
-    is left out.
+    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay is
+    left out.
 
-    Raises
-    ------
-    InputError
-        If no such hand exists: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would not be
-        positive, or a friction is negative.
+    An InputError if there is no such hand: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would
+    not be positive, or a friction is negative.
     """
     if not mass > 0:
         raise InputError("Hand", "mass", mass, "a positive number of kg")
