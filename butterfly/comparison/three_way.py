@@ -16,7 +16,7 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.replay import replay_input
-from butterfly.plant.twin import MASS, carrying_twin
+from butterfly.plant.twin import carrying_twin
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import response_point
 
@@ -66,7 +66,7 @@ def compare_three(
     estimate: Estimate,
     numbers: Sequence[int],
     *,
-    mass: float = MASS,
+    mass: float | None = None,
     track: Track = untracked,
 ) -> list[ThreeWay]:
     """Simulate logs of a data set in MuJoCo and by the grey-box equation, from rest.
@@ -80,7 +80,7 @@ def compare_three(
     numbers
         Of the logs.
     mass
-        Of the hand in kg, for MuJoCo; the motion does not tell it.
+        Of the hand in kg, for MuJoCo; see `butterfly.plant.twin.twin`.
     track
         Shows progress.
 

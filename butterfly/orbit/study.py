@@ -24,6 +24,7 @@ PERIODS = 5
 
 _BESIDE = 1.08  # amplitude over the orbit's, at which a held-out run starts
 _DITHER = 0.2  # of a held-out run
+_HANGING = 1e-3  # rad, of a swing as long as that of a hand that begins where it hangs
 _AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its calibration start
 
 
@@ -155,7 +156,7 @@ def beside_orbit(
     periods
         How many of the swing from the first sample to compare.
     """
-    start = abs(float(log.angle[0]) - zero)
+    start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
