@@ -24,7 +24,7 @@ from butterfly.experiment.reading import Source
 from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.experiment.record import FAILED, OK, RunRecord
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import file_of, write_logs
+from butterfly.experiment.simulation import data_set_of, file_of, write_logs
 from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
@@ -125,7 +125,7 @@ def simulate(
     logs = list(simulated_logs(plan, track=track))
     if out is not None:
         return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
-    return DataSet.of(logs, name=plan.name, description=plan.description)
+    return data_set_of(plan, logs)
 
 
 def run(

@@ -54,6 +54,7 @@ class NamedRobot:
     input_kind: InputKind
     command: Mapping[str, float]
     verdict: SaidVerdict | None = None
+    note: str = ""
     besides: dict[str, Any] = field(default_factory=dict)
 
 
@@ -61,7 +62,7 @@ def inspect(
     source: Named,
     *,
     logs: Sequence[int] | None = None,
-    hand_mass: float = MASS,
+    hand_mass: float | None = None,
     added_mass: float = 0.0,
     track: Track = untracked,
     **description: Any,  # noqa: ANN401 - what `read` takes
@@ -76,7 +77,8 @@ def inspect(
     logs
         Numbers of the logs to look at; all if not given.
     hand_mass, added_mass
-        Mass in kg of an identified hand, and of what the robot carries.
+        Mass in kg of an identified hand, on which its motion does not depend (a possible one is
+        taken if it is not given), and of what the robot carries.
     track
         Shows progress.
     description
@@ -112,7 +114,7 @@ def inspect(
 def robot_of(
     source: Named,
     *,
-    hand_mass: float = MASS,
+    hand_mass: float | None = None,
     added_mass: float = 0.0,
     arm: float | None = None,
 ) -> NamedRobot:
@@ -144,7 +146,7 @@ def robot_of(
     return _twin(result, carried, hand_mass)
 
 
-def _twin(result: Identified, carried: AddedMass, mass: float) -> NamedRobot:
+def _twin(result: Identified, carried: AddedMass, mass: float | None) -> NamedRobot:
     """Return the simulated robot that moves as an identified one."""
     about, found = result.origin, result.estimate
     joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])
@@ -153,7 +155,12 @@ def _twin(result: Identified, carried: AddedMass, mass: float) -> NamedRobot:
     verdict = require_possible(found)
     carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
     robot, rest = carrying_twin(found.parameters, carried, mass)
-    document = result.to_dict()
+    document, note = result.to_dict(), ""
+    if mass is None and robot.hand.mass > MASS + carried.mass:
+        note = (
+            f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of {MASS:g} kg "
+            "can have its p1 and p3, and the motion does not depend on it."
+        )
     return NamedRobot(
         name=about["name"],
         robot=robot,
@@ -161,6 +168,7 @@ def _twin(result: Identified, carried: AddedMass, mass: float) -> NamedRobot:
         input_kind=kind,
         command=command_of(found.parameters),
         verdict=verdict,
+        note=note,
         besides={
             "data": document["data"],
             "chosen": document["chosen"],
@@ -193,6 +201,8 @@ def _robot_model(named: NamedRobot) -> RobotModel:
         verdict=named.verdict,
         besides=named.besides,
     )
+    if named.note:
+        told = replace(told, summary=(*told.summary, named.note))
     return RobotModel(content=told, printed=(TextTable("", (), [*rows.items()]),))
 
 

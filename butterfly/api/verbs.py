@@ -33,16 +33,15 @@ from butterfly.identification.diagnostics.residual_torque import residual_torque
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import held_out_fits, judged
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.inference.bootstrap import Bootstrap, bootstrap
 from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.term_selection import select_terms
 from butterfly.identification.inference.validation import HeldOut, hold_out
 from butterfly.identification.other_parameters import told_parameters
-from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
-from butterfly.plant.twin import MASS
 from butterfly.progress import Track, untracked
 from butterfly.report.chosen_terms import selection_page, structures_table
 from butterfly.report.leaderboard import leaderboard_page
@@ -62,6 +61,8 @@ Method = str | Estimator
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that `select` chooses from if none are named."""
+
+_WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
 
 def identify(
@@ -297,7 +298,7 @@ def compare(
     method: Method | None = None,
     *,
     logs: Sequence[int] | None = None,
-    mass: float = MASS,
+    mass: float | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
@@ -311,7 +312,8 @@ def compare(
     logs
         Numbers of the logs; all if not given.
     mass
-        Of the hand in kg, for MuJoCo; the motion does not tell it.
+        Of the hand in kg, for MuJoCo; the motion does not depend on it, and a possible one is taken
+        if it is not given.
 
     Raises
     ------
@@ -322,12 +324,12 @@ def compare(
     UnusableError
         If no joint has those that were found.
     """
-    if not isinstance(mass, Real):
+    if not isinstance(mass, Real | None):
         raise InputError("compare", "mass", mass, "a number of kg")
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)
     require_possible(found)
     numbers = numbers_of_logs("compare", logs, len(whole.logs))
-    compared = compare_three(whole, found, numbers, mass=float(mass), track=track)
+    compared = compare_three(whole, found, numbers, mass=mass, track=track)
     return Compared.of(whole, estimator, compared, judge_misfit(whole, found), found)
 
 
@@ -409,15 +411,18 @@ def _estimated(
 def _validation_tables(
     data: DataSet, held: HeldOut, whole: Estimate, drawn: Bootstrap | None
 ) -> tuple[TextTable, ...]:
-    predictor = Predictor(data)
-    seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
-    fits = {"in sample": seen, held.division.left_out: held.summary}
+    fits = {"in sample": data.simulations.fits(whole), held.division.left_out: held.fits}
     if unused := held_out_fits(data, whole):
-        fits["held out by name"] = FitSummary.of(np.array(list(unused.values())))
-    rows = [
-        (name, *(f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst)))
-        for name, fit in fits.items()
-    ]
+        fits["held out by name"] = np.array(list(unused.values()))
+    horizon = data.simulations.horizon(whole)
+    rows = []
+    for name, each in fits.items():
+        fit, counted = FitSummary.of(each, horizon), each[~np.isnan(each)]
+        above = f"{int(np.sum(counted > _WELL))} of {counted.size}"
+        numbers = (f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst))
+        rows.append((name, *numbers, above))
+    headers = ("", "median", "mean", "worst", f"above {_WELL} %")
+    over = FitSummary.of(fits["in sample"], horizon).over
     estimates = {"nothing": whole, **held.estimates}
     names = dict.fromkeys(name for each in estimates.values() for name in each.names)
     found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
@@ -431,14 +436,14 @@ def _validation_tables(
         for name in names
     ]
     tables = [
-        TextTable(f"{data.name}: FIT in %{seen.over}", ("", "median", "mean", "worst"), rows),
+        TextTable(f"{data.name}: FIT in %{over}", headers, rows),
         TextTable("Estimates, by what was left out", ("", *estimates, "unit"), values),
     ]
     if drawn is not None:
         lines = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
         drawn_rows = [(n, *(f"{each:.4g}" for each in own), units[n]) for n, *own in lines]
-        headers = ("", "estimate", "lower", "upper", "unit")
-        tables.append(TextTable("95 % intervals by bootstrap over logs", headers, drawn_rows))
+        titles = ("", "estimate", "lower", "upper", "unit")
+        tables.append(TextTable("95 % intervals by bootstrap over logs", titles, drawn_rows))
     return tuple(tables)
 
 

@@ -15,7 +15,7 @@ from butterfly.identification.prior import Prior
 from butterfly.identification.solved import Solved
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
-from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.parameters import AddedMass, JointKind, rounded
 from butterfly.model.terms import GROWING
 
 Samples = NDArray[np.float64]
@@ -96,7 +96,7 @@ def scale_apart(
     names = list(solved.names)
     loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}
     lost = any(any(load) and name not in names for name, load in loads.items())
-    if not told or lost or len({mass.effect for mass in masses}) <= 1:
+    if not told or lost or len({mass.inertia_and_moment for mass in masses}) <= 1:
         return []
     grown = np.tile(np.where([n in GROWING for n in names], solved.values, 0.0), (len(masses), 1))
     for name in set(loads) & set(names):
@@ -172,10 +172,14 @@ def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
     found = []
     if added.mass_uncertainty and added.mass:
         share = added.mass_uncertainty / added.mass
-        found.append((("mass", added.mass), share * added.inertia, share * added.gravity_moment))
+        found.append(
+            (("mass", rounded(added.mass)), share * added.inertia, share * added.gravity_moment)
+        )
     if added.arm_uncertainty and added.arm:
         share = added.arm_uncertainty / added.arm
-        found.append((("arm", added.arm), 2 * share * added.inertia, share * added.gravity_moment))
+        found.append(
+            (("arm", rounded(added.arm)), 2 * share * added.inertia, share * added.gravity_moment)
+        )
     return found
 
 
@@ -208,7 +212,7 @@ def refuse_without_scale(
         )
     carried = sorted(set(masses))
     scale = [name for name in known.scale if driven or name != "p4"]
-    if scale or len({mass.effect for mass in carried}) > 1:
+    if scale or len({mass.inertia_and_moment for mass in carried}) > 1:
         return
     what = "the same added mass" if carried[0].mass else "no added mass"
     raise IdentifiabilityError(

@@ -74,7 +74,9 @@ def _drives(estimate: Estimate, mass: AddedMass) -> bool:
     weights[estimate.names.index("load")] = mass.weight
     error = float(np.sqrt(max(weights @ estimate.covariance @ weights, 0.0)))
     level = estimate.parameters.with_added_mass(mass).level(0.0)
-    return bool(level < -_CLEARLY * stdtrit(len(estimate.names), 0.5 + CONFIDENCE / 2) * error)
+    # Of a sum no degrees of freedom are known; it has hardly fewer than the least of its parts.
+    freedom = np.inf if estimate.freedom is None else estimate.freedom[weights != 0].min()
+    return bool(level < -_CLEARLY * stdtrit(freedom, 0.5 + CONFIDENCE / 2) * error)
 
 
 def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:

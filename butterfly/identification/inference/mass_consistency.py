@@ -126,6 +126,6 @@ def _suspects(masses: Sequence[AddedMass]) -> list[tuple[AddedMass, tuple[int, .
     for number, mass in enumerate(masses):
         own.setdefault(mass, []).append(number)
     single = [(masses[k], (k,)) for group in own.values() if len(group) > 1 for k in group]
-    enough = len({mass.effect for mass in own}) >= _LEAST_MASSES
+    enough = len({mass.inertia_and_moment for mass in own}) >= _LEAST_MASSES
     whole = [(mass, tuple(group)) for mass, group in own.items()] if enough else []
     return [*whole, *single]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from numbers import Integral
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.cut import pieces_beside
@@ -106,8 +107,9 @@ def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -
     IdentifiabilityError
         If the logs are all of one part; the message names a split that suits them.
     """
-    if folds is not None and (split is Split.MASS or folds < 2):  # noqa: PLR2004 - to leave one out
-        expected = "2 or more, with split frequency, log or time"
+    counted = isinstance(folds, Integral) and folds >= 2  # noqa: PLR2004 - to leave one out
+    if folds is not None and (split is Split.MASS or not counted):
+        expected = "a whole number, 2 or more, with split frequency, log or time"
         raise InputError("validate", "folds", folds, expected)
     why = "as asked"
     if split is Split.AUTO:

@@ -105,7 +105,7 @@ def candidates(
     or where p3 is known and no second mass tells it from a turn of the encoder.
     """
     carried = list(masses)
-    effects = {mass.effect for mass in carried}
+    effects = {mass.inertia_and_moment for mass in carried}
     lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
     if len(effects) < _LEAST_FOLDS:
         lost.add("load")
@@ -274,7 +274,7 @@ def _excess_over_none(trial: _Trial) -> bool:
 def _as_good(trial: _Trial, best: _Trial) -> bool:
     """Whether a set of terms predicts as well as the best, but for a standard error."""
     worse = trial.errors - best.errors
-    error = float(np.std(worse, ddof=1)) / worse.size**0.5
+    error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
     slack = max(best.nested.slack * error, best.nested.negligible)
     return bool(worse.mean() <= slack)
 

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import t as student
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
@@ -21,10 +20,8 @@ from butterfly.identification.estimators import (
     WeakForm,
 )
 from butterfly.identification.inference.bootstrap import bootstrap
-from butterfly.identification.inference.profile_likelihood import profile
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
-from butterfly.model.known import NOTHING
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.words import sentences
@@ -68,36 +65,6 @@ def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
     found = replace(ROBOT, p2=resistance * p4**2, p4=p4)
     known = SimpleNamespace(names=("p4",), upper=np.array([2.1]), parameters=found)
     assert bool(judge_input(known, InputKind.VOLTAGE)) == accused
-
-
-def test_the_profile_s_interval_is_student_s_where_the_cost_is_a_parabola():
-    """In linear regression S(x)/S = 1 + t^2/f at the limits of Student's interval."""
-    best, error, logs = 0.003, 1e-5, 8
-    freedom = 2 * logs - 4
-
-    def cost(value):
-        return 7.0 * (1 + ((value - best) / error) ** 2 / freedom)
-
-    class Parabola:
-        def holding(self, name):
-            assert name == "p1"
-            return self
-
-        def holding_terms_of(self, _estimate):
-            return self
-
-        def minimum(self, _logs, start, _zeros, _known):
-            return cost(start.p1)
-
-    estimate = SimpleNamespace(
-        names=("p1", "p2", "p3", "p4"), parameters=replace(ROBOT, p1=best), local={}
-    )
-    data = SimpleNamespace(logs=[None] * logs, equilibria={}, masses=[], known=NOTHING)
-    values = best + error * np.linspace(-5, 5, 400)
-    lower, upper = profile(data, estimate, "p1", values, Parabola()).interval
-    reach = student.ppf(0.975, freedom) * error
-    assert lower == pytest.approx(best - reach, abs=1e-3 * error)
-    assert upper == pytest.approx(best + reach, abs=1e-3 * error)
 
 
 def test_a_candidate_tells_two_numbers_of_the_model_s_relative_error():
@@ -219,26 +186,6 @@ def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
     np.testing.assert_allclose(
         (held.values - chosen.values) / chosen.standard_errors, 0.0, atol=0.3
     )
-
-
-def test_a_profile_is_lowest_at_the_estimate_and_its_interval_is_finite():
-    robot = replace(ROBOT, coulomb=1e-3, p2=5e-4, delay=0.003)
-    logs = [
-        _log(robot, mass, omega, 3e-3, k)
-        for k, (mass, omega) in enumerate((m, w) for m in MASSES for w in (2.5, 4.5, 7.0))
-    ]
-    data, options = DataSet.of(logs), OutputError(terms=(), check=False)
-    start = HarmonicBalance().of_points(data.sines).parameters
-    found = options.of_logs(data.logs, start, data.equilibria)
-    best = found.parameters.p1
-    values = best * np.linspace(0.98, 1.02, 9)
-    curve = profile(data, found, "p1", values)
-    assert int(np.argmin(curve.costs)) == 4
-    assert curve.costs[4] == pytest.approx(1.0, abs=1e-3)
-    lower, upper = curve.interval
-    assert values[0] < lower < best < upper < values[-1]
-    with pytest.raises(InputError, match="name"):
-        profile(data, found, "drag", values, options)
 
 
 def test_the_best_candidate_brings_what_was_promised():

@@ -17,7 +17,7 @@ from tests.conftest import MASSES
 VALUES = {"p1": 3e-3, "p2": 1e-3, "p3": 0.04, "p4": 0.5, "coulomb": 1e-3, "delay": 2e-3}
 
 
-def _estimate(share=0.1, told=None, **changed):
+def _estimate(share=0.1, told=None, freedom=None, **changed):
     """An estimate whose half-widths are a share of its values."""
     known = VALUES | changed
     values = np.array(list(known.values()))
@@ -30,6 +30,7 @@ def _estimate(share=0.1, told=None, **changed):
         covariance=np.diag((reach / 2) ** 2),
         parameters=LumpedParameters(**known),
         known=Knowledge.told(told or {}),
+        freedom=None if freedom is None else np.full(values.size, freedom),
     )
 
 
@@ -79,3 +80,11 @@ def test_load_may_relieve_the_bearing_but_not_drive_it():
     assert _judged(load=relieved) == []
     assert _judged(load=driving) == [(FindingKind.NEGATIVE, ("load",), Severity.WARNING)]
     assert _judged(load=driving, share=3.0) == []
+
+
+@pytest.mark.parametrize(("freedom", "accused"), [(1.0, False), (30.0, True), (None, True)])
+def test_load_drives_for_certain_by_the_degrees_of_freedom_of_its_error(freedom, accused):
+    """It does by 2.2 standard errors, which is enough with 30 degrees of freedom, not with 1."""
+    driving = -2e-3 / max(mass.weight for mass in MASSES)
+    found = _judged(load=driving, share=0.4, freedom=freedom)
+    assert bool(found) == accused

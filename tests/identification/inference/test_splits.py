@@ -109,6 +109,8 @@ def test_folds_that_cannot_be_are_refused(sines):
         (Split.MASS, 2, "with split frequency, log or time"),
         (Split.TIME, 1, "2 or more"),
         (Split.LOG, 99, "at most"),
+        (Split.LOG, "a", "a whole number"),
+        (Split.TIME, 2.5, "a whole number"),
     ):
         with pytest.raises(InputError, match=expected):
             divide(sines, split, folds)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     candidates,
@@ -21,6 +23,7 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass
 from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, steady
 
 ALWAYS = ("p1", "p3")
 NAMES = (*ALWAYS, "drag", "bias")
@@ -95,6 +98,14 @@ def test_data_that_do_not_determine_what_every_fit_has_are_refused():
     nested = _nested(truth={"p1": 1}, twins=[("p3", "p1")])
     with pytest.raises(IdentifiabilityError, match="do not determine p1, p3"):
         choose_terms([nested], always=ALWAYS)
+
+
+def test_one_log_is_enough_where_all_else_is_known():
+    """One error has no scatter, and there is nothing to choose."""
+    data = DataSet.of(steady(ROBOT, {2.2: 0.5})[:1])
+    known = {"p1": ROBOT.p1, "p2": ROBOT.p2, "p3": ROBOT.p3, "p4": ROBOT.p4, "delay": 0.0}
+    found = HarmonicBalance(terms=())(data.knowing(Knowledge.told(known)))
+    assert found.parameters.coulomb == pytest.approx(ROBOT.coulomb, rel=1e-3)
 
 
 def test_the_setting_that_predicts_best_is_chosen_among_several():
