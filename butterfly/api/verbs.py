@@ -31,7 +31,6 @@ from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
-from butterfly.plant.twin import MASS
 from butterfly.report.numbers.table_numbers import told_design, told_validation
 
 Method = str | Estimator
@@ -176,7 +175,7 @@ def compare(
     method: Method | None = None,
     *,
     logs: Sequence[int] | None = None,
-    mass: float = MASS,
+    mass: float | None = None,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Compared:
     """Simulate logs in MuJoCo and by the grey-box model, with the parameters identified from them.
@@ -188,7 +187,8 @@ def compare(
     logs
         Numbers of the logs; all if not given.
     mass
-        Of the hand in kg, for MuJoCo; the motion does not tell it.
+        Of the hand in kg, for MuJoCo; the motion does not depend on it, and a possible one is taken
+        if it is not given.
 
     Raises
     ------

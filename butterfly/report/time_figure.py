@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from butterfly.identification.diagnostics.misfit import ErrorBand
+from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.intervals import CONFIDENCE
-from butterfly.identification.predict import FreeRun
 from butterfly.report.figures import GREY, PALETTE, SHADE, add, seen_samples
 from butterfly.report.series import Series, packable
 
