@@ -32,8 +32,8 @@ from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import held_out_fits, judged
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.identification import held_out_fits, judged
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.inference.bootstrap import Bootstrap, bootstrap
 from butterfly.identification.inference.splits import Split
