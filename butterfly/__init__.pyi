@@ -14,6 +14,7 @@ from .api.identified import Identified as Identified
 from .api.looking_ahead import draws as draws
 from .api.looking_ahead import predict as predict
 from .api.predicted import Predicted as Predicted
+from .api.result import Result as Result
 from .api.robots import inspect as inspect
 from .api.saved import load as load
 from .api.sources import read as read
@@ -32,6 +33,7 @@ from .errors import IdentifiabilityError as IdentifiabilityError
 from .errors import InputError as InputError
 from .errors import UnusableError as UnusableError
 from .identification.data import DataSet as DataSet
+from .identification.estimators import Estimator as Estimator
 from .logs.log import InputKind as InputKind
 from .logs.log import Intersample as Intersample
 from .logs.log import Log as Log
