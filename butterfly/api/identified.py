@@ -49,8 +49,8 @@ from butterfly.report.numbers.identification_numbers import (
     told_of_parts,
 )
 from butterfly.report.parameter_rows import rows_of, unit_of
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import sentences, summary, verdict_on
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     import control
@@ -203,7 +203,7 @@ class Identified(Result):
         return f"<Identified: {self.title}{self._unless_good()}: {values}>"
 
     @property
-    def judged(self) -> SaidVerdict:  # type: ignore[override]
+    def judged(self) -> Verdict:  # type: ignore[override]
         """The verdict on its values."""
         return verdict_on(self.estimate)
 
