@@ -87,20 +87,9 @@ def response_point(
 ) -> ResponsePoint:
     """Fit the steady response of a log whose input is a sine.
 
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    seconds
-        Length of the window at its end.
-    pole
-        Of a transient that is fitted too (see `fit_sine`); one that rings loudly is found unasked.
-
-    Raises
-    ------
-    InputError
-        If the log has no sine excitation, is too short or too coarse, or its input is not that
-        sine.
+    From the last `seconds`; `pole` is of a transient that is fitted too (see `fit_sine`), a loud
+    one is found unasked. An InputError if the log has no sine excitation, is too short or too
+    coarse, or its input is not that sine.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
@@ -154,10 +143,7 @@ _PADDED = 8
 def pole_of(time: NDArray[np.float64], values: NDArray[np.float64]) -> complex:
     """Return the pole in 1/s of the decaying oscillation Re{c e^(pole t)} that fits best.
 
-    Parameters
-    ----------
-    time, values
-        (n,) what a fit of the steady response leaves over.
+    Of (n,) residuals of a steady response.
     """
     grid = uniform_grid(time, max((time[-1] - time[0]) / _SAMPLES, float(np.diff(time).mean())))
     left = resample(time, values, grid)

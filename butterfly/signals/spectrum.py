@@ -14,17 +14,8 @@ def periodogram(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Squared amplitudes |W_k|^2 of the unitary DFT (27)-(28), for k = 1 .. floor(N/2).
 
-    Parameters
-    ----------
-    values
-        (N,) uniform samples.
-    step
-        Sampling period in s.
-
-    Returns
-    -------
-    omega, power
-        Frequencies 2 pi k/(N step) in rad/s, and |W_k|^2 in units of ``values`` squared.
+    Of (N,) uniform samples `step` s apart. Returns frequencies 2 pi k/(N step) in rad/s, and
+    |W_k|^2 in units of the samples squared.
     """
     n = values.size
     spectrum = np.fft.rfft(values)[1 : n // 2 + 1] / np.sqrt(n)
@@ -45,15 +36,7 @@ def dominant_frequency(
 ) -> tuple[float, float]:
     """Return the frequency in rad/s of the one sine that explains most of a signal, and its share.
 
-    Parameters
-    ----------
-    time, values
-        (n,) samples; ``time`` in s need not be uniform.
-
-    Returns
-    -------
-    omega, share
-        In rad/s, and the share of the variance that it explains: 1 for a sine, 0 for a constant.
+    Of (n,) samples at stamps in s. The share of the variance is 1 for a sine, 0 for a constant.
     """
     grid = np.linspace(time[0], time[-1], min(time.size, _MOST))
     if time.size <= _MOST:
@@ -82,12 +65,7 @@ def dominant_frequency(
 def uniform_grid(time: NDArray[np.float64], step: float | None = None) -> NDArray[np.float64]:
     """Return uniform instants from the first stamp on, none after the last (25).
 
-    Parameters
-    ----------
-    time
-        (n,) stamps in s, not decreasing.
-    step
-        Sampling period in s; the mean one if not given, which keeps the number of samples.
+    `step` in s; without it the mean one, which keeps the number of samples.
     """
     if step is None:
         return np.linspace(time[0], time[-1], time.size)

@@ -31,17 +31,8 @@ def complex_fit(points: Sequence[ResponsePoint]) -> Resonance:
     the denominator of the round before it minimises response errors, whose Gaussian likelihood is
     the largest there.
 
-    Parameters
-    ----------
-    points
-        Of one robot; three frequencies at least.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If there is no resonance peak.
-    InputError
-        If the points carry different added masses.
+    From three frequencies of one robot or more; an IdentifiabilityError if there is no resonance
+    peak.
     """
     if len({point.added_mass for point in points}) > 1:
         raise InputError("resonance", "added mass", "several", "one")

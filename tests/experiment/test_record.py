@@ -11,7 +11,7 @@ from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
 from butterfly.experiment.record import PlannedRun, RunRecord, SweepRecord
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.free_run import FitSummary
 from butterfly.verdict import Level
 
 PARAMETER = ParameterRecord(
