@@ -14,8 +14,7 @@ from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.api.usable import require_possible
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
-from butterfly.experiment.estimator_spec import make_estimator
-from butterfly.experiment.methods import DEFAULT_METHOD
+from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, write_logs
 from butterfly.experiment.simulation import simulate as simulated_logs
