@@ -54,7 +54,7 @@ _ARM = 0.104  # m
 def show_command(
     *,
     source: SourceArgument,
-    hand_mass: HandMassOption = MASS,
+    hand_mass: HandMassOption = None,
     added_mass: AddedOption = 0.0,
     answer: JsonAnswer,
     options: DataOptions,
@@ -101,7 +101,7 @@ def render_command(
     out: Annotated[Path, typer.Option(help="Picture to write: .png, .jpg or .webp.")],
     angle: Annotated[float, typer.Option(help="Angle of the hand.")] = 0.5,
     size: Annotated[int, typer.Option(min=16, max=4096, help="Width and height in pixels.")] = 640,
-    hand_mass: HandMassOption = MASS,
+    hand_mass: HandMassOption = None,
     added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
@@ -120,7 +120,7 @@ def export_command(
     *,
     source: SourceArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
-    hand_mass: HandMassOption = MASS,
+    hand_mass: HandMassOption = None,
     added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
@@ -171,7 +171,7 @@ class _Named:
         )
 
 
-def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Named:
+def _named(source: Path, mass: float | None, added: float, options: DataOptions) -> _Named:
     """Return a robot, and print the verdict if it is the twin of data.
 
     Raises
@@ -200,6 +200,11 @@ def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Na
     say_verdict(verdict.sentence)
     gravity = logs.logs[0].added_mass.gravity
     twin, rest = carrying_twin(found.parameters, replace(carried, gravity=gravity), mass)
+    if mass is None and twin.hand.mass > MASS + carried.mass:
+        say(
+            f"The hand has a mass of {twin.hand.mass:.3g} kg (--hand-mass): none of {MASS:g} kg "
+            "can have its p1 and p3, and the motion does not depend on it"
+        )
     return _Named(
         name=logs.name,
         robot=twin,

@@ -138,9 +138,10 @@ ResultsOption = Annotated[
     ),
 ]
 HandMassOption = Annotated[
-    float,
+    float | None,
     typer.Option(
-        "--hand-mass", help="Mass given to an identified hand; the motion does not tell it."
+        "--hand-mass",
+        help="Mass of an identified hand; its motion does not depend on it. Chosen if not given.",
     ),
 ]
 LimitOption = Annotated[int, typer.Option("--limit", min=1, help="Rows to print, at most.")]

@@ -10,7 +10,7 @@ from pydantic import computed_field
 from butterfly.identification.diagnostics.findings import Ending, Finding
 from butterfly.identification.diagnostics.verdict import Standing, Verdict
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.free_run import FitSummary
 from butterfly.model.parameters import LumpedParameters
 
 

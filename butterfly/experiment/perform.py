@@ -22,9 +22,9 @@ from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification, identify
 from butterfly.identification.inference.validation import hold_out
-from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy
 from butterfly.plant.excitations import Table

@@ -300,14 +300,11 @@ def compressed(inputs: _Inputs, compression: float) -> _Inputs:
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:
     """Find a hand of a given mass in kg that moves as ``parameters`` say, by (6) read backwards.
 
-    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay
-    is left out.
+    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay is
+    left out.
 
-    Raises
-    ------
-    InputError
-        If no such hand exists: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would not be
-        positive, or a friction is negative.
+    An InputError if there is no such hand: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would
+    not be positive, or a friction is negative.
     """
     if not mass > 0:
         raise InputError("Hand", "mass", mass, "a positive number of kg")
@@ -317,10 +314,8 @@ def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive
     )
     inertia = parameters.p1 - mass * (com_distance**2 + com_offset**2)
     if not inertia > 0:
-        least = (math.hypot(parameters.p3, parameters.p3_offset) / pull) ** 2 / parameters.p1
-        raise InputError(
-            "Hand", "mass", mass, f"more than {least:.3g} kg, for p1 and p3 to be possible"
-        )
+        expected = f"more than {least_mass(parameters):.3g} kg, for p1 and p3 to be possible"
+        raise InputError("Hand", "mass", mass, expected)
     return (
         Hand(
             mass=mass,
@@ -332,6 +327,12 @@ def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive
         TorqueDrive(gain=parameters.p4),
         Friction(viscous=parameters.p2, **parameters.terms()),
     )
+
+
+def least_mass(parameters: LumpedParameters) -> float:
+    """Return the mass in kg above which a hand can move as ``parameters`` say (see `unlump`)."""
+    pull = GRAVITY * math.cos(parameters.tilt)
+    return (math.hypot(parameters.p3, parameters.p3_offset) / pull) ** 2 / parameters.p1
 
 
 def lump(hand: Hand, drive: Drive, friction: Friction) -> LumpedParameters:

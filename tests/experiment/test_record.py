@@ -11,7 +11,7 @@ from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
 from butterfly.experiment.record import PlannedRun, RunRecord, SweepRecord
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.free_run import FitSummary
 
 PARAMETER = ParameterRecord(
     parameter="p3", value=0.05, standard_error=1e-4, lower=0.0498, upper=0.0502, true=0.04

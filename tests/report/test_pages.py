@@ -21,7 +21,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import HarmonicBalance, Linear
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions

@@ -18,9 +18,9 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.left_over import missing_terms, slow_velocity
 from butterfly.identification.draws import covariance_root, honest_covariance
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.free_run import Trajectory
-from butterfly.identification.predict import Predictor, Setting
+from butterfly.identification.free_run import Setting
 from butterfly.identification.segments import Segments
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.window import first_counted
@@ -51,7 +51,7 @@ class Run:
     log: Log
     setting: Setting
     first: int
-    trajectory: Trajectory | Segments
+    trajectory: Simulation | Segments
     motion: float
 
     @classmethod
@@ -113,7 +113,7 @@ def free_run_errors(data: DataSet, estimate: Estimate) -> list[Run | Errors]:
     -------
     The errors of each; the run alone where a simulation fails or nothing moves.
     """
-    predictor, slow = Predictor(data), slow_velocity(data.logs)
+    predictor, slow = data.simulations, slow_velocity(data.logs)
     runs = [Run.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
     owners, missing = estimate.owners(data.unread), missing_terms(estimate, data.logs[0].added_mass)
     varied = _Varied(estimate.names, _root_of(estimate), owners, missing)

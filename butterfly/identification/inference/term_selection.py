@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.splits import Split, divide
 from butterfly.identification.inference.validation import hold_out
-from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.progress import Track, untracked
 
 _LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
@@ -50,7 +50,7 @@ def select_terms(
     def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
         return hold_out(data, estimator.with_terms(terms), split).summary
 
-    predictor, first = Predictor(data), divide(data).split
+    predictor, first = data.simulations, divide(data).split
     splits = [first]
     if first is Split.MASS and len({point.omega for point in data.sines}) > 1:
         splits.append(Split.FREQUENCY)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
 from butterfly.identification.inference.splits import ENOUGH_MASSES, Division, Split, divide, remedy
-from butterfly.identification.predict import FitSummary, FreeRun, Predictor, fit_of
 from butterfly.progress import Track, untracked
 
 Fitter = Callable[[DataSet], Estimate]
@@ -80,7 +80,7 @@ def hold_out(
         If there are fewer than two parts, or the rest cannot determine the parameters.
     """
     division = divide(data, split, folds)
-    errors, estimates, predictor = _Errors(data), {}, Predictor(data)
+    errors, estimates, predictor = _Errors(data), {}, data.simulations
     horizon = math.inf
     for name, samples in track(division.parts.items(), f"In turns, {division.left_out}"):
         try:

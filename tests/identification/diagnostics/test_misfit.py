@@ -13,7 +13,7 @@ from butterfly.identification.diagnostics.findings import FindingKind, Severity
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.predict import Setting, free_run
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.model.terms import TERMS
 from butterfly.plant.sensors import Encoder
 from tests.conftest import MASSES
@@ -162,7 +162,7 @@ def test_readings_of_a_good_model_lie_inside_its_bands(logs, noise):
     found = FIT(data)
     inside = []
     for log, misfit in zip(data.logs, judge_misfit(data, found).logs, strict=True):
-        run = free_run(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
+        run = FreeRun.of(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
         near = np.interp(log.time, misfit.band.time, misfit.band.reach)
         inside.append(np.mean(np.abs(run.simulated - log.angle) <= near))
     assert 0.93 <= np.mean(inside) <= 0.99
@@ -180,7 +180,7 @@ def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
     bands = [judge_misfit(data, each).logs[0].band for each in (sharp, wide)]
     log = data.logs[0]
     angles = [
-        free_run(log, Setting(parameters=each, zero=data.zero_of(log))).simulated
+        FreeRun.of(log, Setting(parameters=each, zero=data.zero_of(log))).simulated
         for each in (found.parameters, replace(found.parameters, p3=upper[k]))
     ]
     moved = np.interp(bands[0].time, log.time, np.abs(angles[1] - angles[0]))

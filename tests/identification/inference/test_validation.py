@@ -6,10 +6,10 @@ import pytest
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.term_selection import select_terms
 from butterfly.identification.inference.validation import hold_out
-from butterfly.identification.predict import FitSummary, Predictor
 from tests.identification.simulated import ROBOT, SLOW, steady
 
 BALANCE = HarmonicBalance(check=False)
@@ -61,7 +61,7 @@ def test_a_term_is_chosen_only_if_it_helps_to_predict(real):
     assert means == sorted(means)
     assert passed[0].terms == ()
     whole = BALANCE.with_terms(passed[-1].terms)(real.data)
-    full = FitSummary.of(Predictor(real.data).fits(whole))
+    full = FitSummary.of(real.data.simulations.fits(whole))
     assert passed[-1].in_sample == full
 
 
@@ -82,7 +82,7 @@ def test_neighbouring_frequencies_are_left_out_in_different_parts():
     for one, other in pairwise(omegas):
         assert not any({one, other} <= part for part in left_out)
     assert set().union(*left_out) == set(omegas)
-    np.testing.assert_allclose(result.fits, Predictor(data).fits(truth))
+    np.testing.assert_allclose(result.fits, data.simulations.fits(truth))
 
 
 def test_one_mass_cannot_be_held_out(real):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.logs.log import Log
-from butterfly.signals.dominant import dominant_frequency
 from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.signals.spectrum import dominant_frequency
 
 _FACTORS = {
     Slip.MILLISECONDS: 1e-3,

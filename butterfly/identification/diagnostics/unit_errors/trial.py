@@ -16,7 +16,6 @@ from butterfly.identification.diagnostics.physics import is_possible
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.predict import Predictor
 
 FOLLOWED = 0.6
 """Misfit with which a slip undone must leave the logs at most."""
@@ -87,7 +86,7 @@ def judged(data: DataSet, estimate: Estimate) -> Trial:
     if not is_possible(estimate, data.masses):
         return NOTHING
     whole = replace(estimate, horizon=estimate.horizon or math.inf)
-    fits = Predictor(data).fits(whole)
+    fits = data.simulations.fits(whole)
     misfits = np.nan_to_num(1 - fits / 100, nan=_NONE, posinf=_NONE)
     return Trial(misfits=np.minimum(misfits, _NONE))
 

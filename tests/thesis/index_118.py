@@ -18,7 +18,7 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
 from butterfly.signals.local_polynomial import slope
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import resample, uniform_grid
 
 _PARTS = 20  # of a period, n of (117)
 _VELOCITY = 0.02  # s, half-width of the polynomials whose slope is the velocity

@@ -40,7 +40,7 @@ class _Data:
 
     @classmethod
     def of(cls, resonances: Mapping[AddedMass, Resonance]) -> _Data:
-        if len({mass.inertia_and_moment for mass in resonances}) < 2:  # noqa: PLR2004
+        if len({mass.inertia_and_moment for mass in resonances}) < 2:
             raise IdentifiabilityError(
                 "resonances of fewer than two added masses leave p1, p3 open"
             )
@@ -99,7 +99,7 @@ def fit_ratio(resonances: Mapping[AddedMass, Resonance]) -> PendulumEstimate:
 
 
 def fit_orthogonal(resonances: Mapping[AddedMass, Resonance]) -> PendulumEstimate:
-    """Fit (84) with the error of Y allowed for in regressor and target (extra ``eiv``).
+    """Fit (84) with the error of Y allowed for in regressor and target (by odrpack).
 
     Raises
     ------
@@ -107,7 +107,7 @@ def fit_orthogonal(resonances: Mapping[AddedMass, Resonance]) -> PendulumEstimat
         If the extra is not installed.
     """
     if find_spec("odrpack") is None:
-        raise InputError("odrpack", "package", "not installed", "the extra 'eiv'")
+        raise InputError("odrpack", "package", "not installed", "pip install odrpack")
     from odrpack import odr_fit  # noqa: PLC0415 - an extra, which need not be there
 
     data = _Data.of(resonances)
