@@ -14,9 +14,9 @@ from butterfly.api.sources import Named, read
 from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT, manifest_of
-from butterfly.experiment.named_robot import is_data
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.data_source import RESULT, is_data, manifest_of
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
@@ -35,7 +35,6 @@ from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
 from butterfly.report.parameter_rows import unit_of
 from butterfly.report.zeros import zeros_said
-from butterfly.resources import locate
 from butterfly.verdict import Verdict
 
 ARM = 0.104  # m

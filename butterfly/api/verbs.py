@@ -23,8 +23,7 @@ from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import RESULT
-from butterfly.experiment.estimator_spec import make_estimator
-from butterfly.experiment.methods import DEFAULT_METHOD
+from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.left_over import LeftOver

@@ -12,7 +12,8 @@ import pytest
 
 from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.experiment.perform import perform
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identification import identify
 from butterfly.logs.health import examine
@@ -38,7 +39,6 @@ from butterfly.report.series import packable
 from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.whisker import Whisker
 from butterfly.report.words import summary, verdict_on
-from butterfly.resources import shipped
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
