@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
-from butterfly.identification.diagnostics.knowledge import (
-    disagreements,
-    moved_by_masses,
-    scale_apart,
-)
+from butterfly.identification.diagnostics.knowledge import disagreements, scale_apart
 from butterfly.identification.inference.covariance import cluster_covariance, robust
 from butterfly.identification.inference.identifiability import Conditioning, sort_by_precision
 from butterfly.identification.inference.intervals import honest_limits
-from butterfly.identification.inference.mass_consistency import Correction, corrections
+from butterfly.identification.inference.mass_consistency import (
+    Correction,
+    corrections,
+    moved_by_masses,
+)
 from butterfly.identification.solved import Solved, pulled_below
 from butterfly.logs.log import Log
 from butterfly.model.known import NOTHING, Knowledge

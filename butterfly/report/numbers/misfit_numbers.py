@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from butterfly.identification.diagnostics.left_over import LeftOver
-from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
-from butterfly.identification.diagnostics.whiteness import LEVELS
+from butterfly.identification.diagnostics.misfit import LEVELS, LogMisfit, Misfit
+from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.model.parameters import JointKind
 
 _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
