@@ -36,6 +36,7 @@ from butterfly.identification.judgement.residual_torque import residual_torques
 from butterfly.identification.judgement.splits import Split
 from butterfly.identification.judgement.term_selection import select_terms
 from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
@@ -43,7 +44,6 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.recommendations import chosen_said
 from butterfly.report.words import held_out_sentences, verdict_on
 

@@ -19,6 +19,7 @@ from butterfly.experiment.named_robot import export, is_data
 from butterfly.experiment.reading import read_experiment
 from butterfly.identification.estimators import Suitable
 from butterfly.identification.identification import judged
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
@@ -26,7 +27,6 @@ from butterfly.plant.twin import MASS, carrying_twin, command_of
 from butterfly.plant.watch.picture import render
 from butterfly.report.field_names import unit_of_field
 from butterfly.report.numbers.table_numbers import rests_on
-from butterfly.report.parameter_rows import unit_of
 from butterfly.resources import locate
 
 if TYPE_CHECKING:

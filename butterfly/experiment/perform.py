@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.experiment.plan import Task
-from butterfly.experiment.record import FAILED, OK, REFUSED, Outcome, RunRecord
+from butterfly.experiment.record import FAILED, OK, REFUSED, EstimateRecord, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import packed, simulate
@@ -22,7 +21,6 @@ from butterfly.experiment.versions import versions
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.identification import Identification, identify
-from butterfly.identification.judgement.findings import Ending
 from butterfly.identification.judgement.validation import hold_out
 from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import Log
@@ -175,7 +173,7 @@ class _Run:
             estimator = self._threaded(spec.suited(data))
             identification = identify(data, estimator, track=self._track)
         except ButterflyError as error:
-            refused = EstimateRecord(estimator=spec.label, ending=Ending.REFUSED, error=str(error))
+            refused = EstimateRecord(estimator=spec.label, error=str(error))
             self.estimates.append(refused)
             return
         found, fit = identification.estimate, identification.summary

@@ -17,9 +17,9 @@ from butterfly.files import replacing
 from butterfly.identification.judgement.verdict import Standing
 from butterfly.logs.remarks import Condition
 from butterfly.report.numbers.document import write_document
+from butterfly.report.parameter_table import Whisker
 from butterfly.report.series import Series
 from butterfly.report.verdict import SaidVerdict
-from butterfly.report.whisker import Whisker
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

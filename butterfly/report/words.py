@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 
-from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import Identification
@@ -124,12 +123,6 @@ def sentences(estimate: Estimate) -> list[str]:
 def verdict_on(estimate: Estimate) -> SaidVerdict:
     """Say what may be done with an estimate, and why not more."""
     return verdict_in_words(estimate.verdict, values_of(estimate))
-
-
-def verdict_of(record: EstimateRecord) -> SaidVerdict:
-    """Say what may be done with an estimate of which there is a record."""
-    values = {row.parameter: row.value for row in record.parameters}
-    return verdict_in_words(record.verdict, values)
 
 
 def sentences_of(verdict: Verdict, findings: Sequence[Finding], values: Values) -> list[str]:

@@ -136,6 +136,9 @@ def fit_resonances(
     return values, best.jac / bounds
 
 
+_UNESTIMATED = ("coulomb", "delay", "p4")
+
+
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     """Resonance of each added mass by (100), then p1, p2, p3 by (102).
 
@@ -181,6 +184,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         ending=Ending.CONVERGED,
         findings=_findings(len(resonances), conditioning, on_bound),
         resonances=resonances,
+        unestimated=_UNESTIMATED,
     )
 
 
@@ -189,9 +193,7 @@ def _findings(
 ) -> tuple[Finding, ...]:
     care = Severity.CARE
     found = [
-        Finding(
-            kind=FindingKind.NOT_ESTIMATED, parameters=("coulomb", "delay", "p4"), severity=care
-        ),
+        Finding(kind=FindingKind.NOT_ESTIMATED, parameters=_UNESTIMATED, severity=care),
         Finding(
             kind=FindingKind.NO_UNCERTAINTY,
             parameters=("p1", "p2", "p3"),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 
 class Ending(StrEnum):
@@ -91,3 +93,15 @@ class Finding:
     number: float | None = None
     severity: Severity = Severity.NOTE
     logs: tuple[str, ...] = ()
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Finding:
+        """Return the finding of which its fields tell; other keys are not looked at."""
+        number = content["number"]
+        return cls(
+            kind=FindingKind(content["kind"]),
+            parameters=tuple(map(str, content["parameters"])),
+            number=None if number is None else float(number),
+            severity=Severity(content["severity"]),
+            logs=tuple(map(str, content.get("logs", ()))),
+        )

@@ -24,7 +24,7 @@ from butterfly.report.numbers.misfit_numbers import (
 )
 from butterfly.report.numbers.table_numbers import about, rests_on
 from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import verdict_on
+from butterfly.report.words import values_of, verdict_on
 
 
 def told_comparison(
@@ -62,7 +62,7 @@ def told_comparison(
             **rests_on(data, found, estimator),
             "rows": rows,
             "logs": [_of_log(each) for each in compared],
-            "misfit": misfit_numbers(misfit),
+            "misfit": misfit_numbers(misfit, values_of(found)),
         },
         units={
             "logs.fit": "%",
@@ -148,7 +148,7 @@ def _entry(entry: Entry) -> dict[str, Any]:
     fits = {"held_out": entry.held_out, "in_sample": entry.in_sample}
     said: dict[str, Any] = {"verdict": None, "reasons": []}
     if entry.estimate is not None:
-        known = estimate_numbers(entry.estimate, entry.input_kind, entry.joint)
+        known = estimate_numbers(entry.estimate)
         said = verdict_on(entry.estimate).numbers() | known
     return {
         **said,
