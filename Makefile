@@ -35,11 +35,12 @@ lint: $(VENV)/.development
 types: $(VENV)/.development
 	$(BIN)/mypy
 
-# With mujoco.sysid to compare with: .venv/bin/pip install -e '.[sysid]' before.
+# Writes the table of docs/performance.md. With mujoco.sysid to compare with:
+# .venv/bin/pip install -e '.[sysid]' before.
 bench: $(VENV)/.development
-	$(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
+	BUTTERFLY_BENCH_WRITE=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 
-# A part of it, at twice its bars, for machines that others share.
+# A part of it, the bars of time doubled, for machines that others share.
 bench-short: $(VENV)/.development
 	BUTTERFLY_BENCH_SHORT=1 $(ONE_THREAD) $(BIN)/pytest tests/benchmarks -s
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from butterfly.identification.judgement import following
+from butterfly.identification.diagnostics import following
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,8 +15,8 @@ from butterfly.api.sources import Named
 from butterfly.api.tabulated import Tabulated
 from butterfly.comparison.change import change
 from butterfly.errors import InputError
-from butterfly.identification.judgement.slips.names import listed
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.report.change import (

@@ -73,7 +73,7 @@ class Drawn(Tabulated):
         self,
         added_mass: AddedMass = NO_ADDED_MASS,
         *,
-        mass: float = 0.3,
+        mass: float | None = None,
         bristle_stiffness: float = 0.0,
     ) -> Iterator[str]:
         """Yield an MJCF model of each draw, which plain MuJoCo loads, for domain randomisation.

@@ -20,13 +20,13 @@ from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification, simulated
-from butterfly.identification.judgement.slips.names import listed
 from butterfly.identification.parameter import or_nan
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
-from butterfly.identification.predict import FitSummary
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
 from butterfly.model.known import PHYSICAL, Knowledge

@@ -93,14 +93,18 @@ class IdentifiedModel:
         velocity
             At the first sample, in rad/s; as the log's own first samples tell, if not given.
         """
-        from butterfly.identification.predict import Setting, free_run  # noqa: PLC0415 - slow to import
+        from butterfly.identification.free_run import FreeRun, Setting  # noqa: PLC0415 - slow to import
 
         setting = Setting(parameters=self.parameters, zero=zero, velocity=velocity)
-        run = free_run(log, setting)
+        run = FreeRun.of(log, setting)
         return replace(log, angle=run.simulated, velocity=None, source="grey-box model")
 
     def export(
-        self, path: str | PathLike[str], added_mass: AddedMass = NO_ADDED_MASS, *, mass: float = 0.3
+        self,
+        path: str | PathLike[str],
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        mass: float | None = None,
     ) -> None:
         """Write an MJCF file of a robot that moves so by itself in plain MuJoCo, delay included.
 
@@ -113,12 +117,12 @@ class IdentifiedModel:
         added_mass
             What the hand carries.
         mass
-            Of the hand in kg; the motion does not tell it.
+            Of the hand in kg, on which the motion does not depend; a possible one if not given.
 
         Raises
         ------
         InputError
-            If no hand moves so, as a slide does not, or the file cannot be written.
+            If no hand of that mass moves so, as a slide does not, or the file cannot be written.
         """
         from butterfly.experiment.named_robot import export  # noqa: PLC0415 - slow to import
         from butterfly.plant.twin import carrying_twin, command_of  # noqa: PLC0415

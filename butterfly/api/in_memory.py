@@ -60,10 +60,8 @@ def log_of_table(table: Table, told: Mapping[str, Any]) -> Log:
             raise InputError("read", key, told[key], expected)
     columns = _columns(table)
     names = list(columns)
-    mapping: dict[str, Any] = dict(told.get("columns") or _default_map(names, table))
-    places = {
-        field: place("table", names, name) for field, name in checked_map("table", mapping).items()
-    }
+    mapping = checked_map("table", told.get("columns") or _default_map(names, table))
+    places = {field: place("table", names, name) for field, name in mapping.items()}
     chosen = {field: columns[names[number]] for field, number in places.items()}
     velocity = "velocity" if "velocity" in chosen else None
     about = {key: told[key] for key in ("units", "input_kind", "intersample") if key in told}

@@ -11,10 +11,10 @@ import numpy as np
 
 from butterfly.api.drawn import Drawn
 from butterfly.api.tabulated import Tabulated
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.verdict import Standing
-from butterfly.identification.predict import FitSummary
-from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.identification.free_run import FitSummary
+from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section
 from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.errors import ButterflyError
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.report.numbers.document import SCHEMA_NUMBER, Told, write_document
 from butterfly.report.page import Page, Section, Table, write_page
 from butterfly.report.verdict import SaidVerdict

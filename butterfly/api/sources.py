@@ -45,7 +45,7 @@ def read(
     intersample: str | None = None,
     columns: ColumnMap | None = None,
     units: Mapping[str, str | float] | None = None,
-    repair: Collection[str] = (),
+    repair: Collection[str] | None = None,
     known: Mapping[str, Any] | None = None,
     joint: str | None = None,
     gravity: float | None = None,
@@ -99,7 +99,7 @@ def read(
     InputError
         Naming file, field, value and what was expected.
     """
-    begin, end = piece or (None, None)
+    begin, end = _ends(piece)
     cut = Cut(begin=begin, end=end, restarts=bool(restarts))
     about: dict[str, Any] = {
         "joint": joint,
@@ -147,9 +147,19 @@ def _read_one(
     raise InputError("read", "source", type(source).__name__, expected)
 
 
-def _repairs(told: Collection[str]) -> frozenset[Repair]:
-    if isinstance(told, str):
-        raise InputError("read", "repair", repr(told), f"a list such as [{told!r}]")
+def _ends(piece: tuple[float | None, float | None] | None) -> tuple[float | None, float | None]:
+    if piece is None:
+        return None, None
+    if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end
+        raise InputError("read", "piece", piece, "first and last instant in s, such as (1.5, None)")
+    return piece[0], piece[1]
+
+
+def _repairs(told: Collection[str] | None) -> frozenset[Repair]:
+    if told is None:
+        return frozenset()
+    if isinstance(told, str) or not isinstance(told, Collection):
+        raise InputError("read", "repair", repr(told), f"a list such as [{str(told)!r}]")
     return frozenset(choice(Repair, "read", "repair", each) for each in told)
 
 

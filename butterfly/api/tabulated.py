@@ -12,9 +12,9 @@ from plotly.graph_objects import Bar, Figure, Scatter
 from butterfly.api.result import Result, text, texts
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.misfit import Misfit
 from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.numbers.document import HEAD, Told

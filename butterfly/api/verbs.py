@@ -17,21 +17,20 @@ from butterfly.errors import InputError
 from butterfly.experiment.estimator_spec import make_estimator
 from butterfly.experiment.methods import DEFAULT_METHOD
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulation import data_set_of, write_logs
 from butterfly.experiment.simulation import simulate as simulated_logs
-from butterfly.experiment.simulation import write_logs
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.design import next_experiments
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.identification import judged
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
-from butterfly.plant.twin import MASS
 from butterfly.report.numbers.table_numbers import told_design, told_validation
 
 Method = str | Estimator
@@ -99,7 +98,7 @@ def simulate(experiment: Named | Experiment, *, out: Named | None = None) -> Dat
     logs = list(simulated_logs(plan))
     if out is not None:
         return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
-    return DataSet.of(logs, name=plan.name, description=plan.description)
+    return data_set_of(plan, logs)
 
 
 def validate(
@@ -176,7 +175,7 @@ def compare(
     method: Method | None = None,
     *,
     logs: Sequence[int] | None = None,
-    mass: float = MASS,
+    mass: float | None = None,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Compared:
     """Simulate logs in MuJoCo and by the grey-box model, with the parameters identified from them.
@@ -188,7 +187,8 @@ def compare(
     logs
         Numbers of the logs; all if not given.
     mass
-        Of the hand in kg, for MuJoCo; the motion does not tell it.
+        Of the hand in kg, for MuJoCo; the motion does not depend on it, and a possible one is taken
+        if it is not given.
 
     Raises
     ------

@@ -32,11 +32,10 @@ from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import ESTIMATORS
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import judged
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.judgement.splits import Split
-from butterfly.plant.twin import MASS
+from butterfly.identification.inference.splits import Split
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page, write_page
@@ -52,7 +51,7 @@ def compare_command(
     data: DataArgument,
     estimator: Estimator,
     which: LogOption = None,
-    hand_mass: HandMassOption = MASS,
+    hand_mass: HandMassOption = None,
     holdout: HoldoutOption = None,
     report: ReportOption = None,
     figures: FiguresOption = False,

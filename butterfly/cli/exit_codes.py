@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from butterfly.identification.judgement.verdict import Standing
+    from butterfly.identification.diagnostics.verdict import Standing
 
 
 class ExitCode(IntEnum):

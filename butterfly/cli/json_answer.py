@@ -103,7 +103,7 @@ def answers_in_json(kind: str) -> Callable[..., Any]:
 
 
 def _refused(kind: str, reasons: tuple[str, ...]) -> Told:
-    from butterfly.identification.judgement.verdict import Standing  # noqa: PLC0415 - slow to import
+    from butterfly.identification.diagnostics.verdict import Standing  # noqa: PLC0415 - slow to import
     from butterfly.report.numbers.document import Told  # noqa: PLC0415
     from butterfly.report.verdict import SaidVerdict  # noqa: PLC0415
 

@@ -27,17 +27,17 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
+from butterfly.identification.diagnostics.left_over import LeftOver
+from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.judgement.bootstrap import bootstrap
-from butterfly.identification.judgement.left_over import LeftOver
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.judgement.residual_torque import residual_torques
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.term_selection import select_terms
-from butterfly.identification.judgement.validation import hold_out
+from butterfly.identification.inference.bootstrap import bootstrap
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.term_selection import select_terms
+from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.parameter import unit_of
-from butterfly.identification.predict import FitSummary, Predictor
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
     told_residual,
@@ -94,7 +94,7 @@ def validate_command(
     say_verdict(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
     say(held.division.said)
-    predictor = Predictor(logs)
+    predictor = logs.simulations
     seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
     unused = held_out_fits(logs, whole)
     counted = held.fits[~np.isnan(held.fits)]

@@ -32,7 +32,7 @@ from butterfly.resources import locate
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from butterfly.identification.judgement.verdict import Standing
+    from butterfly.identification.diagnostics.verdict import Standing
     from butterfly.logs.log import InputKind
     from butterfly.plant.robot import Robot
     from butterfly.report.numbers.document import Told
@@ -53,7 +53,7 @@ _ARM = 0.104  # m
 def show_command(
     *,
     source: SourceArgument,
-    hand_mass: HandMassOption = MASS,
+    hand_mass: HandMassOption = None,
     added_mass: AddedOption = 0.0,
     answer: JsonAnswer,
     options: DataOptions,
@@ -100,7 +100,7 @@ def render_command(
     out: Annotated[Path, typer.Option(help="Picture to write: .png, .jpg or .webp.")],
     angle: Annotated[float, typer.Option(help="Angle of the hand.")] = 0.5,
     size: Annotated[int, typer.Option(min=16, max=4096, help="Width and height in pixels.")] = 640,
-    hand_mass: HandMassOption = MASS,
+    hand_mass: HandMassOption = None,
     added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
@@ -119,7 +119,7 @@ def export_command(
     *,
     source: SourceArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
-    hand_mass: HandMassOption = MASS,
+    hand_mass: HandMassOption = None,
     added_mass: AddedOption = 0.0,
     options: DataOptions,
 ) -> None:
@@ -170,7 +170,7 @@ class _Named:
         )
 
 
-def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Named:
+def _named(source: Path, mass: float | None, added: float, options: DataOptions) -> _Named:
     """Return a robot, and print the verdict if it is the twin of data.
 
     Raises
@@ -199,6 +199,11 @@ def _named(source: Path, mass: float, added: float, options: DataOptions) -> _Na
     say_verdict(verdict.sentence)
     gravity = logs.logs[0].added_mass.gravity
     twin, rest = carrying_twin(found.parameters, replace(carried, gravity=gravity), mass)
+    if mass is None and twin.hand.mass > MASS + carried.mass:
+        say(
+            f"The hand has a mass of {twin.hand.mass:.3g} kg (--hand-mass): none of {MASS:g} kg "
+            "can have its p1 and p3, and the motion does not depend on it"
+        )
     return _Named(
         name=logs.name,
         robot=twin,

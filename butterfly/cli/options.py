@@ -138,9 +138,10 @@ ResultsOption = Annotated[
     ),
 ]
 HandMassOption = Annotated[
-    float,
+    float | None,
     typer.Option(
-        "--hand-mass", help="Mass given to an identified hand; the motion does not tell it."
+        "--hand-mass",
+        help="Mass of an identified hand; its motion does not depend on it. Chosen if not given.",
     ),
 ]
 LimitOption = Annotated[int, typer.Option("--limit", min=1, help="Rows to print, at most.")]
@@ -163,7 +164,7 @@ SPLITS = (
     "What is left out together: one added mass (mass), some of the sines' frequencies (frequency), "
     "some logs (log), a stretch of every log (time), or the first of these that suits (auto)."
 )
-"""What `butterfly.identification.judgement.splits.Split` offers."""
+"""What `butterfly.identification.inference.splits.Split` offers."""
 
 
 def picked(numbers: str | None, count: int) -> list[int]:

@@ -10,10 +10,10 @@ from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import estimated, judge
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.validation import hold_out
-from butterfly.identification.predict import FitSummary, Predictor
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.validation import hold_out
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.progress import Track, untracked
@@ -69,7 +69,7 @@ def leaderboard(
     estimators
         Told what they are to be told.
     split
-        What is left out together (see `butterfly.identification.judgement.splits.divide`).
+        What is left out together (see `butterfly.identification.inference.splits.divide`).
     track
         Shows progress.
     """
@@ -95,7 +95,7 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
     try:
         found = estimated(data, estimator)
         seconds = time.perf_counter() - begun
-        predictor = Predictor(data)
+        predictor = data.simulations
         found = predictor.settled(found)
         fits = predictor.fits(found)
         found = judge(data, estimator, found, fits)

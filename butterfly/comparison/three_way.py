@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.residual_torque import ResidualTorque, residual_torques
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.residual_torque import ResidualTorque, residual_torques
-from butterfly.identification.predict import FreeRun, Predictor
+from butterfly.identification.free_run import FreeRun
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.replay import replay_input
-from butterfly.plant.twin import MASS, carrying_twin
+from butterfly.plant.twin import carrying_twin
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import response_point
 
@@ -66,7 +66,7 @@ def compare_three(
     estimate: Estimate,
     numbers: Sequence[int],
     *,
-    mass: float = MASS,
+    mass: float | None = None,
     track: Track = untracked,
 ) -> list[ThreeWay]:
     """Simulate logs of a data set in MuJoCo and by the grey-box equation, from rest.
@@ -80,7 +80,7 @@ def compare_three(
     numbers
         Of the logs.
     mass
-        Of the hand in kg, for MuJoCo; the motion does not tell it.
+        Of the hand in kg, for MuJoCo; see `butterfly.plant.twin.twin`.
     track
         Shows progress.
 
@@ -89,7 +89,7 @@ def compare_three(
     InputError
         If no hand moves as the parameters say, or a simulation diverges.
     """
-    predictor = Predictor(data)
+    predictor = data.simulations
     found = []
     torques = residual_torques(data, estimate, numbers).logs
     for number, residual in zip(track(numbers, "Simulating twice"), torques, strict=True):

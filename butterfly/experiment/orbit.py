@@ -9,14 +9,13 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.simulation import data_set_of, simulate, write_logs
 from butterfly.experiment.streams import of_orbit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import judged
 from butterfly.logs.log import Log
 from butterfly.logs.mat import write_mat
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.loop import Rig
 from butterfly.orbit.study import OrbitStudy, study_orbit
@@ -59,9 +58,7 @@ def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untrack
     if experiment.control is not None and experiment.control.believed is None:
         logs = list(simulate(experiment, track=track))
         write_logs(experiment, logs, folder / "small")
-        known = Knowledge.told(experiment.known)
-        every = DataSet.of(logs, name=experiment.name, known=known, track=track)
-        data = every.holding_out(experiment.holdout)
+        data = data_set_of(experiment, logs, track)
     study = hold_orbit(experiment, data, track=track)
     for number, each in enumerate(study.calibration.rounds):
         for run, log in enumerate(each.logs):

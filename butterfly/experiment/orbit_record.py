@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.parameter import or_none
 from butterfly.orbit.study import OrbitStudy
 

@@ -16,15 +16,14 @@ from butterfly.experiment.plan import Task
 from butterfly.experiment.record import FAILED, OK, REFUSED, EstimateRecord, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import filled
-from butterfly.experiment.simulation import packed, simulate
+from butterfly.experiment.simulation import data_set_of, packed, simulate
 from butterfly.experiment.versions import versions
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Estimator, OutputError
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification, identify
-from butterfly.identification.judgement.validation import hold_out
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.inference.validation import hold_out
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge
 from butterfly.orbit.study import OrbitStudy
 from butterfly.plant.excitations import Table
 from butterfly.progress import Track, untracked
@@ -141,13 +140,7 @@ class _Run:
             with self.timed("simulate"):
                 self.logs.extend(simulate(experiment, threads=self._threads, track=self._track))
             with self.timed("identify"):
-                data = DataSet.of(
-                    self.logs,
-                    name=experiment.name,
-                    description=experiment.description,
-                    known=Knowledge.told(experiment.known),
-                    track=self._track,
-                ).holding_out(experiment.holdout)
+                data = data_set_of(experiment, self.logs, self._track)
                 for spec in experiment.all_estimators:
                     self._identify(data, spec)
         if experiment.control is not None:

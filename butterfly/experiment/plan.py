@@ -15,6 +15,7 @@ from butterfly.experiment.record import FAILED, SCHEMA, Outcome, PlannedRun, Run
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.signal_tables import digest_of
 from butterfly.experiment.sweeps import Overrides, apply
+from butterfly.experiment.versions import versions
 from butterfly.identification.estimators import Estimator
 from butterfly.plant.excitations import Table
 
@@ -31,7 +32,7 @@ class Task:
     number
         In the sweep's order, from 0 on.
     key
-        Address of the result: a hash of the experiment with its defaults, the seed and the code.
+        Address of the result: a hash of the experiment and its defaults, seed, code and versions.
     overrides
         Fields that this run sets, by their paths.
     repetition
@@ -123,7 +124,7 @@ def _tasks(source: Source, experiment: Experiment) -> Iterator[Task]:
         else experiment.sweep.points(experiment.seed, source.path)
     )
     for number, (overrides, repetition, seed) in enumerate(points):
-        content = source.with_digests(apply(base, {"seed": seed} | overrides, source.path))
+        content = source.with_digests(apply(base, overrides | {"seed": seed}, source.path))
         asked = source.experiment(content)
         yield Task(
             number=number,
@@ -138,7 +139,7 @@ def _tasks(source: Source, experiment: Experiment) -> Iterator[Task]:
 def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
     """Return where the result of an experiment lies.
 
-    It covers all that the result depends on, defaults and code included.
+    It covers all that the result depends on: defaults, the code, and the versions it ran with.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
         digest_of(signal) or spec.model_dump(mode="json")
         for signal, spec in zip(named, experiment.signals, strict=True)
     ]
-    text = json.dumps([SCHEMA, fingerprint(), asked], sort_keys=True)
+    text = json.dumps([SCHEMA, fingerprint(), versions(), asked], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 

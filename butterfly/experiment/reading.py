@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from butterfly.yaml_document import Document, load_yaml
 from butterfly.yaml_input import StrictModel, validate
 
 _DEEPEST = 10  # files that may extend each other
+_OF_SIGNALS = re.compile(r"\bfile\.(choice\.)?path\.")  # in the place of a path, as a sweep says it
 
 
 class _Signals(StrictModel):
@@ -35,7 +37,7 @@ class Source:
     Attributes
     ----------
     content
-        The merged mapping.
+        The merged mapping; files of signals are named as they lie from the file's folder on.
     tables
         Signals that were read from files so far, by their digests.
     signals
@@ -53,7 +55,7 @@ class Source:
         self._documents = _chain(path)
         content: dict[str, Any] = {}
         for document in reversed(self._documents):
-            content = _merged(content, document.content)
+            content = _merged(content, _seen_from(path.parent, document))
         content.pop("extends", None)
         self.content = content
         self.tables: dict[str, Table] = {}
@@ -95,7 +97,7 @@ class Source:
             return signal
         named = validate(self._documents, signal, _Signals).file
         if named not in self._digests:
-            path = inside(self.path.parent, named.path, self.path)
+            path = _allowed(self.path.parent, named.path, self.path)
             digest, table = read_table(path, named.time, named.values)
             self.tables[digest] = table
             self._digests[named] = digest
@@ -142,6 +144,40 @@ def _chain(path: Path) -> list[Document]:
             raise InputError(document.path, "extends", named, "a file that does not lead back here")
         documents.append(load_yaml(base))
     return documents
+
+
+def _seen_from(folder: Path, document: Document) -> dict[str, Any]:
+    """Return what a file says, its paths of signals as seen from ``folder``.
+
+    A file names them from its own folder on, wherever the file lies that extends it.
+    """
+    own = document.path.parent
+    if own.resolve() == folder.resolve():
+        return document.content
+
+    def named(path: str) -> str:
+        found = inside(own, Path(path), document.path)
+        below = found.is_relative_to(folder.resolve())
+        return (found.relative_to(folder.resolve()) if below else found).as_posix()
+
+    found: dict[str, Any] = _with_paths(document.content, named)
+    return found
+
+
+def _with_paths(value: Any, named: Callable[[str], str], place: str = "") -> Any:  # noqa: ANN401 - any YAML
+    """Return a content with other paths of signals, those that a sweep sets by their place too."""
+    if isinstance(value, dict):
+        return {key: _with_paths(each, named, f"{place}{key}.") for key, each in value.items()}
+    if isinstance(value, list):
+        return [_with_paths(each, named, place) for each in value]
+    return named(value) if isinstance(value, str) and _OF_SIGNALS.search(place) else value
+
+
+def _allowed(folder: Path, named: Path, source: Path) -> Path:
+    """Return the place of a file of signals: below a folder, or shipped beside an experiment."""
+    if named.is_absolute() and named.is_relative_to(shipped("experiments").resolve()):
+        return named
+    return inside(folder, named, source)
 
 
 def _base(path: Path, named: str) -> Path:

@@ -18,11 +18,11 @@ import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
 
 from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Ending
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import Parameter, or_nan
-from butterfly.identification.predict import FitSummary
 from butterfly.model.parameters import LumpedParameters
 
 SCHEMA = 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated
@@ -24,14 +23,13 @@ from butterfly.experiment.streams import of_runs
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.splits import Split
+from butterfly.identification.inference.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Told
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import (
-    GRAVITY,
     AddedMass,
     Hand,
     LumpedParameters,
@@ -156,7 +154,7 @@ class ValidationSpec(StrictModel):
     Parameters
     ----------
     split
-        What is left out together (see `butterfly.identification.judgement.splits.divide`).
+        What is left out together (see `butterfly.identification.inference.splits.divide`).
     folds
         How many, of frequency, log and time.
     """
@@ -262,8 +260,8 @@ class Experiment(StrictModel):
     def _possible(self) -> Experiment:
         Knowledge.told(self.known)
         self.plant.clock.count(self.duration)
-        if any(mass.effect != replace(mass, gravity=GRAVITY).effect for mass in self.added_masses):
-            raise ValueError("added masses on a hinge under 9.81 m/s², as the simulators have it")
+        for added in self.added_masses:
+            self.plant.robot.loaded(added)
         return self
 
     @model_validator(mode="after")

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from butterfly.experiment.schema import Experiment
+from butterfly.identification.data import DataSet
 from butterfly.logs.log import Intersample, Log
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
@@ -17,6 +18,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
+from butterfly.model.known import Knowledge, Known
 from butterfly.plant.rollout import simulate_runs
 from butterfly.progress import Track, untracked
 
@@ -50,6 +52,18 @@ def simulate(
     setup, runs, seeds = experiment.plant.setup, experiment.runs(), experiment.seeds()
     for log in simulate_runs(setup, runs, experiment.duration, seeds, threads=threads, track=track):
         yield replace(log, source=log.name)
+
+
+def data_set_of(experiment: Experiment, logs: Sequence[Log], track: Track = untracked) -> DataSet:
+    """Return the data set of an experiment's logs, as from the folder that `write_logs` writes."""
+    data = DataSet.of(
+        logs,
+        name=experiment.name,
+        description=experiment.description,
+        known=Knowledge.told(experiment.known),
+        track=track,
+    )
+    return data.holding_out(experiment.holdout)
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
@@ -89,11 +103,15 @@ def _entry(log: Log, file: str) -> LogEntry:
     sine, added = log.excitation, log.added_mass
     return LogEntry(
         file=file,
-        added_mass=added.mass,
-        arm=added.arm or None,
+        added_mass=_with_uncertainty(added.mass, added.mass_uncertainty),
+        arm=_with_uncertainty(added.arm, added.arm_uncertainty) if added.arm else None,
         omega=sine.omega if sine else None,
         amplitude=sine.amplitude if sine else None,
     )
+
+
+def _with_uncertainty(value: float, uncertainty: float) -> float | Known:
+    return Known(value=value, uncertainty=uncertainty) if uncertainty else value
 
 
 def _manifest(experiment: Experiment, entries: list[LogEntry]) -> Manifest:

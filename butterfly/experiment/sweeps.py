@@ -25,6 +25,7 @@ SEEDS = 2**63
 
 _BYTES_PER_RUN = 2000  # of a plan
 _RANDOM, _HYPERCUBE = 1, 2  # streams of the experiment's seed
+_SET_ONCE = "each field in one of grid, list, random and latin_hypercube only"
 
 
 class Distribution(OneOf):
@@ -93,12 +94,29 @@ class SweepSpec(StrictModel):
     latin_hypercube: RandomSpec | None = None
     repetitions: Annotated[int, Field(gt=0)] = 1
 
+    @model_validator(mode="after")
+    def _each_field_set_once(self) -> SweepSpec:
+        """Refuse a field that a later part would set anew, alone or with all that it is part of."""
+        earlier: list[str] = []
+        for alternatives in self._axes:
+            for together in alternatives:
+                for position, path in enumerate(together):
+                    for before in (*earlier, *together[:position]):
+                        if f"{before}.".startswith(f"{path}."):
+                            raise InputError("sweep", path, f"{before} set before", _SET_ONCE)
+            earlier += {path for together in alternatives for path in together}
+        return self
+
+    @property
+    def _axes(self) -> list[list[tuple[str, ...]]]:
+        """Paths that each part sets, in the order in which they are applied: rows of a part."""
+        drawn = [tuple(spec.fields) if spec else () for spec in (self.random, self.latin_hypercube)]
+        return [[tuple(self.grid)], [tuple(row) for row in self.rows], *([each] for each in drawn)]
+
     @property
     def fields(self) -> list[str]:
         """Paths of the fields that vary, in order."""
-        drawn = [spec.fields for spec in (self.random, self.latin_hypercube) if spec]
-        paths = [*self.grid, *(path for row in self.rows for path in row)]
-        return list(dict.fromkeys([*paths, *(path for each in drawn for path in each)]))
+        return list(dict.fromkeys(path for part in self._axes for row in part for path in row))
 
     @property
     def _count(self) -> int:
@@ -111,7 +129,8 @@ class SweepSpec(StrictModel):
         """Yield the overrides, the repetition and the seed of each run, in order.
 
         A run's seed depends on the experiment's seed, the repetition and the values set alone, so
-        a sweep that grows keeps the runs that it had.
+        a sweep that grows keeps the runs that it had. A seed that is set is that of its first
+        repetition; those of the others are derived from it.
 
         Parameters
         ----------
@@ -136,7 +155,10 @@ class SweepSpec(StrictModel):
         for parts in product(*axes):
             overrides = {path: value for part in parts for path, value in part.items()}
             for repetition in range(self.repetitions):
-                yield overrides, repetition, _derived_seed(seed, repetition, overrides)
+                if "seed" in overrides and repetition == 0:
+                    yield overrides, repetition, overrides["seed"]
+                else:
+                    yield overrides, repetition, _derived_seed(seed, repetition, overrides)
 
 
 def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> dict[str, Any]:

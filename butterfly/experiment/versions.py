@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
 from importlib.metadata import version
 
 import numpy as np
 
 from butterfly import __version__
 
-_OTHERS = ("mujoco", "scipy")  # not imported for that: a simulator is slow to
+_OTHERS = ("mujoco", "numba", "scipy")  # not imported for that: a simulator is slow to
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return what the result was made with."""
     return {

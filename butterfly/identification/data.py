@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identification.diagnostics.knowledge import is_driven
+from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_refused, slips_of_still
+from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.free_run import Simulations
 from butterfly.identification.implied import beside_masses, implied
-from butterfly.identification.judgement.knowledge import is_driven
-from butterfly.identification.judgement.slips.inputs import slips_of_refused, slips_of_still
-from butterfly.identification.judgement.slips.names import with_slips
 from butterfly.identification.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names
@@ -153,6 +154,11 @@ class DataSet:
     def zero_of(self, log: Log) -> float:
         """Return the encoder reading in rad where the model's angle is 0 in one of the logs."""
         return reading_of(log, self.equilibria)
+
+    @cached_property
+    def simulations(self) -> Simulations:
+        """What simulates the logs, and has simulated them."""
+        return Simulations(self.logs, self.equilibria, self.counted)
 
     @property
     def hangs(self) -> bool:
@@ -307,7 +313,7 @@ def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
     known = implied(told, first.input_kind, first.added_mass.joint)
-    return beside_masses(known, {log.added_mass for log in logs})
+    return beside_masses(known, [log.added_mass for log in logs])
 
 
 def turns_over(log: Log, zero: float) -> bool:

@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.files import finite
-from butterfly.identification.judgement.covariance import cluster_covariance, robust
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.identifiability import (
-    Conditioning,
-    precision,
-    sort_by_precision,
-)
-from butterfly.identification.judgement.intervals import honest_limits
-from butterfly.identification.judgement.knowledge import (
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.knowledge import (
     disagreements,
     moved_by_masses,
     scale_apart,
 )
-from butterfly.identification.judgement.mass_consistency import Correction, corrections
-from butterfly.identification.judgement.verdict import Verdict
+from butterfly.identification.diagnostics.verdict import Verdict
+from butterfly.identification.inference.covariance import cluster_covariance, robust
+from butterfly.identification.inference.identifiability import (
+    Conditioning,
+    precision,
+    sort_by_precision,
+)
+from butterfly.identification.inference.intervals import honest_limits
+from butterfly.identification.inference.mass_consistency import Correction, corrections
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.identification.solved import Solved, pulled_below
 from butterfly.logs.log import InputKind, Log

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import relations, with_gear
-from butterfly.identification.judgement.intervals import SPREADS
+from butterfly.identification.inference.intervals import SPREADS
 from butterfly.identification.physical_formulas import SIGNED, SYMBOLS, WAYS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind

@@ -43,7 +43,7 @@ class Reference:
     @classmethod
     def of(cls, masses: Sequence[AddedMass], known: Knowledge, *, driven: bool = True) -> Reference:
         """Find it for logs with some masses; of undriven ones p4 tells nothing."""
-        same = len({mass.effect for mass in masses}) == 1
+        same = len({mass.inertia_and_moment for mass in masses}) == 1
         telling = known if driven else known.within(known.parameters.keys() - {"p4"})
         return cls(name=telling.reference if same else None, known=known, added=masses[0])
 

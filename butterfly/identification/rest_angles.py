@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import j0
 
-from butterfly.identification.judgement.nested import Nested
-from butterfly.identification.judgement.term_choice import choose_terms, folds_of
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import choose_terms, folds_of
 from butterfly.identification.solved import Solved
 from butterfly.identification.zeros import doubts
 from butterfly.model.known import Known

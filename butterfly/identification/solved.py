@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.judgement.covariance import cluster_covariance, compress_all
-from butterfly.identification.judgement.findings import Ending, Finding
+from butterfly.identification.diagnostics.findings import Ending, Finding
+from butterfly.identification.inference.covariance import cluster_covariance, compress_all
 from butterfly.identification.prior import Prior
 from butterfly.identification.regression import Regression, Solution
 

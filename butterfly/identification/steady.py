@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
 
 LARGEST_SWING = 1.6
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""

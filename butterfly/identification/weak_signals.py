@@ -24,7 +24,7 @@ from butterfly.model.parameters import compressed
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.signals import hold
 from butterfly.signals.local_polynomial import slope
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import resample, uniform_grid
 
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.judgement.covariance import (
+from butterfly.identification.inference.covariance import (
     blocks_of,
     cluster_covariance,
     compress_all,

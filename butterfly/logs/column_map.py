@@ -26,6 +26,8 @@ def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
     InputError
         If it names another field, or lacks one of these.
     """
+    if not isinstance(columns, Mapping):
+        raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
     for field in columns:
         if field not in SAMPLED:
             raise InputError(

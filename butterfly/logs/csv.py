@@ -77,8 +77,12 @@ def read_csv(
     """
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
     table = _table(path, mapping.values(), () if columns else (_VELOCITY,))
+    layout = table.reading.layout
     if not columns and has_column(table.names, _VELOCITY):
-        mapping[_VELOCITY] = _VELOCITY
+        if _holds_numbers(table.columns[place(path, table.names, _VELOCITY)]):
+            mapping[_VELOCITY] = _VELOCITY
+        else:
+            layout += ("no numbers in the column velocity, which is left out",)
     places = {field: place(path, table.names, name) for field, name in mapping.items()}
     arrays = {
         field: _numeric(path, table, number, str(mapping[field]))
@@ -87,7 +91,7 @@ def read_csv(
     found = _own_units(path, table, places, units)
     factors = {field: known_factor(field, unit) or 1.0 for field, unit in found.items()}
     others = {field: unit for field, unit in found.items() if factors[field] != 1.0}
-    reading = replace(table.reading, units=others)
+    reading = replace(table.reading, layout=layout, units=others)
     converted: dict[str, Any] = units.over(factors).applied(arrays)
     return Log(**converted, source=str(path), reading=reading, **properties)
 
@@ -184,6 +188,10 @@ def _own_units(path: Path, table: _Table, places: dict[str, int], units: Units) 
 
 def _is_number_type(kind: pyarrow.DataType) -> bool:
     return bool(pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind))
+
+
+def _holds_numbers(column: NDArray[np.float64] | pyarrow.ChunkedArray) -> bool:
+    return isinstance(column, np.ndarray) or _is_number_type(column.type)
 
 
 def _numeric(path: Path, table: _Table, number: int, name: str) -> NDArray[np.float64]:

@@ -342,6 +342,8 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
     InputError
         If a name is no log's.
     """
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")
     forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
     chosen = set[int]()
     for name in names:

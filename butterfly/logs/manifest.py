@@ -25,7 +25,7 @@ from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.units import Units
 from butterfly.model.known import Knowledge, Known, known_of, plain
-from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
+from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
 from butterfly.yaml_input import StrictModel, read_yaml
 from butterfly.yaml_output import yaml_text
 
@@ -216,7 +216,7 @@ class Manifest(StrictModel):
     def _arms_where_needed(self) -> Manifest:
         if self.joint is JointKind.HINGE and self.arm is None:
             for entry in self.logs:
-                if entry.added_mass and entry.arm is None:
+                if known_of(entry.added_mass).value and entry.arm is None:
                     raise ValueError(f"arm, in m, since {entry.file} carries a mass")
         return self
 
@@ -232,9 +232,9 @@ class Manifest(StrictModel):
 
     @model_validator(mode="after")
     def _zeros_of_masses(self) -> Manifest:
-        carried = {known_of(entry.added_mass).value for entry in self.logs}
+        carried = {rounded(known_of(entry.added_mass).value) for entry in self.logs}
         for each in self.zeros:
-            if each.added_mass not in carried:
+            if rounded(each.added_mass) not in carried:
                 masses = ", ".join(f"{mass:g}" for mass in sorted(carried))
                 raise ValueError(f"zeros of masses that logs carry: {masses} kg")
         return self
@@ -272,8 +272,8 @@ class Manifest(StrictModel):
 
     def zero_of(self, entry: LogEntry) -> Known | None:
         """Return what is known of the encoder's zero in a log."""
-        mass = known_of(entry.added_mass).value
-        of_mass = (each.zero for each in self.zeros if each.added_mass == mass)
+        mass = rounded(known_of(entry.added_mass).value)
+        of_mass = (each.zero for each in self.zeros if rounded(each.added_mass) == mass)
         told = next((each for each in (entry.zero, *of_mass, self.zero) if each is not None), None)
         return None if told is None else known_of(told)
 

@@ -95,7 +95,7 @@ class Units:
         for name, unit in (told or {}).items():
             if name not in UNITS:
                 raise InputError(source, f"units.{name}", "an unknown name", nearest(name, UNITS))
-            if unit in {"-", "-1"} or (unit == -1 and not isinstance(unit, bool)):
+            if isinstance(unit, str | Real) and unit in ("-", "-1", -1):
                 _require_turnable(source, name, unit)
                 turned.add(name)
             else:

@@ -91,12 +91,7 @@ def transfer_function(
 ) -> control.TransferFunction:
     """G(s) from command to angle about the hanging position (13), the armature's lag included.
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with what it carries.
-    pade_order
-        Of the approximation of the delay; 0 leaves it out, as a negative one is.
+    Of the loaded hand; the delay by Padé of that order, left out for 0 or where it is negative.
     """
     p = Linearisation.of(parameters)
     slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
@@ -145,13 +140,8 @@ def nonlinear_system(
 
     The armature's lag adds the motor's torque to the states, bristles add their deflection.
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with what it carries; the delay is left out.
-    smoothing
-        Velocity in rad/s over which friction without bristles changes its sign; python-control's
-        solvers need a continuous right-hand side, so it creeps at rest.
+    Of the loaded hand, without delay. Friction without bristles changes its sign over `smoothing`
+    rad/s, since python-control's solvers need a continuous right-hand side: it creeps at rest.
     """
     p = parameters
     lagging, bending = p.time_constant > 0, p.bristle_stiffness > 0

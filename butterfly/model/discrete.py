@@ -34,10 +34,7 @@ class HeldSystem:
     def of(cls, parameters: LumpedParameters, step: float) -> HeldSystem:
         """Discretise the linearisation about the hanging position.
 
-        Raises
-        ------
-        InputError
-            If it is not underdamped (45), or the step not positive.
+        An InputError if it is not underdamped (45), or the step not positive.
         """
         p = parameters
         if not step > 0:

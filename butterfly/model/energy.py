@@ -28,14 +28,7 @@ def potential(
 ) -> Any:  # noqa: ANN401
     """Potential energy in J above that at angle 0: gravity, offset, bias and cogging.
 
-    Parameters
-    ----------
-    p
-        Of the hand with what it carries.
-    angle
-        In rad; a number, or an array.
-    rows
-        That have a potential.
+    Of the loaded hand, at angles in rad of any shape; `rows` are the terms that have a potential.
     """
     total = 0.0 * angle
     for row in rows:
@@ -94,13 +87,9 @@ class Orbit:
     def of_energy(cls, parameters: LumpedParameters, target: float) -> Orbit:
         """Take the orbit of an energy E* in J.
 
-        Raises
-        ------
-        InputError
-            If it is not between the energy at rest and that at which the hand turns over; for a
-            plain pendulum, 0 < E* < 2 p3 (the condition that (108) means).
-
-        A hand with p3 < 0 rests upside down, and swings about pi.
+        E* lies between the energy at rest and that at which the hand turns over (an InputError
+        otherwise); for a plain pendulum 0 < E* < 2 p3, the condition that (108) means. A hand with
+        p3 < 0 rests upside down, and swings about pi.
         """
         turn = np.linspace(-math.pi, math.pi, _GRID)
         lowest = turn[np.argmin(potential(parameters, turn))]
@@ -130,10 +119,7 @@ class Orbit:
     def of_amplitude(cls, parameters: LumpedParameters, amplitude: float) -> Orbit:
         """Take the orbit that turns back at ``amplitude`` rad on the positive side.
 
-        Raises
-        ------
-        InputError
-            If there is none.
+        An InputError if there is none.
         """
         if not 0 < amplitude < math.pi:
             raise InputError("orbit", "amplitude", f"{amplitude:g} rad", "between 0 and pi")
@@ -143,10 +129,7 @@ class Orbit:
     def of_state(cls, parameters: LumpedParameters, angle: float, velocity: float) -> Orbit:
         """Take the orbit through a state in rad and rad/s.
 
-        Raises
-        ------
-        InputError
-            If there is none.
+        An InputError if there is none.
         """
         return cls.of_energy(parameters, float(energy(parameters, angle, velocity)))
 

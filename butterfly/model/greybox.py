@@ -24,21 +24,8 @@ def simulate(
     Each interval is divided into steps short enough for the armature's lag and for the bristles;
     current and bristles start at 0.
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with its added mass; ``delay`` is not applied here (see ``inputs``).
-    time
-        (n,) strictly increasing instants in s.
-    inputs
-        (n - 1, 3) input at the start, middle and end of each interval, already delayed.
-    angle, velocity
-        Initial state in rad and rad/s.
-
-    Returns
-    -------
-    angle, velocity
-        (n,) each, in rad and rad/s.
+    `time` has (n,) increasing instants in s, `inputs` (n - 1, 3) values at the start, middle and
+    end of each interval, already delayed. Returns (n,) angles in rad and (n,) velocities in rad/s.
     """
     start = (angle, velocity, 0.0, 0.0)
     return integrate(time, parameters.p4 * inputs, start, Constants.of(parameters))

@@ -30,12 +30,7 @@ def quasi_linear_response(
     The swing is taken to be about angle 0; what has no describing function (bias, offset, cosine of
     cogging, bristles, compression) is left out.
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with its added mass.
-    omega, amplitude
-        Frequencies in rad/s and angle amplitudes in rad, shapes that broadcast.
+    Of the loaded hand; frequencies in rad/s and amplitudes in rad broadcast.
     """
     linear = Linearisation.of(parameters)
     w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
@@ -55,12 +50,7 @@ def predicted_swing(parameters: LumpedParameters, omega: float, amplitude: float
     Where several are possible (a pendulum's resonance bends over) it is the largest. Zero if
     Coulomb friction holds the joint, infinite if no swing below pi balances the drive.
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with its added mass.
-    omega, amplitude
-        Of the input, in rad/s and units of the input.
+    Of the loaded hand; the input has `omega` in rad/s and `amplitude` in its own unit.
     """
     swings = np.linspace(_SMALLEST_SWING, np.pi, 4096)
     excess = swings / np.abs(quasi_linear_response(parameters, omega, swings)) - abs(amplitude)

@@ -157,10 +157,7 @@ class Knowledge:
     def agreeing(self, other: Knowledge, source: object) -> Knowledge:
         """Return this and what somebody else knows of the same robot.
 
-        Raises
-        ------
-        InputError
-            Naming the source, if both say something of one thing, and not the same.
+        An InputError if both say something of one thing, and not the same.
         """
         mine, theirs = ({**each.parameters, **each.physical} for each in (self, other))
         for name in mine.keys() & theirs.keys():
@@ -182,18 +179,9 @@ NOTHING = Knowledge()
 def known_of(value: Any, source: object = "known", field: str = "value") -> Known:  # noqa: ANN401 - whatever was given
     """Read a value with or without an uncertainty.
 
-    Parameters
-    ----------
-    value
-        A number, a text such as ``1 ± 0.02`` or ``1+-0.02``, a mapping with ``value`` and
-        ``uncertainty``, a pair of them, or a `Known`.
-    source, field
-        Where it was said, for the message.
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
+    `value` is a number, a text (``1 ± 0.02``, ``1+-0.02``), a mapping with ``value`` and
+    ``uncertainty``, a pair of them, or a `Known`; anything else is an InputError that names source
+    and field.
     """
     number, uncertainty = _parts(value, source, field)
     for part in (number, uncertainty):

@@ -44,15 +44,7 @@ class Linearisation:
 
     @classmethod
     def of(cls, parameters: LumpedParameters, angle: float = 0.0) -> Linearisation:
-        """Linearise about rest at an angle in rad.
-
-        Parameters
-        ----------
-        parameters
-            Of the hand with what it carries.
-        angle
-            Where some constant input holds it.
-        """
+        """Linearise the loaded hand about an angle in rad at which some constant input holds it."""
         p = parameters
         back_emf = p.back_emf if p.time_constant > 0 else 0.0
         return cls(
@@ -107,12 +99,7 @@ class Linearisation:
 def frequency_response(parameters: LumpedParameters, omega: ArrayLike) -> NDArray[np.complex128]:
     """G(jw) of the linearisation about the hanging position (see `Linearisation.response`).
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with its added mass.
-    omega
-        Frequencies in rad/s, any shape.
+    Of the loaded hand, at frequencies in rad/s of any shape.
     """
     return Linearisation.of(parameters).response(omega)
 

@@ -35,20 +35,11 @@ class DelayStates:
     def of(cls, delay: float, order: int) -> DelayStates:
         """Approximate exp(-s delay) by a fraction of polynomials, both of the same order.
 
-        At w rad/s it is off by (n!)^2/((2n)! (2n + 1)!) (w delay)^(2n + 1) and less beyond
-        (Baker & Graves-Morris, Padé Approximants, 1996, 1.2).
+        At w rad/s it is off by (n!)^2/((2n)! (2n + 1)!) (w delay)^(2n + 1) and less beyond (Baker &
+        Graves-Morris, Padé Approximants, 1996, 1.2).
 
-        Parameters
-        ----------
-        delay
-            In s.
-        order
-            n.
-
-        Raises
-        ------
-        InputError
-            If the delay is not positive, or the order not between 1 and `HIGHEST_ORDER`.
+        The delay, in s, is above 0 and the order n from 1 to `HIGHEST_ORDER`: an InputError
+        otherwise.
         """
         if not delay > 0:
             raise InputError("Padé", "delay", delay, "a positive number of s")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TypeVar
+from functools import cached_property, total_ordering
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,9 +147,15 @@ class JointKind(StrEnum):
         return "m" if self is JointKind.SLIDE else "rad"
 
 
-@dataclass(frozen=True, kw_only=True, order=True)
+def rounded(value: float) -> float:
+    """Return a mass or an arm to the six digits by which equal ones are grouped, and printed."""
+    return float(f"{value:g}")
+
+
+@total_ordering
+@dataclass(frozen=True, kw_only=True, eq=False)
 class AddedMass:
-    """A point mass screwed to the hand.
+    """A point mass screwed to the hand; equal to others by its `key`, whatever is uncertain of it.
 
     Parameters
     ----------
@@ -181,6 +188,20 @@ class AddedMass:
             for name in lengths:
                 object.__setattr__(self, name, 0.0)
 
+    @cached_property
+    def key(self) -> tuple[float, float, float, JointKind]:
+        """Mass, arm and gravity, rounded, and the joint: the same in every spelling of one mass."""
+        return rounded(self.mass), rounded(self.arm), rounded(self.gravity), self.joint
+
+    def __eq__(self, other: object) -> bool:
+        return self.key == other.key if isinstance(other, AddedMass) else NotImplemented
+
+    def __lt__(self, other: Any) -> bool:  # noqa: ANN401 - whatever is compared
+        return self.key < other.key if isinstance(other, AddedMass) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
     @property
     def inertia(self) -> float:
         """Z = m_a l_a^2 in kg m^2 (81); on a slide m_a in kg."""
@@ -197,9 +218,11 @@ class AddedMass:
         return self.mass * self.gravity * self.arm
 
     @property
-    def effect(self) -> tuple[float, float]:
-        """Z and X (81), all that the motion tells of it but for friction by its weight."""
-        return self.inertia, self.gravity_moment
+    def inertia_and_moment(self) -> tuple[float, float]:
+        """Z and X (81) of the `key`: what motion shows of it, friction by its weight aside."""
+        mass, arm, gravity, joint = self.key
+        inertia = mass if joint is JointKind.SLIDE else mass * arm**2
+        return rounded(inertia), rounded(mass * gravity * arm)
 
     def __str__(self) -> str:
         if not self.mass:
@@ -277,14 +300,11 @@ def compressed(inputs: _Inputs, compression: float) -> _Inputs:
 def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive, Friction]:
     """Find a hand of a given mass in kg that moves as ``parameters`` say, by (6) read backwards.
 
-    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay
-    is left out.
+    The mass cannot be seen in the motion: any choice that leaves J_p > 0 moves alike. The delay is
+    left out.
 
-    Raises
-    ------
-    InputError
-        If no such hand exists: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would not be
-        positive, or a friction is negative.
+    An InputError if there is no such hand: J_p = p1 - (p3^2 + p3_offset^2)/(m (g cos tilt)^2) would
+    not be positive, or a friction is negative.
     """
     if not mass > 0:
         raise InputError("Hand", "mass", mass, "a positive number of kg")
@@ -294,10 +314,8 @@ def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive
     )
     inertia = parameters.p1 - mass * (com_distance**2 + com_offset**2)
     if not inertia > 0:
-        least = (math.hypot(parameters.p3, parameters.p3_offset) / pull) ** 2 / parameters.p1
-        raise InputError(
-            "Hand", "mass", mass, f"more than {least:.3g} kg, for p1 and p3 to be possible"
-        )
+        expected = f"more than {least_mass(parameters):.3g} kg, for p1 and p3 to be possible"
+        raise InputError("Hand", "mass", mass, expected)
     return (
         Hand(
             mass=mass,
@@ -309,6 +327,12 @@ def unlump(parameters: LumpedParameters, mass: float) -> tuple[Hand, TorqueDrive
         TorqueDrive(gain=parameters.p4),
         Friction(viscous=parameters.p2, **parameters.terms()),
     )
+
+
+def least_mass(parameters: LumpedParameters) -> float:
+    """Return the mass in kg above which a hand can move as ``parameters`` say (see `unlump`)."""
+    pull = GRAVITY * math.cos(parameters.tilt)
+    return (math.hypot(parameters.p3, parameters.p3_offset) / pull) ** 2 / parameters.p1
 
 
 def lump(hand: Hand, drive: Drive, friction: Friction) -> LumpedParameters:

@@ -52,19 +52,8 @@ class Columns:
     ) -> Columns:
         """Return the columns for some parameters of the bare hand that carries ``added``.
 
-        Parameters
-        ----------
-        names
-            Of n parameters, and of `INITIAL`.
-        parameters
-            Of the bare hand.
-        added
-            What it carries.
-
-        Raises
-        ------
-        InputError
-            If a name is unknown, or the model has no derivative by it at these values.
+        `names` are parameters and those of `INITIAL`. An InputError if one is unknown, or the model
+        has no derivative by it at these values.
         """
         loaded = parameters.with_added_mass(added)
         own = _parts(loaded, added)
@@ -121,25 +110,10 @@ def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated o
 ) -> tuple[Samples, Samples]:
     """Simulate as `butterfly.model.greybox.simulate` does; return what is read off, differentiated.
 
-    Parameters
-    ----------
-    parameters
-        Of the hand with its added mass.
-    time
-        (n,) strictly increasing instants in s.
-    inputs
-        (q, n - 1, 3) at the start, middle and end of each interval: the input, already delayed, and
-        as far as `Columns.drives` asks for them its derivatives by delay and compression.
-    start
-        Initial angle in rad and velocity in rad/s.
-    readings
-        What is read off.
-    columns
-        Of the same hand.
-
-    Returns
-    -------
-    (m,) readings, and their (m, k) derivatives by the columns.
+    `time` has (n,) increasing instants in s; `inputs` (q, n - 1, 3) values at the start, middle and
+    end of each interval: the input, already delayed, and as far as `Columns.drives` asks for them
+    its derivatives by delay and compression; `start` is in rad and rad/s. Returns (m,) readings and
+    their (m, k) derivatives by the columns.
     """
     values = np.empty(readings.weights.shape[1])
     rows = np.empty((values.size, columns.column.size))

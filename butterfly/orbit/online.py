@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.bumps import SPACING
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Finding, FindingKind
 from butterfly.identification.regression import Regression
 from butterfly.identification.weak_signals import weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Finding, FindingKind
-from butterfly.identification.judgement.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
 from butterfly.identification.regression import Solution
 from butterfly.identification.solved import Solved
 from butterfly.logs.log import Log

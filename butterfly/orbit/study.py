@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.diagnostics.following import judge_fit
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.following import judge_fit
-from butterfly.identification.predict import FreeRun, Setting, free_run
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
@@ -24,6 +24,7 @@ PERIODS = 5
 
 _BESIDE = 1.08  # amplitude over the orbit's, at which a held-out run starts
 _DITHER = 0.2  # of a held-out run
+_HANGING = 1e-3  # rad, of a swing as long as that of a hand that begins where it hangs
 _AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its calibration start
 
 
@@ -155,8 +156,8 @@ def beside_orbit(
     periods
         How many of the swing from the first sample to compare.
     """
-    start = abs(float(log.angle[0]) - zero)
+    start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
-    return free_run(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))
+    return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

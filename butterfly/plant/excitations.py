@@ -171,14 +171,14 @@ class Multisine:
 
 @dataclass(frozen=True, kw_only=True)
 class Chirp:
-    """A sine whose frequency rises, or falls, in proportion to time.
+    """A sine whose frequency rises, or falls, in proportion to time, and then stays.
 
     Parameters
     ----------
     start, stop
-        Frequencies in rad/s at time 0 and at ``duration``.
+        Frequencies in rad/s at time 0, and from ``duration`` on.
     duration
-        Of the sweep in s; the frequency goes on changing after it.
+        Of the sweep in s.
     amplitude
         In units of the input.
     """
@@ -201,7 +201,9 @@ class Chirp:
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
         rise = (self.stop - self.start) / self.duration
-        return np.asarray(self.amplitude * np.sin((self.start + 0.5 * rise * time) * time))
+        swept = np.minimum(time, self.duration)
+        phase = (self.start + 0.5 * rise * swept) * swept + self.stop * (time - swept)
+        return np.asarray(self.amplitude * np.sin(phase))
 
 
 @dataclass(frozen=True, kw_only=True)

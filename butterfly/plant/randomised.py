@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.plant.mjcf import mjcf
-from butterfly.plant.twin import MASS, twin
+from butterfly.plant.twin import twin
 
 
 def models(
     drawn: Iterable[LumpedParameters],
     added: AddedMass = NO_ADDED_MASS,
     *,
-    mass: float = MASS,
+    mass: float | None = None,
     bristle_stiffness: float = 0.0,
 ) -> Iterator[str]:
     """Yield the MJCF text of a robot for each set of parameters, which loads in plain MuJoCo.
@@ -28,7 +28,7 @@ def models(
     added
         What it carries.
     mass
-        Of the hand in kg; the motion does not tell it.
+        Of the hand in kg; see `butterfly.plant.twin.twin`.
     bristle_stiffness
         In N m/rad, of friction that is larger at rest, which these models have with bristles only
         (`butterfly.plant.stand_alone` has it without).

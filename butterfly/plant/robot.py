@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Drive, Hand, LumpedParameters, lump
+from butterfly.model.parameters import (
+    GRAVITY,
+    AddedMass,
+    Drive,
+    Hand,
+    JointKind,
+    LumpedParameters,
+    lump,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,8 +76,14 @@ class Robot:
         Raises
         ------
         InputError
-            If the added weight relieves the bearing of more friction than there is.
+            If the mass is not on a hinge under Earth's gravity, as the simulated one is, or its
+            weight relieves the bearing of more friction than there is.
         """
+        mounted = replace(added, gravity=GRAVITY, joint=JointKind.HINGE)
+        if added.inertia_and_moment != mounted.inertia_and_moment:
+            found = f"{added} on a {added.joint} under {added.gravity:g} m/s²"
+            expected = f"masses on a hinge under {GRAVITY} m/s², which the simulators have"
+            raise InputError("Robot", "added_masses", found, expected)
         loaded = self.lumped.with_added_mass(added)
         bends = loaded.bristle_stiffness > 0
         if loaded.coulomb < 0 or (bends and loaded.coulomb == 0):

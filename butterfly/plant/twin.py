@@ -2,22 +2,51 @@
 
 from __future__ import annotations
 
-from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, LumpedParameters, unlump
+from butterfly.errors import InputError
+from butterfly.model.parameters import (
+    GRAVITY,
+    NO_ADDED_MASS,
+    AddedMass,
+    LumpedParameters,
+    least_mass,
+    unlump,
+)
 from butterfly.plant.robot import Robot
 
 MASS = 0.3
-"""Mass in kg given to an identified hand; the motion does not tell it."""
+"""Mass in kg of an identified hand if none is given; the motion does not depend on it."""
+
+_AMPLE = 2.0  # least masses, of a hand that cannot be as light as MASS: half of p1 is its J_p
 
 
-def twin(parameters: LumpedParameters, mass: float = MASS) -> Robot:
-    """Return a robot that moves as ``parameters`` say (see `unlump`), numbers of any kind."""
+def twin(parameters: LumpedParameters, mass: float | None = None) -> Robot:
+    """Return a robot that moves as ``parameters`` say, numbers of any kind (see `unlump`).
+
+    Parameters
+    ----------
+    parameters
+        Of the bare hand.
+    mass
+        Of the hand in kg; if not given `MASS`, or more where no hand so light moves so.
+
+    Raises
+    ------
+    InputError
+        If no hand of the mass given moves so, or a friction is negative.
+    """
     plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
+    least = least_mass(plain)
+    if mass is None:
+        mass = MASS if least < MASS else _AMPLE * least
+    if not mass > max(least, 0.0):
+        expected = f"more than {least:.3g} kg, for p1 and p3 to be possible; or none, to have one"
+        raise InputError("Hand", "mass (--hand-mass)", mass, f"{expected} chosen")
     hand, drive, friction = unlump(plain, mass)
     return Robot(hand=hand, drive=drive, friction=friction)
 
 
 def carrying_twin(
-    parameters: LumpedParameters, added: AddedMass, mass: float = MASS
+    parameters: LumpedParameters, added: AddedMass, mass: float | None = None
 ) -> tuple[Robot, AddedMass]:
     """Return a robot and what it is to carry, that move together as a loaded joint does.
 
@@ -26,7 +55,8 @@ def carrying_twin(
     """
     if added.gravity == GRAVITY:
         return twin(parameters, mass), added
-    return twin(parameters.with_added_mass(added), mass + added.mass), NO_ADDED_MASS
+    whole = None if mass is None else mass + added.mass
+    return twin(parameters.with_added_mass(added), whole), NO_ADDED_MASS
 
 
 def command_of(parameters: LumpedParameters) -> dict[str, float]:

@@ -13,8 +13,8 @@ from butterfly.identification.identification import Identification
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import AddedMass
 from butterfly.report.figures import add, grams, look
-from butterfly.signals.amplitude import rms_amplitude
 from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.signals.spectrum import rms_amplitude
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -17,9 +17,7 @@ from butterfly.logs.pieces import piece_name, read_pieces
 from butterfly.logs.remarks import Condition, Remark
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
-from butterfly.signals.amplitude import rms_amplitude
-from butterfly.signals.periodogram import periodogram
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 
 _LOOKING = "Looking at logs"
 _TOLD = {

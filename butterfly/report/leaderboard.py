@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.comparison.leaderboard import Entry
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.free_run import FitSummary
 from butterfly.report.figures import look
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.page import Chip, Page, Section, Table, level_of

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 
 from butterfly import __version__
 from butterfly.files import replacing
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.logs.remarks import Condition
 from butterfly.report.numbers.document import write_document
 from butterfly.report.parameter_table import Whisker

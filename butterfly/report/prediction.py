@@ -9,7 +9,7 @@ import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.series import Series
 

@@ -9,8 +9,8 @@ import numpy as np
 from plotly.graph_objects import Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.identification.judgement.misfit import LogMisfit
-from butterfly.identification.judgement.residual_torque import ResidualTorque
+from butterfly.identification.diagnostics.misfit import LogMisfit
+from butterfly.identification.diagnostics.residual_torque import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import look, seen_samples

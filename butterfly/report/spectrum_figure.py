@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
 
-from butterfly.identification.judgement.misfit import LogMisfit
-from butterfly.identification.predict import FreeRun
+from butterfly.identification.diagnostics.misfit import LogMisfit
+from butterfly.identification.free_run import FreeRun
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.series import Series, packable
-from butterfly.signals.periodogram import periodogram
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 
 Samples = NDArray[np.float64]
 

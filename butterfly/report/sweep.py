@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from butterfly.experiment.columns import MISSING
 from butterfly.experiment.record import OK, SweepRecord
-from butterfly.identification.judgement.findings import Ending
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.model.terms import TERMS
 from butterfly.report.field_names import said_field, said_name
 from butterfly.report.numbers.record_numbers import told_sweep

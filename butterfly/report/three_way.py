@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
-from butterfly.identification.judgement.misfit import Misfit
+from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.report.figures import grams, look, middle, rank_by_fit
 from butterfly.report.misfit import (
     correlation_figure,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from butterfly.identification.judgement.intervals import CONFIDENCE
-from butterfly.identification.judgement.misfit import ErrorBand
-from butterfly.identification.predict import FreeRun
+from butterfly.identification.diagnostics.misfit import ErrorBand
+from butterfly.identification.free_run import FreeRun
+from butterfly.identification.inference.intervals import CONFIDENCE
 from butterfly.report.figures import GREY, PALETTE, SHADE, add, seen_samples
 from butterfly.report.series import Series, packable
 

@@ -7,13 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.unit_errors.names import listed, slip_in_words
+from butterfly.identification.diagnostics.verdict import Standing, Verdict
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
-from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identification.judgement.slips.names import listed, slip_in_words
-from butterfly.identification.judgement.verdict import Standing, Verdict
 from butterfly.identification.physical_formulas import SYMBOLS
-from butterfly.identification.predict import FitSummary
 from butterfly.logs.remarks import Condition
 from butterfly.model.terms import TERMS
 from butterfly.report.inspection import conditions_said

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from butterfly.errors import InputError
-from butterfly.identification.judgement.slips.names import listed
+from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.zeros import ZeroKind, zeros_of
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned

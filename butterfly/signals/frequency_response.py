@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
@@ -19,7 +21,7 @@ from butterfly.signals.sine_fit import (
     sine_basis,
     with_transient,
 )
-from butterfly.signals.transient import pole_of
+from butterfly.signals.spectrum import resample, uniform_grid
 from butterfly.signals.window import STEADY_SECONDS, steady_window
 
 LOUD = 0.1
@@ -85,20 +87,9 @@ def response_point(
 ) -> ResponsePoint:
     """Fit the steady response of a log whose input is a sine.
 
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    seconds
-        Length of the window at its end.
-    pole
-        Of a transient that is fitted too (see `fit_sine`); one that rings loudly is found unasked.
-
-    Raises
-    ------
-    InputError
-        If the log has no sine excitation, is too short or too coarse, or its input is not that
-        sine.
+    From the last `seconds`; `pole` is of a transient that is fitted too (see `fit_sine`), a loud
+    one is found unasked. An InputError if the log has no sine excitation, is too short or too
+    coarse, or its input is not that sine.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
@@ -143,3 +134,28 @@ def _refuse_coarse(log: Log, omega: float, samples: int) -> None:
         raise InputError(
             log.source, "time", value, f"steps below {step:.2g} s for a sine of {omega:g} rad/s"
         )
+
+
+_SAMPLES = 1000  # that are enough to fit two numbers
+_PADDED = 8
+
+
+def pole_of(time: NDArray[np.float64], values: NDArray[np.float64]) -> complex:
+    """Return the pole in 1/s of the decaying oscillation Re{c e^(pole t)} that fits best.
+
+    Of (n,) residuals of a steady response.
+    """
+    grid = uniform_grid(time, max((time[-1] - time[0]) / _SAMPLES, float(np.diff(time).mean())))
+    left = resample(time, values, grid)
+    since = grid - grid[0]
+    spectrum = np.abs(np.fft.rfft(left * np.hanning(left.size), _PADDED * left.size))
+    peak = 2 * np.pi * np.fft.rfftfreq(_PADDED * left.size, grid[1] - grid[0])[np.argmax(spectrum)]
+
+    def residuals(pole: NDArray[np.float64]) -> NDArray[np.float64]:
+        wave = np.exp(-abs(pole[0]) * since)
+        basis = np.column_stack([wave * np.cos(pole[1] * since), wave * np.sin(pole[1] * since)])
+        return np.asarray(left - basis @ np.linalg.lstsq(basis, left, rcond=None)[0])
+
+    length = float(since[-1])
+    found = least_squares(residuals, [1.0 / length, peak], x_scale=[1.0 / length, 1.0 / length])
+    return complex(-abs(found.x[0]), found.x[1])

@@ -13,14 +13,8 @@ Samples = NDArray[np.float64]
 def interpolate(grid: Samples, angle: Samples, velocity: Samples, instants: Samples) -> Samples:
     """Return the (m,) angles at increasing instants.
 
-    Parameters
-    ----------
-    grid
-        (n,) increasing instants in s.
-    angle, velocity
-        (n,) at them, in rad and rad/s.
-    instants
-        (m,) in s, not decreasing. Beyond the grid the outermost polynomials go on.
+    From (n,) angles in rad and velocities in rad/s on an increasing grid in s. Beyond the grid the
+    outermost polynomials go on.
     """
     result = np.empty(instants.size)
     _interpolate(grid, angle, velocity, instants, result)
@@ -42,17 +36,8 @@ def averages(
     What is averaged is linear in the ends of the interval, so that four numbers, worked out once,
     stand for many instants.
 
-    Parameters
-    ----------
-    grid, instants
-        As in `interpolate`.
-    values
-        (m,) at the instants.
-
-    Returns
-    -------
-    (n - 1,) number of the average that belongs to each interval, -1 where it holds no instant;
-    (4, k) weights of angle and velocity at its start, and at its end; and (k,) mean values.
+    Returns (n - 1,) numbers of the average of each interval, -1 where it holds no instant; (4, k)
+    weights of angle and velocity at its start, and at its end; and (k,) mean values.
     """
     into = np.empty(grid.size - 1, dtype=np.int64)
     means = np.empty((5, grid.size - 1))

@@ -23,14 +23,7 @@ _ASTRAY = 1e-9  # share of an interval by which a stamp may miss its edge by rou
 def value(time: Samples, inputs: Samples, instants: Samples, hold: Intersample) -> Samples:
     """Return the (m,) input at (m,) instants in s.
 
-    Parameters
-    ----------
-    time, inputs
-        (n,) increasing stamps in s, and the input at each.
-    instants
-        In any order.
-    hold
-        Between the stamps.
+    From (n,) increasing stamps in s and the input at each.
     """
     if hold is Intersample.FIRST_ORDER_HOLD:
         return np.interp(instants, time, inputs)
@@ -50,16 +43,7 @@ def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -
     input's mean and first and second moment; no step of the input is lost or gained, wherever the
     edges fall.
 
-    Parameters
-    ----------
-    time, inputs, hold
-        As in `value`.
-    edges
-        (m,) increasing instants in s.
-
-    Returns
-    -------
-    (3, m - 1) coefficients in the input's unit.
+    For (m,) increasing edges in s; returns (3, m - 1) coefficients in the input's unit.
     """
     return np.asarray(_moments(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
@@ -67,16 +51,9 @@ def moments(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -
 def parabolas(time: Samples, inputs: Samples, edges: Samples, hold: Intersample) -> Samples:
     """Return the input over each interval as the parabola that has its moments, and its delay's.
 
-    Parameters
-    ----------
-    time, inputs, edges, hold
-        As in `moments`.
-
-    Returns
-    -------
-    (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and of its
-    derivative by a delay of the input, per s. A held input's moments have a kink where a stamp
-    passes an edge; there it is the mean of the slopes on both sides.
+    Returns (2, m - 1, 3) values at the start, middle and end of each interval: of the parabola, and
+    of its derivative by a delay of the input, per s. A held input's moments have a kink where a
+    stamp passes an edge; there it is the mean of the slopes on both sides.
     """
     return np.asarray(_parabolas(time, inputs, edges, hold is Intersample.FIRST_ORDER_HOLD))
 
@@ -88,16 +65,7 @@ def for_sums(time: Samples, inputs: Samples, grid: Samples, hold: Intersample) -
     about it, so that sum_k g_k u_k times the sampling period is int g u dt for every parabola g,
     wherever the step falls; for other smooth g the error is of fourth order in the period.
 
-    Parameters
-    ----------
-    time, inputs, hold
-        As in `value`.
-    grid
-        (m,) instants of a uniform clock in s, two or more.
-
-    Returns
-    -------
-    (m,) samples in the input's unit.
+    Returns (m,) samples in the input's unit on the (m,) instants of a uniform clock in s.
     """
     if hold is Intersample.FIRST_ORDER_HOLD:
         return value(time, inputs, grid, hold)

@@ -20,20 +20,8 @@ def slope(values: Samples, reach: int, order: int, step: float) -> Samples:
 
     Within ``reach`` of an end, it is that of the polynomial of the first or last window.
 
-    Parameters
-    ----------
-    values
-        (n,) samples of a uniform clock, at least 2 ``reach`` + 1.
-    reach
-        Samples of a window on either side of its middle.
-    order
-        Of the polynomials.
-    step
-        Sampling period in s.
-
-    Returns
-    -------
-    (n,) slopes, in the samples' unit over s.
+    Of (n,) samples, n at least 2 `reach` + 1, `step` s apart; windows reach as many samples to
+    either side. Returns (n,) slopes in the samples' unit over s.
     """
     weights = _weights(reach, order)
     width = 2 * reach + 1

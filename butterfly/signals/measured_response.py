@@ -25,19 +25,14 @@ def measured_response(
     is that which gives their angles from their inputs with the least sum of squares, so that the
     larger swings weigh more. A real hand's gain depends on its swing; such logs are averaged.
 
-    Parameters
-    ----------
-    points
-        Steady responses, as `DataSet.sines` has them.
-    added_mass
-        Only what was measured with it, or with one that loads alike, is taken.
-
-    Raises
-    ------
-    InputError
-        If nothing was.
+    Takes what was measured with this added mass, or one that loads alike; an InputError if nothing
+    was.
     """
-    taken = [point for point in points if point.added_mass.effect == added_mass.effect]
+    taken = [
+        point
+        for point in points
+        if point.added_mass.inertia_and_moment == added_mass.inertia_and_moment
+    ]
     if not taken:
         raise InputError(
             "measured response", "added mass", added_mass, "one that sines were logged with"

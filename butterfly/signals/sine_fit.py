@@ -98,20 +98,13 @@ def fit_sine(
 ) -> SineFit:
     """Fit mean, fundamental and harmonics of a known frequency by linear least squares.
 
-    The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks
-    of time, so that residuals that are correlated from sample to sample, as encoder steps and
-    slow drifts are, do not make it too small.
+    The covariance is the cluster-robust one (Liang & Zeger, Biometrika 73, 1986) over ten blocks of
+    time, so that residuals that are correlated from sample to sample, as encoder steps and slow
+    drifts are, do not make it too small.
 
-    Parameters
-    ----------
-    time, values
-        (n,) samples; ``time`` in s need not be uniform.
-    omega
-        Fundamental frequency in rad/s.
-    harmonics
-        Number of multiples of ``omega`` fitted, the fundamental included.
-    pole
-        In 1/s; if given, a transient Re{c e^(pole t)} of any amplitude and phase is fitted too.
+    Of (n,) samples at stamps in s that need not be uniform; `harmonics` multiples of `omega` in
+    rad/s are fitted, the fundamental included, and with `pole` in 1/s a transient Re{c e^(pole t)}
+    of any amplitude and phase.
     """
     basis = with_transient(sine_basis(time, omega, harmonics), time, pole)
     return fit_basis(basis, values, omega, harmonics)
@@ -122,14 +115,7 @@ def sine_basis(
 ) -> NDArray[np.float64]:
     """Return what `fit_sine` fits: 1, then cos(k w t) and sin(k w t) for k = 1, 2, ...
 
-    Parameters
-    ----------
-    time, omega, harmonics
-        As in `fit_sine`.
-
-    Returns
-    -------
-    (1 + 2 H, n) rows; the first 1 + 2 h are those of h harmonics.
+    Returns (1 + 2 H, n) rows; the first 1 + 2 h are those of h harmonics.
     """
     basis = np.empty((1 + 2 * harmonics, time.size))
     basis[0] = 1.0
@@ -161,14 +147,7 @@ def fit_basis(
 ) -> SineFit:
     """Fit a signal by the rows of a basis; for several signals on the same stamps (see `fit_sine`).
 
-    Parameters
-    ----------
-    basis
-        (m, n) rows of `sine_basis`, then any others to be fitted beside.
-    values
-        (n,) samples.
-    omega, harmonics
-        Of the basis.
+    `basis` has (m, n) rows of `sine_basis`, then any others to be fitted beside.
     """
     return _fit(basis, values, omega, harmonics, _equations(basis, values))
 
@@ -179,13 +158,6 @@ def fit_halves(
     """Fit a signal as a whole, and the phasors of its fundamental in its first and second half.
 
     The equations of the whole are the sum of those of its halves.
-
-    Parameters
-    ----------
-    basis
-        (1 + 2 H, n) rows of `sine_basis`.
-    values, omega
-        As in `fit_basis`.
     """
     middle = values.size // 2
     (first, of_first), (second, of_second) = (

@@ -18,12 +18,7 @@ MIN_PERIODS = 3
 
 
 def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> NDArray[np.bool_]:
-    """Select the last whole periods of a log (see `steady_span`).
-
-    Returns
-    -------
-    (n,) mask of the samples.
-    """
+    """Return the (n,) mask of the last whole periods of a log (see `steady_span`)."""
     return np.asarray(log.time > log.time[-1] - steady_span(log, omega, seconds))
 
 
@@ -32,20 +27,8 @@ def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> floa
 
     Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock.
 
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    omega
-        Frequency in rad/s.
-    seconds
-        Longest window in s, if that holds `MIN_PERIODS` periods; they are used of slower sines. A
-        log shorter than this is used whole.
-
-    Raises
-    ------
-    InputError
-        If the log is shorter than `MIN_PERIODS` periods.
+    At most `seconds`, if that holds `MIN_PERIODS` periods; as many are used of slower sines. A log
+    shorter than `seconds` is used whole, one shorter than `MIN_PERIODS` periods is an InputError.
     """
     period = 2 * math.pi / omega
     available = float(log.time[-1] - log.time[0])

@@ -16,8 +16,7 @@ from butterfly.model.discrete import HeldSystem
 from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.resources import shipped
-from butterfly.signals.periodogram import periodogram
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 from butterfly.thesis.scripts import scripted_amplitude
 from butterfly.thesis.synthetic import Synthetic, synthetic_log
 from butterfly.thesis.tables import (
@@ -36,24 +35,8 @@ _REAL_MASS, _REAL_OMEGA = 0.154, 14.0  # of Figures 9 to 11
 def write_figure_data(folder: Path, synthetic: Synthetic, root: Path | None = None) -> list[Path]:
     """Write ``figure_03.csv`` to ``figure_12.csv``, units in the headers.
 
-    Parameters
-    ----------
-    folder
-        Made if need be.
-    synthetic
-        What Figures 3 to 8 rest on.
-    root
-        Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS or the one fetched to. Figures
-        9 to 12 are left out without them.
-
-    Returns
-    -------
-    The files written.
-
-    Raises
-    ------
-    InputError
-        If a log cannot be read, or a file not be written.
+    Figures 3 to 8 rest on `synthetic`, 9 to 12 on the 41 real logs in `root`, BUTTERFLY_LOGS or the
+    folder they were fetched to; without them they are left out. Returns the files.
     """
     figures = _synthetic(synthetic)
     if has_real_logs(root):

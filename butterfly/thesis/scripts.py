@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.identifiability import Conditioning
+from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
-from butterfly.signals.periodogram import periodogram
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 
 METHOD = "thesis"
 
@@ -48,14 +47,11 @@ class ScriptedAmplitude:
 def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplitude:
     """Dominant DFT bin and gain of a log, steps 5 to 8 of the thesis's second script.
 
-    Kept as scripted: repeated stamps stay in; the bin frequencies are those of a record one
-    sample shorter; the centre is (min + max)/2; the gain sums the decimated samples with the
-    undecimated step (7 dB low at every 5th sample, 14 dB at every 25th) and is in dB.
+    Kept as scripted: repeated stamps stay in; the bin frequencies are those of a record one sample
+    shorter; the centre is (min + max)/2; the gain sums the decimated samples with the undecimated
+    step (7 dB low at every 5th sample, 14 dB at every 25th) and is in dB.
 
-    Raises
-    ------
-    InputError
-        If the log has no sine excitation or is too short.
+    An InputError if the log has no sine excitation or is too short.
     """
     if log.excitation is None:
         raise InputError(log.source, "excitation", "none", "a sine: its omega and amplitude")
@@ -79,10 +75,7 @@ def scripted_amplitude(log: Log, decimation: int = DECIMATION) -> ScriptedAmplit
 def scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
     """Resonance frequency in rad/s from the two largest gains (100), with the gains in dB.
 
-    Parameters
-    ----------
-    points
-        At least two, all of one added mass.
+    Of two points or more, all of one added mass.
     """
     second, first = sorted(points, key=lambda point: point.gain_db)[-2:]
     alpha = math.sqrt((second.gain_db / first.gain_db) ** 2 + 1)
@@ -100,19 +93,8 @@ def fit_resonances(
 
     Table 5 is not this minimum: it is where the script's optimiser stopped.
 
-    Parameters
-    ----------
-    resonances
-        Resonance frequency in rad/s of each added mass.
-    upper
-        (3,) upper bounds of p1, p2, p3.
-    p2
-        Held at this value in N m s/rad, if given.
-
-    Returns
-    -------
-    values, jacobian
-        (3,) p1, p2, p3, and the (m, 3) Jacobian of the m residuals there.
+    From the resonance in rad/s of each added mass. Returns (3,) p1, p2, p3 and the (m, 3) Jacobian
+    of the m residuals there; `p2` in N m s/rad is fixed if given.
     """
     measured = np.square(list(resonances.values()))
     bounds = np.asarray(upper, dtype=np.float64)
@@ -144,17 +126,8 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
 
     p4 is not estimated by the thesis: it is NaN here.
 
-    Parameters
-    ----------
-    logs
-        As recorded: repeated stamps not dropped.
-    decimation
-        Keep every n-th sample.
-
-    Raises
-    ------
-    InputError
-        If an added mass has fewer than two logs.
+    Logs as recorded, repeated stamps not dropped; every `decimation`-th sample is kept. An
+    InputError if an added mass has fewer than two logs.
     """
     groups: dict[AddedMass, list[Log]] = {}
     for log in logs:

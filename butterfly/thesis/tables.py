@@ -62,18 +62,8 @@ class Row:
 def reproduce(synthetic: Synthetic, root: Path | None = None) -> list[Row]:
     """Compute Tables 1, 2, 4 and 5 and (63), (66) the thesis's way, and the right way beside it.
 
-    Parameters
-    ----------
-    synthetic
-        What Tables 1 and 2 rest on.
-    root
-        Folder of the 41 real logs, if not the one in BUTTERFLY_LOGS or the one fetched to. Tables 4
-        and 5 rest on them, and are left out without them.
-
-    Raises
-    ------
-    InputError
-        If a log cannot be read.
+    Tables 1 and 2 rest on `synthetic`, 4 and 5 on the 41 real logs in `root`, BUTTERFLY_LOGS or the
+    folder they were fetched to; without them they are left out.
     """
     scripted, right = _table_1(synthetic)
     return [

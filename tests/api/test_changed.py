@@ -7,7 +7,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.api.identified import Identified
-from butterfly.identification.judgement.findings import Ending
+from butterfly.identification.diagnostics.findings import Ending
 from tests.comparison.test_change import ERRORS, TRUTH, estimate, of_scale
 
 

@@ -15,10 +15,10 @@ import yaml
 import butterfly as bf
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identification.design import masses_at_hand
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.judgement.splits import Split
-from butterfly.identification.judgement.validation import hold_out
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.inference.splits import Split
+from butterfly.identification.inference.validation import hold_out
 from butterfly.logs.mat import write_mat
 
 OLDER = Path(__file__).parents[1] / "data/older"

@@ -3,7 +3,7 @@
 import pytest
 
 import butterfly as bf
-from butterfly.identification.judgement.verdict import Standing
+from butterfly.identification.diagnostics.verdict import Standing
 from tests.verdicts import follow_nothing, impossible_data
 
 

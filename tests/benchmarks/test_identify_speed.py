@@ -54,7 +54,7 @@ def test_identifying_the_real_logs_costs_little_more_than_reading_them(real_mani
     )
     ratio = whole / reading
     print(f"\nidentify 41 real logs: {1e3 * whole:.0f} ms, {ratio:.2f} times the bare reading")
-    at_most(ratio, 3, "identify 41 real logs", "reading them (loadmat)")
+    at_most(ratio, 2, "identify 41 real logs", "reading them (loadmat)")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")

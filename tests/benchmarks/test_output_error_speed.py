@@ -71,6 +71,6 @@ def test_the_jacobian_is_that_of_central_differences(fitted_problem):
         f"{delay:.1e} of delay's; at most {left_out} logs left out, whose events change order"
     )
     what = "output error: Jacobian less central differences"
-    at_most(errors[worst], 1e-5, f"{what}, worst column", "the column's norm")
-    at_most(delay, 1e-3, f"{what}, delay", "the column's norm")
-    at_most(left_out, 4, "logs whose events change order")
+    at_most(errors[worst], 1e-5, f"{what}, worst column", "the column's norm", time=False)
+    at_most(delay, 1e-3, f"{what}, delay", "the column's norm", time=False)
+    at_most(left_out, 4, "logs whose events change order", time=False)

@@ -46,7 +46,7 @@ def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
     least, own = least_seconds(bare, driven)
     ratio = own / least
     print(f"\nmotor wrapper: {ratio:.2f} times a bare mj_step loop with the same columns")
-    at_most(ratio, 1.6, "motor wrapper", "a bare loop of mj_step")
+    at_most(ratio, 1.33, "motor wrapper", "a bare loop of mj_step")
 
 
 def test_a_sweep_costs_little_more_than_a_bare_rollout():
@@ -73,7 +73,7 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
         f"\nsweep of 39 runs: {ratio:.2f} times a bare rollout on {threads} threads, "
         f"{wait:.2f} by the wall clock"
     )
-    at_most(ratio, 1.4, "39 runs in MuJoCo", "a bare rollout")
+    at_most(ratio, 1.05, "39 runs in MuJoCo", "a bare rollout")
     at_most(wait, 1.4, "39 runs in MuJoCo over a bare rollout, by the wall clock")
 
 

@@ -108,6 +108,8 @@ def _set(content, path, value):
         ("name", "a/../b", "name: got 'a/../b'"),
         ("method", "magic", "method: got 'magic'; expected 'harmonic-balance'"),
         ("added_masses", [], "added_masses: got []"),
+        ("added_masses.1.joint", "slide", "added_masses: got 50 g on a slide under 0 m/s²"),
+        ("added_masses.1.gravity", 3.7, "under 3.7 m/s²; expected masses on a hinge under 9.81"),
         ("plant.friction.drag", -1.0, "plant.friction.drag: got -1.0; expected a finite non-neg"),
         ("plant.friction.dreg", 1.0, "plant.friction.dreg: got an unknown key; expected 'drag'"),
         ("plant.hand.tilt", 2.0, "plant.hand.tilt: got 2.0; expected less than pi/2"),

@@ -17,9 +17,10 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.streams import of_orbit, of_runs
 from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.sweeps import SweepSpec
+from butterfly.experiment.versions import versions
 from tests.experiment.setting import SWEEP, HereEngine
 
-ONE = "identify/estimators/output_error.py"
+ONE = "identification/estimators/output_error.py"
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"}
 
 
@@ -45,6 +46,35 @@ def test_other_code_gives_another_address(tmp_path, monkeypatch):
     assert before.key != after.key
 
 
+@pytest.mark.parametrize("library", ["butterfly", "mujoco", "numba", "numpy", "python", "scipy"])
+def test_another_version_of_what_computes_gives_another_address(tmp_path, monkeypatch, library):
+    (before,) = _plan(tmp_path, SINGLE).tasks
+    other = versions() | {library: "0.0.1"}
+    assert other.keys() == versions().keys()
+    monkeypatch.setattr("butterfly.experiment.plan.versions", lambda: other)
+    (after,) = _plan(tmp_path, SINGLE).tasks
+    assert before.key != after.key
+
+
+ESTIMATORS = [
+    {"method": "weak-form", "terms": []},
+    {"method": "weak-form", "terms": ["drag"]},
+    {"method": "weak-form"},
+    {"method": "harmonic-balance", "terms": []},
+    {"method": "output-error", "terms": []},
+    {"method": "output-error", "terms": [], "loss": "huber"},
+    {"method": "output-error", "terms": [], "check": False},
+]
+
+
+def test_another_estimator_or_option_gives_another_address_and_its_workers_do_not(tmp_path):
+    def key(*estimators):
+        return _plan(tmp_path, SINGLE | {"estimators": list(estimators)}).tasks[0].key
+
+    assert len({key(each) for each in ESTIMATORS} | {key(*ESTIMATORS[:2])}) == len(ESTIMATORS) + 1
+    assert key(ESTIMATORS[4]) == key(ESTIMATORS[4] | {"workers": 2})
+
+
 def test_the_fingerprint_is_of_what_a_run_computes_with_and_of_the_robots(tmp_path):
     sources = computing_sources()
     for name in (
@@ -54,7 +84,7 @@ def test_the_fingerprint_is_of_what_a_run_computes_with_and_of_the_robots(tmp_pa
         "hand.xml",
     ):
         assert any(known.endswith(name) for known in sources)
-    assert not any(name.startswith(("report", "compare")) for name in sources)
+    assert not any(name.startswith(("report", "comparison")) for name in sources)
     assert hash_of(sources) == fingerprint()
     edited = tmp_path / "edited.py"
     edited.write_bytes(sources[ONE].read_bytes() + b"#")

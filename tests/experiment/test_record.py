@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
 from butterfly.experiment.record import EstimateRecord, PlannedRun, RunRecord, SweepRecord
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.free_run import FitSummary
 from butterfly.model.parameters import AddedMass
 
 ON_BOUND = Finding(

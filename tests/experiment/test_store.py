@@ -40,16 +40,22 @@ def test_half_a_record_counts_as_none_and_cleaning_takes_away_what_is_not_wanted
     assert store.clean() == []
 
 
-@pytest.mark.slow
-def test_logs_that_were_kept_are_done_again_if_they_are_not_as_they_were(folder):
-    plan = small_plan(folder, keep_signals=True)
+def test_kept_logs_that_were_cut_changed_or_lost_are_done_again(folder):
+    plan = small_plan(folder, keep_signals=True, duration=6.0, sweep={"repetitions": 4})
     store = ResultStore(folder / "kept-whole")
-    count = run_sweep(plan, store.folder, HereEngine()).runs
+    run_sweep(plan, store.folder, HereEngine())
     assert run_sweep(plan, store.folder, HereEngine()).done == 0
-    kept = [sorted(store.files_path(task.key).iterdir()) for task in plan.tasks]
-    kept[0][0].write_bytes(kept[0][0].read_bytes()[:-1])
-    kept[1][-1].unlink()
-    assert run_sweep(plan, store.folder, HereEngine()).done == min(2, count)
+    cut, changed, lost, whole = [
+        sorted(store.files_path(task.key).glob("*.parquet"))[0] for task in plan.tasks
+    ]
+    contents = {path: path.read_bytes() for path in (cut, changed, lost, whole)}
+    cut.write_bytes(contents[cut][:-1])
+    changed.write_bytes(contents[changed][:-1] + bytes([contents[changed][-1] ^ 1]))
+    lost.unlink()
+    written = whole.stat().st_mtime_ns
+    assert run_sweep(plan, store.folder, HereEngine()).done == 3
+    assert whole.stat().st_mtime_ns == written
+    assert {path: path.read_bytes() for path in contents} == contents
     assert run_sweep(plan, store.folder, HereEngine()).done == 0
 
 

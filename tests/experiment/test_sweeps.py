@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
+from butterfly.experiment.kept import keep_experiment
 from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.schema import Experiment
@@ -52,8 +53,26 @@ def test_grid_list_random_and_repetitions_are_combined(sweep):
     assert tasks[0].content["plant"]["encoder"]["noise"] == 0
     assert tasks[-1].content["added_masses"][1]["mass"] == 0.06
     assert tasks[0].content["seed"] == 7
-    assert len({task.content["seed"] for task in tasks}) == 48 + 1
+    assert len({task.content["seed"] for task in tasks}) == 48 + 24 + 1  # 24 first repetitions: 7
     assert "sweep" not in tasks[0].content
+
+
+def test_repetitions_of_a_swept_seed_are_all_different_and_the_first_has_the_seed(sweep):
+    once = _tasks(sweep(grid={"seed": [5, 6]}))
+    tasks = _tasks(sweep(grid={"seed": [5, 6]}, repetitions=3))
+    assert [task.seed for task in once] == [task.seed for task in tasks[::3]] == [5, 6]
+    assert len({task.key for task in tasks}) == len({task.seed for task in tasks}) == 6
+
+
+def test_a_part_may_refine_what_an_earlier_part_sets_and_rows_are_alternatives(sweep):
+    hand = {"mass": 0.1, "com_distance": 0.05, "inertia": 0.003}
+    tasks = _tasks(sweep(grid={"plant.hand": [hand]}, list=[{"plant.hand.mass": 0.2}]))
+    assert tasks[0].content["plant"]["hand"] == hand | {"mass": 0.2}
+    rows = [{"plant.hand.mass": 0.3}, {"plant.hand": hand}]
+    assert [task.content["plant"]["hand"]["mass"] for task in _tasks(sweep(list=rows))] == [
+        0.3,
+        0.1,
+    ]
 
 
 def test_a_latin_hypercube_visits_every_slice_of_every_field_once(sweep):
@@ -114,6 +133,35 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
     assert read_experiment(child).plant == experiment.plant
 
 
+SIGNAL = {"file": {"path": "u.csv"}}
+
+
+@pytest.mark.parametrize(
+    "sweep",
+    [
+        None,
+        {"grid": {"signals.0.file.path": ["u.csv"]}},
+        {"list": [{"signals": [SIGNAL]}]},
+        {"random": {"count": 1, "fields": {"signals.0.file": {"choice": [SIGNAL["file"]]}}}},
+    ],
+)
+def test_what_is_extended_finds_its_files_beside_itself(tmp_path, sweep):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/u.csv").write_text("time,input\n0,0.1\n1,-0.1\n")
+    (tmp_path / "u.csv").write_text("time,input\n0,0.2\n1,-0.2\n")
+    base = {"extends": "quickstart", "name": "b", "excitations": [], "signals": [SIGNAL]}
+    alone = _write(tmp_path / "sub/base.yaml", **base, **({"sweep": sweep} if sweep else {}))
+    child = _write(tmp_path / "child.yaml", extends="sub/base.yaml", name="c")
+    source = Source(child)
+    (task,) = plan_sweep(source).tasks
+    assert task.content["signals"] == _tasks(alone)[0].content["signals"]
+    written = keep_experiment(source, tmp_path / "out")
+    assert "sub/u.csv" in written
+    assert _tasks(tmp_path / "out/experiment.yaml")[0].key == task.key
+    own = _write(tmp_path / "own.yaml", extends="sub/base.yaml", name="o", signals=[SIGNAL])
+    assert read_experiment(own).signals[0].table.values[0] == 0.2
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -131,6 +179,14 @@ def test_what_extends_is_changed_key_by_key_and_kinds_are_replaced(tmp_path):
         ({"sweep": {"grid": {"seed.x": [1.0]}}}, "a path to a field"),
         ({"sweep": {"grid": {"sweep.repetitions": [1]}}}, "a field of the experiment"),
         ({"sweep": {"repetitions": 0}}, "sweep.repetitions: got 0"),
+        (
+            {"sweep": {"grid": {"duration": [20.0]}, "list": [{"seed": 1}, {"duration": 30.0}]}},
+            r"s\.yaml:4: sweep\.duration: got duration set before; expected each field in one of",
+        ),
+        (
+            {"sweep": {"grid": {"plant.hand.mass": [0.1]}, "list": [{"plant.hand": {}}]}},
+            r"sweep\.plant\.hand: got plant\.hand\.mass set before",
+        ),
         (
             {"sweep": {"random": {"count": 2, "fields": {"duration": {"uniform": [2, 1]}}}}},
             "lower first",

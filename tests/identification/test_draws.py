@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.draws import draw_parameters
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import Ending
 from butterfly.model.terms import lower_bounds
 from tests.conftest import MASSES
 

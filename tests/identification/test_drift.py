@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import OutputError, Suitable, WeakForm
-from butterfly.identification.judgement.findings import FindingKind
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind

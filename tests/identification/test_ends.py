@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import FindingKind, Severity
 from butterfly.identification.estimators.ends import Ends
-from butterfly.identification.judgement.findings import FindingKind, Severity
 
 
 def _problem(name):

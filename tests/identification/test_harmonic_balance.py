@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.identification.judgement.findings import Ending
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS

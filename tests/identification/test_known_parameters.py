@@ -9,10 +9,10 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.loss import Loss
-from butterfly.identification.judgement.covariance import cluster_covariance
-from butterfly.identification.judgement.findings import FindingKind
+from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.prior import Prior
 from butterfly.model.known import Knowledge, Known
 from butterfly.model.terms import PARAMETERS

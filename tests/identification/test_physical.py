@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
-from butterfly.identification.judgement.findings import Ending
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.friction import Friction

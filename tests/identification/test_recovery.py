@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.judgement.findings import FindingKind
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.judgement.findings import FindingKind
 from butterfly.identification.regression import Regression
 from butterfly.identification.solved import Solved
 

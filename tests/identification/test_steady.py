@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.judgement.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind, Severity
 from butterfly.identification.steady import steady_sines
 from butterfly.logs.log import Sine
 from tests.conftest import MASSES

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.identification.estimators.weak_fit import WeakFit, Windows
-from butterfly.identification.judgement.findings import FindingKind
-from butterfly.identification.predict import Predictor
 from butterfly.identification.weak_signals import HALF_WIDTH, Averaging, Known, weak_signals
 from butterfly.model.known import NOTHING
 from butterfly.model.terms import PARAMETERS, FrictionTerms
@@ -121,12 +120,27 @@ def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
     found = estimator.of_logs(logs, ROBOT, ZEROS)
     assert [found.local[f"log {k}"]["bias"] for k in range(3)] == pytest.approx(biases, abs=2e-5)
     assert found.local[None]["zero"] == pytest.approx(0.0, abs=1e-4)
-    assert Predictor(DataSet.of(logs)).fits(found).min() > 99.5
+    assert DataSet.of(logs).simulations.fits(found).min() > 99.5
 
 
 @pytest.fixture(scope="module")
 def sines():
     return DataSet.of(steady(ROBOT, SWINGS))
+
+
+def test_a_mass_in_two_spellings_is_left_out_as_one(sines):
+    def spelt(mass):
+        return replace(mass, mass=(1 + 1e-12) * mass.mass, mass_uncertainty=1e-12 * bool(mass.mass))
+
+    logs = [
+        replace(log, added_mass=spelt(log.added_mass)) if k % 2 else log
+        for k, log in enumerate(sines.logs)
+    ]
+    once, twice = (HarmonicBalance(terms=())(DataSet.of(each)) for each in (sines.logs, logs))
+    assert len(DataSet.of(logs).masses) == len(MASSES)
+    for limits in ("lower", "upper"):
+        expected = getattr(once, limits)
+        np.testing.assert_allclose(getattr(twice, limits), expected, rtol=1e-6)
 
 
 def _kinds(found):

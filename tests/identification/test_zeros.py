@@ -10,12 +10,11 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.dwell import rest_readings
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.owned_keys import columns_of, known_zeros, owned_keys
 from butterfly.identification.estimators.starts import starts
-from butterfly.identification.judgement.findings import FindingKind
-from butterfly.identification.predict import Predictor
 from butterfly.identification.zero_fit import fitted_zero
 from butterfly.identification.zeros import ZeroKind, doubts, near
 from butterfly.logs.log import Log
@@ -195,7 +194,7 @@ def test_output_error_holds_a_told_zero_and_weighs_an_uncertain_one():
     found = fit.of_starts(held.logs, starts(held, ())[:1])
     assert found.local == {}
     assert found.parameters.p3 == pytest.approx(P3, rel=1e-3)
-    assert (Predictor(held).fits(found) > 99).all()
+    assert (held.simulations.fits(found) > 99).all()
     rough = DataSet.of([replace(log, zero=(0.33, 1e-4)) for log in logs])
     weighed = fit.of_starts(rough.logs, starts(rough, ())[:1])
     assert 0.3 < weighed.local[None]["zero"] < 0.33

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from butterfly.errors import ButterflyError
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identification import identify
-from butterfly.identification.judgement.findings import FindingKind
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 
 METHODS = {

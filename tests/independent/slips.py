@@ -15,9 +15,9 @@ import numpy as np
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.identification import identify
-from butterfly.identification.judgement.verdict import Standing
 from butterfly.logs.log import Log, with_unique_names
 from butterfly.model.parameters import AddedMass
 from butterfly.report.words import sentences

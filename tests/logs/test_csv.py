@@ -40,6 +40,18 @@ def test_a_wrong_map_is_named(tmp_path, columns, message):
         read_csv(path, columns, **KIND)
 
 
+@pytest.mark.parametrize("cell", ["", "-", "nan"])
+def test_a_velocity_without_numbers_that_nobody_asked_for_is_left_out(tmp_path, cell):
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "time,input,angle,velocity\n" + "".join(f"{k},1,{k},{cell}\n" for k in range(20))
+    )
+    log = read_csv(path, **KIND)
+    assert log.velocity is None
+    assert "velocity" in log.reading.layout[-1]
+    np.testing.assert_array_equal(log.angle, np.arange(20.0))
+
+
 def test_text_among_numbers_is_named(tmp_path):
     path = _write(tmp_path / "a.csv", "time,input,angle,x")
     path.write_text(path.read_text() + "\n1,oops,2,3")

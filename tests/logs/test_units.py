@@ -48,6 +48,7 @@ def test_a_unit_is_a_factor(name, unit, factor):
         ({"angle": 0}, r"units\.angle: got 0"),
         ({"angle": math.nan}, r"units\.angle: got nan"),
         ({"angle": True}, r"units\.angle: got True"),
+        ({"angle": ["deg"]}, r"units\.angle: got \['deg'\]"),
         ({"angel": "deg"}, r"units\.angel: got an unknown name; expected 'angle'"),
         ({"time": -1}, r"units\.time: got -1; expected no minus"),
         ({"mass": "-g"}, r"units\.mass: got -g; expected no minus"),

@@ -80,9 +80,9 @@ def test_the_best_known_torque_tells_the_scale(told, reference):
 
 def test_a_slide_carries_masses_and_a_vertical_axis_no_moments():
     slide = AddedMass(mass=0.2, arm=0.3, joint=JointKind.SLIDE)
-    assert slide.effect == (0.2, 0.0)
+    assert slide.inertia_and_moment == (0.2, 0.0)
     assert str(slide) == "200 g"
     upright = AddedMass(mass=0.2, arm=0.3, gravity=0.0)
-    assert upright.effect == (pytest.approx(0.018), 0.0)
+    assert upright.inertia_and_moment == (pytest.approx(0.018), 0.0)
     assert upright.weight == AddedMass(mass=0.2, arm=0.3).weight
     assert AddedMass(mass=0.0, arm=0.3) == AddedMass()

@@ -9,6 +9,7 @@ from butterfly.model.friction import Friction
 from butterfly.model.parameters import (
     AddedMass,
     Hand,
+    JointKind,
     LumpedParameters,
     TorqueDrive,
     VoltageDrive,
@@ -77,3 +78,22 @@ def test_a_hand_found_for_lumped_parameters_has_them(*, p1, p2, p3, p4, coulomb,
 def test_a_hand_too_light_for_its_parameters_is_refused(mass):
     with pytest.raises(InputError, match="mass: got"):
         unlump(LumpedParameters(p1=0.001, p2=0, p3=0.5, p4=1), mass)
+
+
+def test_one_added_mass_is_one_in_every_spelling():
+    kilograms = AddedMass(mass=0.052, arm=0.15)
+    spellings = [
+        AddedMass(mass=52 * 1e-3 * (1 + 1e-15), arm=15 * 1e-2),
+        AddedMass(mass=0.052, arm=0.15, mass_uncertainty=1e-12),
+        AddedMass(mass=0.052, arm=0.15, arm_uncertainty=1e-3),
+    ]
+    for other in spellings:
+        assert other == kilograms
+        assert hash(other) == hash(kilograms)
+        assert other.inertia_and_moment == kilograms.inertia_and_moment
+        assert str(other) == str(kilograms)
+    assert len({kilograms, *spellings}) == 1
+    assert sorted([AddedMass(mass=0.1, arm=0.1), kilograms])[0] is kilograms
+    for other in ({"mass": 0.0521}, {"arm": 0.1501}, {"gravity": 0.0}, {"joint": JointKind.SLIDE}):
+        assert AddedMass(**{"mass": 0.052, "arm": 0.15} | other) != kilograms
+    assert kilograms != 0.052

@@ -9,7 +9,7 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.bumps import SPACING
-from butterfly.identification.judgement.findings import FindingKind
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.weak_signals import HALF_WIDTH, weak_signals
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.slips.names import Slip
-from butterfly.identification.judgement.verdict import Verdict
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.unit_errors.names import Slip
+from butterfly.identification.diagnostics.verdict import Verdict
 from butterfly.report.words import sentences_of
 
 ROOT = Path(__file__).parents[2]

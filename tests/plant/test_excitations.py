@@ -75,6 +75,14 @@ def test_a_chirp_sweeps_from_start_to_stop():
     np.testing.assert_allclose(values, scipy, rtol=0, atol=1e-12)
 
 
+def test_a_chirp_stays_at_its_last_frequency_without_a_jump_in_phase():
+    values = Chirp(start=1.0, stop=10.0, duration=10.0, amplitude=0.4).sample(TIME)
+    late = TIME[10_000:]
+    swept = 1.0 * 10 + 0.5 * (9 / 10) * 10**2
+    np.testing.assert_allclose(values[10_000:], 0.4 * np.sin(swept + 10 * (late - 10)), atol=1e-9)
+    assert np.abs(np.diff(values)).max() < 0.4 * 10.0 * 1.01e-3
+
+
 @pytest.mark.parametrize("register", [4, 7, 10])
 def test_a_prbs_is_balanced_white_and_repeats(register):
     length = 2**register - 1

@@ -8,6 +8,7 @@ from butterfly.errors import InputError
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.randomised import models
+from butterfly.plant.twin import MASS, twin
 from tests.conftest import MASSES
 
 
@@ -43,6 +44,17 @@ def test_each_model_moves_as_the_grey_box_with_its_draw():
         assert np.abs(angles - expected).max() < 2e-3
         ends.append(expected[-1])
     assert np.ptp(ends) > 1e-2
+
+
+def test_a_hand_too_light_for_its_parameters_is_made_heavier_or_refused():
+    ordinary = LumpedParameters(p1=0.012, p2=0.02, p3=0.62, p4=1.0)
+    lumped = twin(ordinary).lumped
+    assert (lumped.p1, lumped.p3) == pytest.approx((0.012, 0.62))
+    assert twin(_parameters(0)).hand.mass == MASS
+    (text,) = models([ordinary])
+    mujoco.MjModel.from_xml_string(text)
+    with pytest.raises(InputError, match=r"--hand-mass.*more than 0\.333 kg"):
+        twin(ordinary, 0.3)
 
 
 def test_friction_that_is_larger_at_rest_needs_bristles():

@@ -7,7 +7,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
+from butterfly.model.parameters import AddedMass, Hand, JointKind, VoltageDrive
 from butterfly.plant import rollout as rollout_module
 from butterfly.plant.excitations import FreeDecay
 from butterfly.plant.joints import Simulator
@@ -115,3 +115,12 @@ def test_friction_that_a_weight_makes_negative_is_refused_by_every_way_to_run(si
         setup = Setup(robot=relieved, simulator=simulator, clock=Clock(jitter=jitter))
         with pytest.raises(InputError, match="load"):
             _logs(setup)
+
+
+@pytest.mark.parametrize("simulator", Simulator)
+@pytest.mark.parametrize("jitter", [0.0, 1e-4])
+def test_a_mass_that_is_not_on_a_hinge_is_refused_by_every_way_to_run(simulator, jitter):
+    setup = Setup(robot=ROBOT, simulator=simulator, clock=Clock(jitter=jitter))
+    sliding = AddedMass(mass=0.05, joint=JointKind.SLIDE)
+    with pytest.raises(InputError, match="on a slide"):
+        list(simulate_runs(setup, [(sliding, SINE)], 0.1, np.random.SeedSequence(3).spawn(1)))

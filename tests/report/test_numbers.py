@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import left_out_content
-from butterfly.identification.judgement.verdict import Standing
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.report.numbers.document import HEAD, Told, json_text, write_document
 from butterfly.report.numbers.estimate_numbers import without_root

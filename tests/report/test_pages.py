@@ -17,11 +17,11 @@ from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.record import EstimateRecord, Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance, Linear
-from butterfly.identification.judgement.findings import Ending
-from butterfly.identification.judgement.misfit import judge_misfit
-from butterfly.identification.predict import FitSummary
+from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.judgement.verdict import Verdict
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.verdict import Verdict
 from butterfly.logs.remarks import Condition
 from butterfly.report.inspection import conditions_said
 from butterfly.report.words import sentences

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.signals.dominant import dominant_frequency
+from butterfly.signals.spectrum import dominant_frequency
 
 
 @pytest.mark.parametrize("omega", [0.7, 5.0, 40.0])

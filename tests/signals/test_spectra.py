@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Sine
-from butterfly.signals.amplitude import rms_amplitude
-from butterfly.signals.periodogram import periodogram
-from butterfly.signals.resample import resample, uniform_grid
+from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
 from butterfly.signals.window import steady_window
 
 

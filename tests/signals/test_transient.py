@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from butterfly.signals.frequency_response import pole_of
 from butterfly.signals.sine_fit import fit_sine, sine_basis
-from butterfly.signals.transient import pole_of
 
 
 def _decay(time, pole, phase=0.7):

@@ -8,8 +8,8 @@ import pytest
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.thesis.index_118 import Index, minimise_index
 from tests.orbit.setting import SIXTY, grey_rig, plant
+from tests.thesis.index_118 import Index, minimise_index
 
 TRUE = plant({"coulomb": 4e-4}).robot.lumped
 

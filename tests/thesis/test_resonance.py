@@ -16,9 +16,8 @@ from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.signals.sine_fit import SineFit
-from butterfly.thesis.resonance import (
-    Resonance,
-    complex_fit,
+from butterfly.thesis.resonance import Resonance, complex_fit
+from tests.thesis.resonance_formulas import (
     from_curvature,
     largest_gain,
     parabola,
@@ -26,7 +25,7 @@ from butterfly.thesis.resonance import (
     transient_fit,
     two_largest,
 )
-from butterfly.thesis.resonance_regression import fit_multiplied_out, fit_orthogonal, fit_ratio
+from tests.thesis.resonance_regression import fit_multiplied_out, fit_orthogonal, fit_ratio
 
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
 MASSES = [AddedMass(mass=0.05 * k, arm=0.005 * k) for k in range(5)]
@@ -257,7 +256,7 @@ def test_errors_that_were_claimed_larger_than_the_scatter_are_believed():
     np.testing.assert_allclose(ten, 100 * one, rtol=1e-4)
 
 
-@pytest.mark.skipif(find_spec("odrpack") is None, reason="the extra 'eiv' is not installed")
+@pytest.mark.skipif(find_spec("odrpack") is None, reason="odrpack is not installed")
 def test_orthogonal_distance_agrees_with_the_ratio_form():
     """Both are the maximum likelihood of Gaussian errors in Y alone."""
     resonances = _resonances(np.random.default_rng(5), 0.02)

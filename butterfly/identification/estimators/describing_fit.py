@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identification.judgement.nested import Nested
-from butterfly.identification.judgement.term_choice import NEGLIGIBLE
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import NEGLIGIBLE
 from butterfly.identification.phasors import Phasors
 from butterfly.identification.prior import Prior
 from butterfly.identification.regression import Regression

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.describing_fit import DescribingFit
-from butterfly.identification.judgement.findings import Finding, FindingKind
-from butterfly.identification.judgement.nested import Nested
-from butterfly.identification.judgement.scanned_terms import SCANNED, ScannedTerms
-from butterfly.identification.judgement.term_choice import (
+from butterfly.identification.inference.scanned_terms import SCANNED, ScannedTerms
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
     candidates,
     folds_of,
     missing_terms,

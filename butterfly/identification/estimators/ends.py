@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimators.equations import Equations
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import Minimum
-from butterfly.identification.judgement.findings import Finding, FindingKind
 
 _ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
 _GLANCE = 8  # passes after which a descent that is not lower than another is given up

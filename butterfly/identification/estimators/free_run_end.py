@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
 from butterfly.identification.estimators.equations import Equations
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.loss import Loss
-from butterfly.identification.judgement.covariance import blocks_of
-from butterfly.identification.judgement.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.inference.covariance import blocks_of
 from butterfly.identification.solved import Solved
 from butterfly.model.parameters import AddedMass
 

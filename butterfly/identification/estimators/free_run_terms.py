@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from butterfly.identification.estimators.equations import Equations
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
-from butterfly.identification.judgement.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.judgement.nested import Nested
-from butterfly.identification.judgement.term_choice import (
+from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
     NEGLIGIBLE,
     SLACK_OF_STRETCHES,
     TermChoice,

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.divergence import horizon_of
-from butterfly.identification.drift import lasting_horizon
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.ends import Ends
@@ -32,11 +32,10 @@ from butterfly.identification.estimators.free_run_terms import CANDIDATES, FreeR
 from butterfly.identification.estimators.gauss_newton import MOST, Minimum, minimise
 from butterfly.identification.estimators.loss import Loss, outlying
 from butterfly.identification.estimators.starts import Start, starts
-from butterfly.identification.judgement.covariance import FEW, blocks_of
-from butterfly.identification.judgement.findings import Finding, FindingKind
-from butterfly.identification.judgement.intervals import of_few_logs, without_each_mass
-from butterfly.identification.judgement.knowledge import is_driven, refuse_without_scale
-from butterfly.identification.judgement.term_choice import candidates, missing_terms, told_terms
+from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
+from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
 from butterfly.identification.reference import Reference
 from butterfly.logs.log import Log
 from butterfly.model.friction import require_periods
@@ -295,10 +294,6 @@ class OutputError(Estimator):
         problem = self.problem(logs, start, zeros, known)
         end = self.descend(problem, problem.initial)
         return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
-
-    def holding(self, name: str) -> OutputError:
-        """Return the estimator with a parameter held at the start's value."""
-        return replace(self, fixed=(*self.fixed, name))
 
     def problem(
         self,

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.judgement.covariance import split
-from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identification.judgement.nested import Nested
-from butterfly.identification.judgement.term_choice import (
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.inference.covariance import split
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
     NEGLIGIBLE,
     SLACK_OF_STRETCHES,
     stretches_of,

@@ -24,17 +24,17 @@ from numpy.typing import NDArray
 
 from butterfly.errors import require_number
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.instruments import refined, seen
 from butterfly.identification.estimators.weak_fit import Windows
 from butterfly.identification.estimators.weak_terms import WeakTerms
 from butterfly.identification.estimators.zero_errors import zero_covariance
-from butterfly.identification.judgement.covariance import blocks_of, split
-from butterfly.identification.judgement.findings import Finding, FindingKind, Severity
-from butterfly.identification.judgement.intervals import of_few_logs, without_each_mass
-from butterfly.identification.judgement.knowledge import is_driven, refuse_without_scale
-from butterfly.identification.judgement.term_choice import missing_terms
+from butterfly.identification.inference.covariance import blocks_of, split
+from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.term_choice import missing_terms
 from butterfly.identification.reference import Reference
 from butterfly.identification.weak_signals import HALF_WIDTH, Averaging
 from butterfly.identification.zeros import doubts, reading_of

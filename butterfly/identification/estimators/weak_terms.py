@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimators.weak_fit import WeakFit, Windows
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.nested import Nested
-from butterfly.identification.judgement.scanned_terms import ScannedTerms
-from butterfly.identification.judgement.term_choice import (
+from butterfly.identification.inference.scanned_terms import ScannedTerms
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
     candidates,
     folds_of,
     stribeck_velocities,

@@ -3,15 +3,13 @@
 `butterfly.model.greybox` says what it means, `butterfly.model.sensitivities` what is
 differentiated.
 
-- `constants`: what the equation needs to know, and the numbers of the columns
-- `drive`: what drives the joint during one interval
-- `equation`: the rates of the state
+- `constants`: what the equation needs to know, the numbers of the columns, and what happened at
+  each step, kept for the derivatives
+- `equation`: the rates of the state, and what drives the joint during one interval
 - `steps`: Runge-Kutta steps, split where the velocity vanishes
-- `layout`, `tape`: what happened, kept for the derivatives
 - `linearise`: the derivatives of the rates
-- `carry`: the derivatives over one step
 - `events`: the derivatives where a joint reverses, rests and breaks loose
-- `differentiate`: all of it over a whole simulation
+- `differentiate`: the derivatives over one step, and over a whole simulation
 """
 
 from butterfly.model.kernel.constants import COLUMNS, Constants, State

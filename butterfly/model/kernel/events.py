@@ -12,21 +12,28 @@ import numpy as np
 
 from butterfly.compiled import compiled
 from butterfly.model.kernel.constants import (
+    BASIS,
+    BEFORE,
+    BEGIN,
     BIAS,
     COGGING,
     COULOMB,
     DRIVES,
     LAG,
+    LATE,
     P3,
     P3_OFFSET,
     PERIODS,
+    RATE,
+    SIGN,
+    STAGE,
     STRIBECK,
+    WEIGHT,
     M,
     V,
     X,
 )
-from butterfly.model.kernel.drive import drive_at, drive_slope
-from butterfly.model.kernel.layout import BASIS, BEFORE, BEGIN, LATE, RATE, SIGN, STAGE, WEIGHT
+from butterfly.model.kernel.equation import drive_at, drive_slope
 from butterfly.model.kernel.linearise import linearise
 
 _REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand

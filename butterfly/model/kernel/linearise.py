@@ -9,6 +9,7 @@ import numpy as np
 from butterfly.compiled import compiled, inlined
 from butterfly.model.kernel.constants import (
     BACK_EMF,
+    BASIS,
     BIAS,
     COGGING,
     COGGING_COSINE,
@@ -30,7 +31,6 @@ from butterfly.model.kernel.constants import (
     Z,
 )
 from butterfly.model.kernel.equation import friction_level
-from butterfly.model.kernel.layout import BASIS
 
 
 @inlined

@@ -11,11 +11,38 @@ import math
 import numpy as np
 
 from butterfly.compiled import compiled
-from butterfly.model.kernel.constants import COULOMB, STRIBECK, M, V, X, Z
-from butterfly.model.kernel.drive import drive_at, exceeds_at, part_of, piece_of
-from butterfly.model.kernel.equation import least_steps, pull, rates
-from butterfly.model.kernel.layout import COUNT, LOOSE, REST, REVERSAL, STAGE, STEP
-from butterfly.model.kernel.tape import note, record
+from butterfly.model.kernel.constants import (
+    BEGIN,
+    COULOMB,
+    COUNT,
+    INTERVAL,
+    KIND,
+    LOOSE,
+    PART,
+    PARTS,
+    PER_STAGE,
+    REST,
+    REVERSAL,
+    SHARE,
+    SIGN,
+    STAGE,
+    STEP,
+    STRIBECK,
+    M,
+    V,
+    X,
+    Z,
+)
+from butterfly.model.kernel.equation import (
+    drive_at,
+    exceeds_at,
+    excess_at,
+    least_steps,
+    part_of,
+    piece_of,
+    pull,
+    rates,
+)
 
 MAX_REVERSALS = 8
 """Reversals of the velocity that one step may hold before it is cut short."""
@@ -191,3 +218,26 @@ def _runge_kutta(state, drives, begin, share, h, sign, c, tape):
         m + sixth * (m1 + 2.0 * m2 + 2.0 * m3 + m4),
         z + sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4),
     )
+
+
+@compiled
+def record(state, rate, stage, c, tape):
+    """Write one stage of a step on the tape's next row, which another trial may write again."""
+    row, at = int(tape[0, COUNT]) + 1, STAGE + PER_STAGE * stage
+    for i in range(4):
+        tape[row, at + i] = state[i]
+    for i in range(3):
+        tape[row, at + 4 + i] = rate[i]
+    tape[row, at + 7], tape[row, at + 8] = math.sin(state[X]), math.cos(state[X])
+    tape[row, at + 9] = excess_at(state[V], c)
+
+
+@compiled
+def note(kind, begin, share, sign, tape):
+    """Keep the tape's next row: it becomes what happened."""
+    row = int(tape[0, COUNT]) + 1
+    tape[row, KIND], tape[row, BEGIN] = kind, begin
+    tape[row, SHARE], tape[row, SIGN] = share, sign
+    for i in (INTERVAL, PART, PARTS):
+        tape[row, i] = tape[0, i]
+    tape[0, COUNT] = row

@@ -10,10 +10,10 @@ import numpy as np
 from butterfly.comparison.leaderboard import Entry
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.misfit import Misfit
+from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.misfit import Misfit
-from butterfly.identification.judgement.verdict import Standing
 from butterfly.report.misfit import misfit_sentences
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers

@@ -7,9 +7,9 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.judgement.findings import Finding
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.physical import PhysicalParameters
-from butterfly.identification.predict import FitSummary
 from butterfly.model.parameters import LumpedParameters
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import (

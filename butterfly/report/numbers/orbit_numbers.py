@@ -34,6 +34,7 @@ def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
         summary=(verdict.sentence, *_orbit_sentences(study)),
         content={
             **OrbitRecord.of(study).numbers(),
+            "rounds_ending": study.calibration.ending,
             "data": _data(study, log.input_kind),
             **estimate_numbers(study.estimate),
             "ratios_to_p1": ratios,

@@ -9,15 +9,15 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits
-from butterfly.identification.judgement.bootstrap import Bootstrap
-from butterfly.identification.judgement.findings import Finding
-from butterfly.identification.judgement.misfit import Misfit
-from butterfly.identification.judgement.term_selection import Structure
-from butterfly.identification.judgement.validation import HeldOut
-from butterfly.identification.predict import FitSummary, Predictor
+from butterfly.identification.inference.bootstrap import Bootstrap
+from butterfly.identification.inference.term_selection import Structure
+from butterfly.identification.inference.validation import HeldOut
 from butterfly.logs.log import Log
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import (
@@ -55,7 +55,7 @@ def told_validation(
     drawn: Bootstrap | None = None,
 ) -> Told:
     """Tell what was held out, beside an estimate from all logs, and intervals by bootstrap."""
-    predictor = Predictor(data)
+    predictor = data.simulations
     seen = predictor.fits(whole)
     rows = [
         {**about(log), "FIT seen in %": float(inside), "FIT left out in %": float(outside)}

@@ -1,0 +1,1 @@
+"""Whether an estimate can be trusted: residuals, unit errors, physics; each returns findings."""

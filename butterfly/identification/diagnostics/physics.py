@@ -1,0 +1,85 @@
+"""Whether a joint can have the parameters that were found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import stdtrit
+
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.intervals import CONFIDENCE
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import TERMS
+
+_CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
+_EARLY = 1e-4  # s, by which stamps of input and angle may differ
+_OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
+
+
+def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Finding]:
+    """Tell what no joint can have: no inertia, friction that drives, torque before its command.
+
+    A negative p4 is possible: the angle or the input may count the other way. One that was known
+    is no surprise. Stamps of input and angle are hardly better than 0.1 ms.
+
+    Parameters
+    ----------
+    estimate
+        The parameters.
+    masses
+        What the hand carried.
+    """
+    found = estimate.parameters
+    judged = []
+    least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
+    if not least > 0:
+        judged.append(
+            Finding(
+                kind=FindingKind.NO_INERTIA,
+                parameters=("p1",),
+                number=least,
+                severity=Severity.WARNING,
+            )
+        )
+    negative = [
+        name
+        for name, value, error in _rows(estimate)
+        if (name == "delay" or TERMS[name].lower == 0)
+        and value < -max(_CLEARLY * error, _EARLY if name == "delay" else 0.0)
+    ]
+    if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
+        negative.append("load")
+    if negative:
+        severity = Severity.CARE if negative == ["delay"] else Severity.WARNING
+        judged.append(
+            Finding(kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=severity)
+        )
+    if found.p4 < 0 and "p4" not in estimate.known.parameters:
+        judged.append(
+            Finding(kind=FindingKind.NEGATIVE_GAIN, parameters=("p4",), severity=Severity.CARE)
+        )
+    return judged
+
+
+def is_possible(estimate: Estimate, masses: Sequence[AddedMass]) -> bool:
+    """Whether a joint can have the parameters (see `judge_physics`)."""
+    return all(each.severity is not Severity.WARNING for each in judge_physics(estimate, masses))
+
+
+def _drives(estimate: Estimate, mass: AddedMass) -> bool:
+    """Whether friction that grows with the added weight is clearly negative with some mass."""
+    weights = np.array([_OF_LEVEL.get(name, 0.0) for name in estimate.names])
+    weights[estimate.names.index("load")] = mass.weight
+    error = float(np.sqrt(max(weights @ estimate.covariance @ weights, 0.0)))
+    level = estimate.parameters.with_added_mass(mass).level(0.0)
+    # Of a sum no degrees of freedom are known; it has hardly fewer than the least of its parts.
+    freedom = np.inf if estimate.freedom is None else estimate.freedom[weights != 0].min()
+    return bool(level < -_CLEARLY * stdtrit(freedom, 0.5 + CONFIDENCE / 2) * error)
+
+
+def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:
+    """Names, values and half-widths."""
+    reach = np.nan_to_num((estimate.upper - estimate.lower) / 2)
+    return list(zip(estimate.names, estimate.values.tolist(), reach.tolist(), strict=True))

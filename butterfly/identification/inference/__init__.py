@@ -1,0 +1,1 @@
+"""From equations to an estimate: covariance, intervals, identifiability, choice of terms."""

@@ -1,0 +1,126 @@
+"""Judge what the data can and cannot tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+
+WEAK_CONDITION = 1e3
+"""Above this condition number of the scaled regression one combination is poorly known."""
+
+SINGULAR_CONDITION = 1e7
+"""Above this one, the regression is singular for every practical purpose."""
+
+_INVOLVED = 0.3  # share of the largest component above which a parameter takes part in a direction
+_PRECISE = 0.10  # of the value, within which a parameter counts as known
+_FOR_CERTAIN = 3.0  # half-widths that must lie within: what is said without "probably" must hold
+
+OTHER_LOGS = (
+    "add logs of other motion, faster and slower, wider and less wide, or with another known mass"
+)
+"""What helps where logs do not tell enough."""
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """How well a regression tells its parameters apart, whatever their units.
+
+    Parameters
+    ----------
+    number
+        Condition number with the columns scaled to one length.
+    weakest
+        Parameters of the combination that the data tell least about.
+    """
+
+    number: float
+    weakest: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        rows: NDArray[np.float64],
+        names: tuple[str, ...],
+        told: NDArray[np.bool_] | None = None,
+    ) -> Conditioning:
+        """Judge the (m, n) rows of a regression on the n parameters ``names``.
+
+        What is told of some of them, by a mask, counts as much as the rows, however well it is
+        known.
+        """
+        size = np.linalg.norm(rows, axis=0)
+        size[size == 0] = 1.0  # a column without effect makes the regression singular
+        scaled = rows / size
+        if told is not None:
+            scaled = np.concatenate([scaled, np.eye(len(names))[told]])
+        _, singular, right = np.linalg.svd(scaled, full_matrices=False)
+        share = np.abs(right[-1]) / np.abs(right[-1]).max()
+        weakest = tuple(np.array(names)[share > _INVOLVED].tolist())
+        number = float(singular[0] / singular[-1]) if singular[-1] > 0 else math.inf
+        return cls(number=number, weakest=weakest)
+
+    def refuse_singular(self) -> None:
+        """Raise IdentifiabilityError if the regression is singular for every practical purpose."""
+        if self.number > SINGULAR_CONDITION:
+            apart = " separately" if len(self.weakest) > 1 else ""
+            raise IdentifiabilityError(
+                f"these logs do not determine {' and '.join(self.weakest)}{apart} (condition "
+                f"number {self.number:.1e}): {OTHER_LOGS}"
+            )
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What there is to say of it: nothing of a good one."""
+        if self.number <= WEAK_CONDITION:
+            return []
+        return [
+            Finding(
+                kind=FindingKind.COMBINATION,
+                parameters=self.weakest,
+                number=self.number,
+                severity=Severity.CARE,
+            )
+        ]
+
+
+def precision(
+    values: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> list[FindingKind]:
+    """Return how well each of (n,) parameters is known: well, roughly, or not from zero."""
+    zero = (lower <= 0) & (upper >= 0)
+    precise = _FOR_CERTAIN * (upper - lower) / 2 <= _PRECISE * np.abs(values)
+    return [
+        FindingKind.NOT_FROM_ZERO
+        if at_zero
+        else (FindingKind.PRECISE if well else FindingKind.ROUGH)
+        for at_zero, well in zip(zero, precise, strict=True)
+    ]
+
+
+def sort_by_precision(
+    values: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    names: tuple[str, ...],
+) -> list[Finding]:
+    """Return a finding of each claim that is made of some of the (n,) parameters."""
+    claims = precision(values, lower, upper)
+    groups = {
+        kind: tuple(name for name, claim in zip(names, claims, strict=True) if claim is kind)
+        for kind in (FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO)
+    }
+    return [
+        Finding(
+            kind=kind,
+            parameters=parameters,
+            number=_PRECISE if kind is FindingKind.PRECISE else None,
+        )
+        for kind, parameters in groups.items()
+        if parameters
+    ]

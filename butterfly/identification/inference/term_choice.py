@@ -1,0 +1,321 @@
+"""Which terms are fitted: those that help to predict logs that were left out.
+
+Of all sets of terms that are offered the one is sought that foretells best what it has not seen
+(cross-validation; Stone, J. R. Statist. Soc. B 36, 1974), and of those that do so about as well the
+smallest (the rule of one standard error; Breiman et al., Classification and Regression Trees, 1984,
+section 3.4.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.identifiability import OTHER_LOGS
+from butterfly.identification.inference.submodels import Nested
+from butterfly.model.known import Knowledge
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import COMPANIONS, PARAMETERS
+
+Samples = NDArray[np.float64]
+
+
+NEGLIGIBLE = 1e-6
+"""Of a motion, how well it is foretold at best: rounding leaves more."""
+
+_MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
+_SPEEDS = 10  # Stribeck velocities that are tried
+_SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
+_LEAST_FOLDS = 3
+_STRETCHES = 6
+SLACK_OF_STRETCHES = 2.0
+"""Standard errors where stretches of time are foretold, whose errors are alike."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TermChoice:
+    """Terms that were chosen, and what speaks for others.
+
+    Parameters
+    ----------
+    names
+        Of the parameters, the terms last.
+    terms
+        Chosen.
+    values
+        Of the parameters, by name, as the nested fit foretells them.
+    settings
+        See `Nested`.
+    rivals
+        Values, by name, of the fits that predict as well, with other terms or other settings.
+    not_helping
+        Terms that were offered and not chosen.
+    inseparable
+        Terms that the data cannot tell from the rest.
+    """
+
+    names: tuple[str, ...]
+    terms: tuple[str, ...]
+    values: dict[str, float]
+    settings: dict[str, float]
+    rivals: tuple[dict[str, float], ...]
+    not_helping: tuple[str, ...]
+    inseparable: tuple[str, ...]
+
+    @property
+    def best(self) -> dict[str, float]:
+        """Values of the parameters that were chosen, by name."""
+        return {name: self.values[name] for name in self.names}
+
+    @property
+    def rival_values(self) -> tuple[Samples, ...]:
+        """Values of the parameters that were chosen, by the rivals; 0 for what they do without."""
+        return tuple(np.array([each.get(name, 0.0) for name in self.names]) for each in self.rivals)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What there is to say of settings that were scanned, and of terms that are not fitted."""
+        said = {
+            FindingKind.NOT_HELPING: self.not_helping,
+            FindingKind.INSEPARABLE: self.inseparable,
+        }
+        scanned = (
+            Finding(kind=FindingKind.SCANNED, parameters=(name,), number=value)
+            for name, value in self.settings.items()
+        )
+        lost = (Finding(kind=kind, parameters=names) for kind, names in said.items() if names)
+        return (*scanned, *lost)
+
+
+def candidates(
+    names: Sequence[str], masses: Iterable[AddedMass], known: Knowledge
+) -> tuple[str, ...]:
+    """Return the terms that are worth trying with some added masses, and some knowledge.
+
+    What grows with the added weight shows with three of them: by two the scale of all is set. What
+    is known is not tried, nor what comes with it, nor gravity beside its line where there is none,
+    or where p3 is known and no second mass tells it from a turn of the encoder.
+    """
+    carried = list(masses)
+    effects = {mass.inertia_and_moment for mass in carried}
+    lost = {*known.parameters, *(COMPANIONS[n] for n in known.parameters if n in COMPANIONS)}
+    if len(effects) < _LEAST_FOLDS:
+        lost.add("load")
+    if known.weightless(carried) or ("p3" in known.parameters and len(effects) < _LEAST_FOLDS):
+        lost.add("p3_offset")
+    return tuple(name for name in names if name not in lost)
+
+
+def told_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
+    """Return terms that were told, but for others that are found, or known, by themselves."""
+    return tuple(name for name in terms if name not in others)
+
+
+def stribeck_velocities(fastest: float, known: Knowledge) -> list[float]:
+    """Return Stribeck velocities in rad/s to try, for logs of a largest speed.
+
+    There are none where its friction is known, and one where the velocity is.
+    """
+    if "stribeck" in known.parameters:
+        return []
+    if "stribeck_velocity" in known.exact:
+        return [known.exact["stribeck_velocity"]]
+    return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
+
+
+def stretches_of(logs: int) -> int:
+    """Return into how many stretches of time each log is cut, where there are too few to leave out.
+
+    What is left out together is then a stretch.
+    """
+    return 1 if logs >= _LEAST_FOLDS else -(-_STRETCHES // logs)
+
+
+def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
+    """Return the number of each log's part; where there are too few parts, each log is one."""
+    different = list(dict.fromkeys(parts))
+    if len(different) < _LEAST_FOLDS:
+        return np.arange(len(parts))
+    return np.array([different.index(part) for part in parts])
+
+
+def choose_terms(
+    fits: Sequence[Nested], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
+) -> TermChoice:
+    """Choose from the terms of fits that have them all.
+
+    Parameters
+    ----------
+    fits
+        The same equations about one or more settings, with all terms.
+    always
+        Parameters that every fit has.
+    demanded
+        Terms that are not chosen, but wanted; the last of them are dropped that cannot be told from
+        the others.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If the data do not even determine what every fit has.
+    """
+    offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
+    trials = _all_trials(fits, always, demanded)
+    best = min(trials, key=lambda trial: trial.score)
+    as_good = [trial for trial in trials if _as_good(trial, best)]
+    if not as_good:
+        raise IdentifiabilityError(
+            "simulations of these logs run away, so that no terms can be chosen by them: the "
+            "method weak-form simulates nothing from the start"
+        )
+    chosen = min(as_good, key=lambda trial: (len(trial.terms), trial.score))
+    tried = {name for trial in trials for name in trial.terms}
+    return TermChoice(
+        names=(*always, *chosen.terms),
+        terms=chosen.terms,
+        values=chosen.values,
+        settings=chosen.nested.settings,
+        rivals=tuple(trial.values for trial in as_good if trial is not chosen),
+        not_helping=tuple(
+            name
+            for name in offered
+            if name in tried and name not in {*chosen.terms, *COMPANIONS.values()}
+        ),
+        inseparable=tuple(name for name in offered if name not in {*tried, *COMPANIONS.values()}),
+    )
+
+
+class _Trial(NamedTuple):
+    """A set of terms, where it was fitted, what to, and (k,) errors of logs not seen before."""
+
+    terms: tuple[str, ...]
+    nested: Nested
+    fitted: Samples
+    errors: Samples
+
+    @property
+    def score(self) -> float:
+        return float(self.errors.mean())
+
+    @property
+    def values(self) -> dict[str, float]:
+        named = zip(self.nested.names, self.fitted.tolist(), strict=True)
+        return dict(named) | self.nested.settings
+
+
+def _all_trials(
+    fits: Sequence[Nested], always: tuple[str, ...], demanded: tuple[str, ...]
+) -> list[_Trial]:
+    """Try all that can be tried: of the parts of the data, or else of single logs.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If no fit can be left to foretell anything.
+    """
+    by_log = [replace(nested, folds=np.arange(nested.cost.size)) for nested in fits]
+    for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
+        for split in (fits, by_log):
+            if found := [each for nested in split for each in _trials(nested, always, wanted)]:
+                return found
+    if found := [each for nested in fits for each in _unforeseen(nested, always, demanded)]:
+        return found
+    raise IdentifiabilityError(f"these logs do not determine {', '.join(always)}: {OTHER_LOGS}")
+
+
+def _trials(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+    """Try all sets of terms that one fit has, and that have what is demanded."""
+    must = {*nested.demanded, *demanded}
+    followers = COMPANIONS.values()
+    tells = np.einsum("kii->i", nested.curvature) > 0
+    told = {name for name, tell in zip(nested.names, tells.tolist(), strict=True) if tell}
+    free = [n for n in nested.names if n not in {*always, *must, *followers} and not demanded]
+    sets: list[tuple[str, ...]] = []
+    for count in range(len(free) + 1):
+        for more in combinations(free, count):
+            wanted = {*more, *must}
+            wanted |= {COMPANIONS[name] for name in wanted if name in COMPANIONS} & told
+            sets.append(tuple(n for n in nested.names if n in wanted and n not in always))
+    kept = _kept(nested, always, sets)
+    for terms, fitted, errors in zip(sets, nested.fitted(kept), nested.held_out(kept), strict=True):
+        if np.isnan(errors).any():
+            continue
+        trial = _Trial(terms, nested, fitted, np.sqrt(errors))
+        if demanded or not _excess_over_none(trial):
+            yield trial
+
+
+def _unforeseen(nested: Nested, always: Sequence[str], demanded: Sequence[str]) -> Iterator[_Trial]:
+    """Try what is demanded, and no more, on the logs themselves: none can be left out."""
+    if nested.demanded and not demanded:
+        return
+    terms = tuple(name for name in nested.names if name in {*nested.demanded, *demanded})
+    values = nested.fitted(_kept(nested, always, [terms]))
+    if not np.isnan(values).any():
+        yield _Trial(terms, nested, values[0], np.sqrt(nested.costs(values))[0])
+
+
+def _excess_over_none(trial: _Trial) -> bool:
+    """Whether all friction at rest would be Stribeck's: it then stands for something else."""
+    if "stribeck" not in trial.terms:
+        return False
+    found = trial.values
+    return "coulomb" in found and found["stribeck"] > 0 and found["coulomb"] <= 0
+
+
+def _as_good(trial: _Trial, best: _Trial) -> bool:
+    """Whether a set of terms predicts as well as the best, but for a standard error."""
+    worse = trial.errors - best.errors
+    error = float(np.std(worse, ddof=1)) / worse.size**0.5 if worse.size > 1 else 0.0
+    slack = max(best.nested.slack * error, best.nested.negligible)
+    return bool(worse.mean() <= slack)
+
+
+def _kept(
+    nested: Nested, always: Sequence[str], sets: Sequence[Sequence[str]]
+) -> NDArray[np.bool_]:
+    """(t, n) which of the names of a fit each of t sets of terms has."""
+    return np.array([[name in {*always, *terms} for name in nested.names] for terms in sets])
+
+
+def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
+    """Tell which terms an estimate lacks that would help, and matter.
+
+    They matter if they would move a parameter by more than the half-width of its interval, or by
+    `_MATTERS` of it.
+
+    Parameters
+    ----------
+    found
+        The estimate.
+    best
+        Values with the terms that predict best.
+    """
+    missing = [name for name in best if name not in {*found.names, *PARAMETERS}]
+    if not missing:
+        return []
+    moved: dict[str, float] = {}
+    rows = zip(found.names, found.values, found.lower, found.upper, strict=True)
+    for name, value, lower, upper in rows:
+        step = abs(best[name] - value) if name in best and name in PARAMETERS else 0.0
+        share = step / abs(value) if value else 0.0
+        if step > (upper - lower) / 2 or share > _MATTERS:
+            moved[name] = share
+    if not moved:
+        return []
+    return [
+        Finding(
+            kind=FindingKind.MISSING_TERM,
+            parameters=(", ".join(missing), *moved),
+            number=min(moved.values()),
+            severity=Severity.CARE,
+        )
+    ]

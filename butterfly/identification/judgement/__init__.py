@@ -1,1 +1,0 @@
-"""How far to trust an estimate: covariance, intervals, identifiability, findings, validation."""

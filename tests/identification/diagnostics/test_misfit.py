@@ -1,0 +1,188 @@
+"""Good models are seldom accused; what is missing is, and by its name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.residual_torque import residual_torques
+from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.model.terms import TERMS
+from butterfly.plant.sensors import Encoder
+from tests.conftest import MASSES
+from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
+
+FIT = OutputError(terms=(), check=False, workers=1)
+MISSING = {
+    "drag": {"drag": 2e-4},
+    "stribeck": {"stribeck": 6e-4, "stribeck_velocity": 0.4},
+    "p3_offset": {"p3_offset": 1e-3},
+    "load": {"load": 5e-4},
+    "bias": {"bias": 1e-3},
+}
+
+
+def _read(logs, encoder, seed=0):
+    rng = np.random.default_rng(seed)
+    return DataSet.of([replace(log, angle=encoder.read(log.time, log.angle, rng)) for log in logs])
+
+
+def _tame(robot):
+    """Two sums of sines for each mass, below the horizontal."""
+
+    def tones(seed):
+        phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(TONES))
+        pairs = list(zip(TONES, phases, strict=True))
+        return lambda t: 0.008 * sum(np.sin(w * t + p) - np.sin(p) for w, p in pairs)
+
+    both = list(product(MASSES, range(2)))
+    logs = [simulated(robot, mass, tones(k), 20.0, start=0.3) for k, (mass, _) in enumerate(both)]
+    assert max(np.abs(log.angle).max() for log in logs) < 1.5
+    return logs
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return _tame(ROBOT)
+
+
+@pytest.mark.parametrize("steps", [1024, 8192, 65536])
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
+def test_a_good_model_is_not_accused(logs, steps, noise):
+    """Of these 54 logs, 5 % are 2.7."""
+    data = _read(logs, Encoder(steps=steps, noise=noise))
+    misfit = judge_misfit(data, FIT(data))
+    assert not misfit.beyond_sensors
+    assert misfit.outside <= 1
+    assert misfit.times == pytest.approx(1.0, abs=0.1)
+    assert misfit.left_over.looks_like == "nothing that the data can show"
+    (finding,) = misfit.findings
+    assert finding.kind is FindingKind.NO_MISFIT
+    assert finding.severity is Severity.NOTE
+
+
+@pytest.mark.parametrize("term", MISSING)
+def test_a_missing_term_is_seen_and_named(term):
+    robot = replace(ROBOT, **MISSING[term])
+    data = _read(_tame(robot), Encoder(steps=8192, noise=1e-4))
+    estimate = FIT(data)
+    misfit = judge_misfit(data, estimate)
+    assert misfit.beyond_sensors
+    assert misfit.outside == len(misfit.logs)
+    assert term in misfit.left_over.terms
+    kinds = [finding.kind for finding in misfit.findings]
+    assert kinds == [FindingKind.MISFIT, FindingKind.LEFT_OVER]
+    assert all(finding.severity is Severity.NOTE for finding in misfit.findings)
+    assert TERMS[term].looks_like in misfit.left_over.words("the motion")
+
+
+@pytest.mark.parametrize("term", ["drag", "stribeck"])
+def test_a_term_that_the_model_has_is_never_named(term):
+    """The model has Coulomb friction, and so has the robot: that is no news."""
+    robot = replace(ROBOT, **MISSING[term])
+    data = _read(_tame(robot), Encoder(steps=8192, noise=1e-4))
+    told = FIT.with_terms((term,))
+    estimate = replace(told(data), held={"stribeck_velocity": robot.stribeck_velocity})
+    for left in (judge_misfit(data, estimate).left_over, residual_torques(data, estimate).overall):
+        assert not {"coulomb", "p1", "p2", "p3", term} & set(left.shares)
+
+
+def test_a_value_that_is_a_little_off_is_an_error_and_no_misfit(logs):
+    data = _read(logs, Encoder(steps=8192, noise=1e-3))
+    estimate = FIT(data)
+    off = replace(estimate, values=estimate.values * (1 + 0.002 * np.array([1, -5, 1, 1, 5, 5])))
+    misfit, before = judge_misfit(data, off), judge_misfit(data, estimate)
+    assert misfit.relative > 1.2 * before.relative
+    assert misfit.left == pytest.approx(before.left, rel=0.05)
+    assert not misfit.beyond_sensors
+
+
+def test_harmonic_balance_of_steady_sines_leaves_no_misfit():
+    swings = {omega: SWINGS[omega] for omega in (2.0, 4.4, 8.5)}
+    data = _read(steady(ROBOT, swings), Encoder(steps=8192, noise=1e-3))
+    misfit = judge_misfit(data, HarmonicBalance(check=False)(data))
+    assert misfit.relative < 1.3 * misfit.left
+    assert not misfit.beyond_sensors
+
+
+def test_a_run_that_fails_is_outside_and_hides_no_other(logs):
+    data = _read(logs, Encoder(steps=8192, noise=1e-3))
+    estimate = FIT(data)
+    wrong = np.where(np.array(estimate.names) == "p1", -1e-6, estimate.values)
+    misfit = judge_misfit(data, replace(estimate, values=wrong))
+    assert misfit.logs[0].outside
+    assert misfit.logs[0].autocorrelation is None
+    assert len(misfit.logs) == 6
+    assert misfit.logs[-1].autocorrelation is not None
+
+
+@pytest.mark.parametrize("term", ["drag", "p3_offset", "bias"])
+def test_the_residual_torque_is_that_of_the_missing_term(term):
+    robot = replace(ROBOT, **MISSING[term])
+    data = _read(_tame(robot), Encoder(steps=65536))
+    told = replace(FIT(data), values=np.array([getattr(ROBOT, name) for name in FIT(data).names]))
+    told = replace(told, local={None: {"zero": 0.0}})
+    for each, log in zip(residual_torques(data, told).logs, data.logs, strict=True):
+        v = each.velocity
+        expected = {
+            "drag": np.abs(v) * v,
+            "p3_offset": np.cos(each.angle),
+            "bias": -np.ones_like(v),
+        }[term] * -getattr(robot, term)
+        error = np.sqrt(np.mean((each.torque - expected) ** 2))
+        assert error < 0.3 * np.sqrt(np.mean(expected**2)), log.label
+
+
+def test_the_same_data_give_the_same_judgement(logs):
+    data = _read(logs, Encoder(steps=1024))
+    estimate = FIT(data)
+    first, second = judge_misfit(data, estimate), judge_misfit(data, estimate)
+    assert [log.excess for log in first.logs] == [log.excess for log in second.logs]
+
+
+def test_the_real_logs_are_outside_and_nothing_that_the_model_has_is_named(real):
+    misfit = real.misfit
+    assert misfit.outside == len(misfit.logs) == 41
+    assert misfit.times > 10
+    assert misfit.logs[0].sensor.step == pytest.approx(2 * np.pi / 32768, rel=0.02)
+    assert "coulomb" not in misfit.left_over.shares
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+def test_readings_of_a_good_model_lie_inside_its_bands(logs, noise):
+    """More than 95 % where the encoder's step, which nothing goes beyond, is most of the error."""
+    data = _read(logs, Encoder(steps=8192, noise=noise))
+    found = FIT(data)
+    inside = []
+    for log, misfit in zip(data.logs, judge_misfit(data, found).logs, strict=True):
+        run = FreeRun.of(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
+        near = np.interp(log.time, misfit.band.time, misfit.band.reach)
+        inside.append(np.mean(np.abs(run.simulated - log.angle) <= near))
+    assert 0.93 <= np.mean(inside) <= 0.99
+
+
+def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
+    data = _read(logs, Encoder(steps=65536, noise=0.0))
+    found = FIT(data)
+    sharp = replace(found, covariance=np.zeros_like(found.covariance), left_out={})
+    sharp = replace(sharp, lower=found.values.copy(), upper=found.values.copy())
+    k = found.names.index("p3")
+    lower, upper, covariance = found.values.copy(), found.values.copy(), sharp.covariance.copy()
+    lower[k], upper[k], covariance[k, k] = 0.98 * lower[k], 1.02 * upper[k], 1e-12
+    wide = replace(sharp, lower=lower, upper=upper, covariance=covariance)
+    bands = [judge_misfit(data, each).logs[0].band for each in (sharp, wide)]
+    log = data.logs[0]
+    angles = [
+        FreeRun.of(log, Setting(parameters=each, zero=data.zero_of(log))).simulated
+        for each in (found.parameters, replace(found.parameters, p3=upper[k]))
+    ]
+    moved = np.interp(bands[0].time, log.time, np.abs(angles[1] - angles[0]))
+    reach = np.sqrt(bands[1].reach ** 2 - bands[0].reach ** 2)
+    assert np.linalg.norm(reach - moved) < 0.1 * np.linalg.norm(moved)

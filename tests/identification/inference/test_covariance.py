@@ -1,0 +1,104 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from butterfly.identification.inference.covariance import cluster_covariance
+
+
+def _regression(rng, clusters, size):
+    rows = rng.standard_normal((clusters, size, 2))
+    noise = rng.standard_normal((clusters, size))
+    flat = rows.reshape(-1, 2)
+    estimate = np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]
+    return rows, (flat @ estimate - noise.ravel()).reshape(clusters, size)
+
+
+def test_with_clusters_of_one_it_is_hc2():
+    rows, residuals = _regression(np.random.default_rng(0), 30, 1)
+    x, e = rows[:, 0], residuals[:, 0]
+    normal = np.linalg.inv(x.T @ x)
+    leverage = np.einsum("ni,ij,nj->n", x, normal, x)
+    hc2 = normal @ (x.T * (e**2 / (1 - leverage))) @ x @ normal
+    np.testing.assert_allclose(cluster_covariance(rows, residuals)[0], hc2, rtol=1e-10)
+
+
+def test_for_one_mean_the_degrees_of_freedom_are_students():
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal((12, 1))
+    covariance, freedom = cluster_covariance(np.ones((12, 1, 1)), values - values.mean())
+    assert freedom[0] == pytest.approx(11)
+    assert covariance[0, 0] == pytest.approx(np.var(values, ddof=1) / 12)
+
+
+def test_it_is_unbiased_for_few_clusters():
+    rng = np.random.default_rng(2)
+    rows = rng.standard_normal((8, 3, 2))
+    flat = rows.reshape(-1, 2)
+    hat = flat @ np.linalg.inv(flat.T @ flat) @ flat.T
+    found = []
+    for _ in range(4000):
+        noise = rng.standard_normal(24)
+        found.append(cluster_covariance(rows, (noise - hat @ noise).reshape(8, 3))[0])
+    np.testing.assert_allclose(
+        np.mean(found, axis=0), np.linalg.inv(flat.T @ flat), rtol=0.05, atol=1e-3
+    )
+
+
+def test_units_of_the_columns_do_not_matter():
+    rows, residuals = _regression(np.random.default_rng(3), 20, 2)
+    scale = np.array([1e6, 1e-6])
+    covariance, freedom = cluster_covariance(rows, residuals)
+    rescaled, same = cluster_covariance(rows * scale, residuals)
+    np.testing.assert_allclose(rescaled * np.outer(scale, scale), covariance, rtol=1e-9)
+    np.testing.assert_allclose(same, freedom, rtol=1e-9)
+
+
+def test_it_is_the_dense_formula():
+    """CR2 and Satterthwaite's degrees of freedom with all matrices written out."""
+    rng = np.random.default_rng(4)
+    rows, residuals = _regression(rng, 7, 3)
+    flat = rows.reshape(-1, 2)
+    normal = np.linalg.inv(flat.T @ flat)
+    maker = np.eye(21) - flat @ normal @ flat.T
+    directions = np.zeros((2, 7, 21))  # by parameter and cluster: what multiplies the errors
+    covariance = np.zeros((2, 2))
+    for k in range(7):
+        own = slice(3 * k, 3 * k + 3)
+        values, axes = np.linalg.eigh(maker[own, own])
+        influence = normal @ flat[own].T @ axes @ np.diag(values**-0.5) @ axes.T
+        directions[:, k] = influence @ maker[own]
+        score = influence @ residuals[k]
+        covariance += np.outer(score, score)
+    products = directions @ np.swapaxes(directions, 1, 2)
+    trace = np.trace(products, axis1=1, axis2=2)
+    found, freedom = cluster_covariance(rows, residuals)
+    np.testing.assert_allclose(found, covariance, rtol=1e-9)
+    np.testing.assert_allclose(freedom, trace**2 / np.sum(products**2, axis=(1, 2)), rtol=1e-9)
+
+
+def test_its_memory_grows_with_the_number_of_clusters_only():
+    rng = np.random.default_rng(5)
+    peaks = []
+    for clusters in (100, 400):
+        rows, residuals = rng.standard_normal((clusters, 11, 11)), rng.standard_normal(11)
+        tracemalloc.start()
+        cluster_covariance(rows, np.tile(residuals, (clusters, 1)))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 5 * peaks[0]
+    assert peaks[1] < 20e6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_of_what_one_cluster_alone_determines_the_freedom_is_a_number(seed):
+    """As the encoder's zero of each log is; rounding is all that is left of its sums."""
+    rng = np.random.default_rng(seed)
+    clusters, size = 6, 4
+    own = np.eye(clusters)[:, np.newaxis, :] * rng.standard_normal((clusters, size, 1))
+    rows = np.concatenate([rng.standard_normal((clusters, size, 1)), own], axis=2)
+    flat = rows.reshape(-1, clusters + 1)
+    noise = rng.standard_normal(clusters * size)
+    residuals = noise - flat @ np.linalg.lstsq(flat, noise, rcond=None)[0]
+    _, freedom = cluster_covariance(rows, residuals.reshape(clusters, size))
+    assert np.all((freedom >= 1) & (freedom <= clusters))

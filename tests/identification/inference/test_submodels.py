@@ -1,0 +1,110 @@
+"""Nested fits against fits that are made anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from butterfly.identification.inference.submodels import Nested
+
+LOGS, ROWS = 6, 5
+NAMES = ("p1", "p3", "coulomb", "drag")
+UNITS = np.array([1e-3, 1.0, 1e3, 1e-2])
+FREE = np.full(4, -np.inf)
+
+
+def _problem(*, lower=FREE, folds=None, seed=0):
+    """A linear problem, and its equations about values that are not its solution."""
+    rng = np.random.default_rng(seed)
+    rows = rng.standard_normal((LOGS, ROWS, 4)) / UNITS
+    truth = UNITS * np.array([1.0, 2.0, 0.2, -0.5])
+    target = rows @ truth + 0.3 * rng.standard_normal((LOGS, ROWS))
+    about = np.maximum(truth + UNITS * rng.standard_normal(4), lower)
+    nested = Nested.of(
+        rows,
+        rows @ about - target,
+        names=NAMES,
+        values=about,
+        lower=lower,
+        folds=np.arange(LOGS) if folds is None else folds,
+    )
+    return rows, target, nested
+
+
+def _anew(rows, target, kept, lower=FREE):
+    """Fit some columns to some logs by another solver; the other values are 0."""
+    values = np.zeros(4)
+    scaled = rows[..., kept] * UNITS[kept]
+    found = lsq_linear(
+        scaled.reshape(-1, kept.sum()), target.ravel(), (lower[kept] / UNITS[kept], np.inf)
+    )
+    values[kept] = found.x * UNITS[kept]
+    return values
+
+
+SUBSETS = np.array([[1, 1, 1, 1], [1, 1, 0, 0], [1, 0, 1, 1], [0, 1, 0, 1]], dtype=bool)
+EVERYTHING = SUBSETS[:1]
+
+
+def test_fits_with_fewer_terms_are_those_of_the_remaining_columns():
+    rows, target, nested = _problem()
+    found = nested.fitted(SUBSETS)
+    for kept, values, costs in zip(SUBSETS, found, nested.costs(found), strict=True):
+        np.testing.assert_allclose(values / UNITS, _anew(rows, target, kept) / UNITS, atol=1e-9)
+        np.testing.assert_allclose(costs, np.sum((rows @ values - target) ** 2, axis=1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("folds", [np.arange(LOGS), np.array([0, 0, 1, 1, 2, 2])])
+def test_errors_of_what_was_left_out_are_those_of_fits_to_the_rest(folds):
+    rows, target, nested = _problem(folds=folds)
+    expected = np.empty((len(SUBSETS), LOGS))
+    for kept, errors in zip(SUBSETS, expected, strict=True):
+        for part in np.unique(folds):
+            mine = folds == part
+            values = _anew(rows[~mine], target[~mine], kept)
+            errors[mine] = np.sum((rows[mine] @ values - target[mine]) ** 2, axis=1)
+    np.testing.assert_allclose(nested.held_out(SUBSETS), expected, rtol=1e-9)
+
+
+def test_a_bound_holds_what_the_data_would_have_beyond_it():
+    lower = np.array([-np.inf, -np.inf, 0.0, 0.0])
+    rows, target, nested = _problem(lower=lower)
+    found = nested.fitted(SUBSETS)
+    assert found[0, 3] == 0.0
+    for kept, values in zip(SUBSETS, found, strict=True):
+        expected = _anew(rows, target, kept, lower)
+        np.testing.assert_allclose(values / UNITS, expected / UNITS, atol=1e-7)
+
+
+def test_what_the_data_do_not_determine_has_no_fit():
+    rows, target, _ = _problem()
+    rows[..., 3] = rows[..., 2]
+    nested = Nested.of(
+        rows, -target, names=NAMES, values=np.zeros(4), lower=FREE, folds=np.arange(LOGS)
+    )
+    sets = np.array([[True, True, True, True], [True, True, True, False]])
+    for found in (nested.fitted(sets), nested.held_out(sets)):
+        assert np.isnan(found[0]).any()
+        assert np.isfinite(found[1]).all()
+
+
+def test_one_part_foretells_nothing():
+    _, _, nested = _problem(folds=np.zeros(LOGS, dtype=int))
+    assert np.isnan(nested.held_out(EVERYTHING)).all()
+
+
+def test_what_ran_away_is_no_lack_of_data():
+    _, _, nested = _problem()
+    away = replace(nested, cost=np.full(LOGS, np.nan))
+    assert np.isposinf(away.held_out(EVERYTHING)).all()
+
+
+def test_a_companion_that_is_absent_keeps_its_value_and_other_terms_are_nothing():
+    _, _, nested = _problem()
+    nested = replace(nested, names=("p1", "p3", "stribeck", "stribeck_velocity"))
+    (found,) = nested.fitted(np.array([[True, True, False, False]]))
+    assert found[2] == 0.0
+    assert found[3] == nested.values[3]

@@ -1,0 +1,45 @@
+"""A study of an orbit, on a rig that cannot hold the hand at an angle."""
+
+import math
+
+import numpy as np
+import pytest
+
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.study import PERIODS, beside_orbit, study_orbit
+from butterfly.report.numbers.orbit_numbers import told_orbit
+from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
+
+ROUGH = plant({"coulomb": 1e-4})
+TRUE = ROUGH.robot.lumped
+
+
+@pytest.fixture(scope="module")
+def study():
+    rng = np.random.default_rng(0)
+    held = grey_rig(ROUGH, rng)
+
+    def rig(law, start, duration, added):  # noqa: ARG001 - all runs begin where the hand hangs
+        return held(law, 0.0, duration, added)
+
+    plan = sixty_degrees(starts=(0.0, 0.0), duration=30.0, kick=2e-3, dither=0.3, rounds=2)
+    options = RecalibrationOptions(candidates=("coulomb",))
+    return study_orbit(rig, wrong(TRUE, rng), 0.0, plan, options, rng=rng)
+
+
+def test_an_orbit_is_studied_from_runs_that_begin_hanging(study):
+    assert study.calibration.rounds[-1].amplitude == pytest.approx(math.radians(60), abs=0.02)
+    assert study.errors["re-calibrated"] < study.errors["generic"]
+
+
+def test_a_free_run_from_hanging_lasts_some_periods_of_small_swings(study):
+    run = beside_orbit(study.held_out, TRUE, 0.0)
+    period = 2 * math.pi * math.sqrt(TRUE.p1 / TRUE.p3)
+    assert np.ptp(run.log.time) == pytest.approx(PERIODS * period, rel=1e-3)
+
+
+def test_why_the_rounds_ended_is_told_beside_how_the_estimate_did(study):
+    told = told_orbit(study, None).content
+    assert told["rounds_ending"] == study.calibration.ending
+    assert told["ending"] == Ending.CONVERGED

@@ -1,0 +1,180 @@
+"""Plant errors into a copy of the package, one after another, and count those that no test sees.
+
+python -m tests.planted --errors 40 --seed 1            # this checkout
+python -m tests.planted --errors 40 --seed 1 --tree DIR  # another one
+
+First the tests run once, to learn which of them reach which line; then each error is planted and
+the tests that reach its line run, the most particular first, until one fails. Needs pytest-cov.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import random
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from coverage.numbits import numbits_to_nums
+
+SWAPPED = {
+    ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "==",
+    ast.In: "not in", ast.NotIn: "in", ast.Is: "is not", ast.IsNot: "is",
+    ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.And: "or", ast.Or: "and",
+}  # fmt: skip
+"""An operator, and the text that takes its place."""
+
+NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "sorted": "list"}
+LEFT_OUT = ("butterfly/report/", "butterfly/plant/watch/")
+"""Drawing, which pictures decide."""
+
+MOST_TESTS = 60
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A text that takes the place of another at (line, first column, last column) of a file."""
+
+    file: str
+    line: int
+    columns: tuple[int, int]
+    text: str
+
+
+def main(arguments=None):
+    """Plant, test, and print what was not seen."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--errors", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--tree", type=Path, default=Path.cwd())
+    parser.add_argument("--contexts", type=Path, help="where the reached lines are kept (SQLite)")
+    asked = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, "tree")
+        ignored = shutil.ignore_patterns(".venv", ".git", "build", "results", ".*_cache")
+        shutil.copytree(asked.tree, copy, ignore=ignored, symlinks=True)
+        if (asked.tree.parent / "shared").exists():
+            Path(folder, "shared").symlink_to((asked.tree.parent / "shared").resolve())
+        contexts = asked.contexts or Path(folder, "contexts")
+        if not contexts.exists():
+            reach = ("-n", "auto", "--cov=butterfly", "--cov-context=test", "--cov-report=")
+            _pytest(copy, *reach, "-m", "not slow", "--ignore=tests/benchmarks")
+            shutil.move(copy / ".coverage", contexts)
+        unseen = [
+            each
+            for each in drawn(copy, asked.errors, asked.seed)
+            if not _seen(copy, each, _reaching(contexts, each))
+        ]
+    print(f"{len(unseen)} of {asked.errors} planted errors were not seen (seed {asked.seed}):")
+    for each in unseen:
+        print(f"  {each.file}:{each.line}: {each.text}")
+
+
+def drawn(tree: Path, count: int, seed: int) -> list[Planted]:
+    """Return errors at random places of the package, the same for the same seed."""
+    found = []
+    for path in sorted((tree / "butterfly").rglob("*.py")):
+        file = path.relative_to(tree).as_posix()
+        if not file.startswith(LEFT_OUT):
+            found += _possible(file, path.read_text(encoding="utf-8"))
+    return random.Random(seed).sample(found, count)  # noqa: S311 - no secret
+
+
+def _possible(file: str, text: str) -> list[Planted]:
+    lines = text.splitlines()
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        place = _place(node, lines)
+        if place is not None:
+            line, begin, end, new = place
+            found.append(Planted(file, line, (begin, end), new))
+    return found
+
+
+def _place(node: ast.AST, lines: list[str]) -> tuple[int, int, int, str] | None:
+    """Return the line (from 1), columns (in characters) and new text of an error at a node."""
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        return _between(node.left, node.comparators[0], node.ops[0], lines)
+    if isinstance(node, ast.BinOp) and type(node.op) in SWAPPED:
+        return _between(node.left, node.right, node.op, lines)
+    if isinstance(node, ast.BoolOp):
+        return _between(node.values[0], node.values[1], node.op, lines)
+    number = isinstance(node, ast.Constant) and type(node.value) in {int, float}
+    if number and node.lineno == node.end_lineno:
+        new = repr(1.5 * node.value if node.value else 1)
+        return node.lineno, node.col_offset, node.end_col_offset, new
+    if isinstance(node, ast.Name) and node.id in NAMES and isinstance(node.ctx, ast.Load):
+        return node.lineno, node.col_offset, node.end_col_offset, NAMES[node.id]
+    return None
+
+
+def _between(left, right, operator, lines):
+    """Return the place of an operator that stands alone between its operands on one line."""
+    if type(operator) not in SWAPPED or left.end_lineno != right.lineno:
+        return None
+    gap = lines[left.end_lineno - 1].encode()[left.end_col_offset : right.col_offset].decode()
+    if not gap.startswith(" ") or not gap.endswith(" ") or "(" in gap or ")" in gap:
+        return None
+    return left.end_lineno, left.end_col_offset + 1, right.col_offset - 1, SWAPPED[type(operator)]
+
+
+def _reaching(contexts: Path, planted: Planted) -> list[str]:
+    """Return the tests that reach a line, those that reach fewest lines first."""
+    with sqlite3.connect(contexts) as kept:
+        rows = kept.execute(
+            "select context.context, numbits from line_bits join file on file.id = file_id "
+            "join context on context.id = context_id where file.path like ?",
+            (f"%/{planted.file}",),
+        ).fetchall()
+        sizes = dict(
+            kept.execute(
+                "select context, sum(length(numbits)) from line_bits "
+                "join context on context.id = context_id group by context"
+            )
+        )
+    tests = {
+        context.partition("|")[0]: sizes[context]
+        for context, bits in rows
+        if context and planted.line in numbits_to_nums(bits)
+    }
+    return sorted(tests, key=lambda test: tests[test])[:MOST_TESTS]
+
+
+def _seen(tree: Path, planted: Planted, tests: list[str]) -> bool:
+    """Tell whether a test fails with the error; compiled lines, not traced, meet their folder."""
+    path = tree / planted.file
+    whole = path.read_text(encoding="utf-8")
+    lines = whole.splitlines(keepends=True)
+    line = lines[planted.line - 1].encode()
+    begin, end = planted.columns
+    lines[planted.line - 1] = (line[:begin] + planted.text.encode() + line[end:]).decode()
+    mirrored = "/".join(Path(planted.file).parts[1:2])
+    asked = tests or (["-m", "not slow", f"tests/{mirrored}"] if "compiled" in whole else [])
+    try:
+        path.write_text("".join(lines), encoding="utf-8")
+        return bool(asked) and _pytest(tree, "-x", *asked) != 0
+    finally:
+        path.write_text(whole, encoding="utf-8")
+
+
+def _pytest(tree: Path, *arguments: str) -> int:
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
+    return subprocess.run(  # noqa: S603 - our own tests
+        command,
+        cwd=tree,
+        env=os.environ | {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        timeout=1800,
+        check=False,
+    ).returncode
+
+
+if __name__ == "__main__":
+    main()
