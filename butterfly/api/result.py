@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.diagnostics.verdict import Standing
@@ -21,6 +21,14 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _SIGNIFICANT = 4
+
+
+class TextTable(NamedTuple):
+    """A table as a command prints it; of empty headers, names and what belongs to them."""
+
+    title: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[object]]
 
 
 class Result(ABC):
@@ -62,6 +70,17 @@ class Result(ABC):
     def shown_rows(self) -> list[dict[str, str]]:
         """Return `rows` as a person reads them."""
         return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
+
+    def paragraphs(self) -> list[str]:
+        """Return what a command prints above its tables, the verdict first if there is one."""
+        return list(self.summary)
+
+    def tables(self) -> list[TextTable]:
+        """Return the tables that a command prints below the summary."""
+        rows = self.shown_rows()
+        if not rows:
+            return []
+        return [TextTable(self.title, tuple(rows[0]), [tuple(row.values()) for row in rows])]
 
     def shown_lines(self) -> list[str]:
         """Return what `print` shows of the table, aligned; nothing where it would be long."""

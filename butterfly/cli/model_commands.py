@@ -15,19 +15,20 @@ from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import DATA, HandMassOption
 from butterfly.errors import InputError
-from butterfly.experiment.named_robot import export, is_data
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.data_source import is_data
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
 from butterfly.identification.identification import judged
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.plant.stand_alone import export
 from butterfly.plant.twin import MASS, carrying_twin, command_of
 from butterfly.plant.watch.picture import render
 from butterfly.report.field_names import unit_of_field
 from butterfly.report.numbers.table_numbers import rests_on
-from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -13,10 +13,10 @@ from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import FiguresOption, ResultsOption
 from butterfly.cli.show_progress import show_progress
 from butterfly.experiment.orbit import calibrate_orbit
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
-from butterfly.resources import locate
 
 
 @answers_in_json("orbit")

@@ -24,9 +24,8 @@ from butterfly.cli.picked_rows import chosen_rows, without_formulas
 from butterfly.cli.shown_rows import show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
-from butterfly.experiment.kept import EXPERIMENT
-from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.record import OK
+from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
 from butterfly.identification.parameter import or_nan

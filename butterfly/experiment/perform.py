@@ -13,11 +13,11 @@ from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.experiment.plan import Task
+from butterfly.experiment.provenance import versions
 from butterfly.experiment.record import FAILED, OK, REFUSED, EstimateRecord, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import data_set_of, packed, simulate
-from butterfly.experiment.versions import versions
+from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary

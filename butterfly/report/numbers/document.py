@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from butterfly.experiment.versions import versions
+from butterfly.experiment.provenance import versions
 from butterfly.files import finite, replacing
 from butterfly.report.verdict import SaidVerdict
 
