@@ -51,8 +51,8 @@ from butterfly.report.parameter_table import parameter_rows
 from butterfly.report.physical import HEADERS as PHYSICAL_HEADERS
 from butterfly.report.physical import TITLE as PHYSICAL_TITLE
 from butterfly.report.physical import physical_rows, physical_sentences
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import fit_said, sentences, summary, verdict_on
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     import control
@@ -229,7 +229,7 @@ class Identified(Result):
         return f"<Identified: {self.title}{self._unless_good()}: {values}>"
 
     @property
-    def judged(self) -> SaidVerdict:  # type: ignore[override]
+    def judged(self) -> Verdict:  # type: ignore[override]
         """The verdict on its values."""
         return verdict_on(self.estimate)
 

@@ -34,8 +34,8 @@ from butterfly.report.inspection import Inspected, conditions_said, health_rows,
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.zeros import zeros_said
+from butterfly.verdict import Verdict
 
 ARM = 0.104  # m
 
@@ -52,7 +52,7 @@ class NamedRobot:
     carried: AddedMass
     input_kind: InputKind
     command: Mapping[str, float]
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     note: str = ""
     besides: dict[str, Any] = field(default_factory=dict)
 

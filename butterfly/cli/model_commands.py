@@ -33,11 +33,10 @@ from butterfly.report.numbers.table_numbers import rests_on
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from butterfly.identification.diagnostics.verdict import Standing
     from butterfly.logs.log import InputKind
     from butterfly.plant.robot import Robot
     from butterfly.report.numbers.document import Told
-    from butterfly.report.verdict import SaidVerdict
+    from butterfly.verdict import Level, Verdict
 
 SourceArgument = Annotated[
     Path, typer.Argument(help=f"An experiment file or a shipped one's name, or data: {DATA}.")
@@ -80,7 +79,7 @@ def show_command(
     }
     show_pairs(rows.items())
     answer.give(named.told)
-    end_with(named.standing)
+    end_with(named.level)
 
 
 def _numbers(part: object) -> str:
@@ -112,7 +111,7 @@ def render_command(
     named = _named(source, hand_mass, added_mass, options)
     render(named.robot, named.carried, angle, out, size)
     typer.echo(f"Picture: {out}")
-    end_with(named.standing)
+    end_with(named.level)
 
 
 @takes_data_options
@@ -135,7 +134,7 @@ def export_command(
     typer.echo(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
     for said in written.left_out:
         say(said)
-    end_with(named.standing)
+    end_with(named.level)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,12 +149,12 @@ class _Named:
     carried: AddedMass
     input_kind: InputKind
     command: Mapping[str, float]
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     besides: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def standing(self) -> Standing | None:
-        return None if self.verdict is None else self.verdict.standing
+    def level(self) -> Level | None:
+        return None if self.verdict is None else self.verdict.level
 
     def told(self) -> Told:
         """Return it for programs."""

@@ -97,7 +97,7 @@ def predict_command(
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(found.told)
-    end_with(found.standing)
+    end_with(found.judged.level if found.judged else None)
 
 
 def _result(given: str) -> Path | dict[str, str]:

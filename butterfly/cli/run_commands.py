@@ -182,7 +182,7 @@ def _run_here(
             raise ButterflyError(record.reason)
         if asked.answer.wanted:
             asked.answer.write(json.loads((folder / RESULT).read_text(encoding="utf-8")))
-        end_with(record.standing)
+        end_with(record.level)
         return
     kept = keep_experiment(asked.source, folder)
     store.begin()
@@ -210,7 +210,7 @@ def _run_here(
     if result.error is not None:
         raise result.error
     asked.answer.write(told)
-    end_with(result.record.standing)
+    end_with(result.record.level)
 
 
 def _report_names() -> Iterator[str]:

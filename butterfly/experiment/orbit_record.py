@@ -7,7 +7,6 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.parameter import or_none
 from butterfly.orbit.study import OrbitStudy
 
@@ -48,7 +47,7 @@ class OrbitRecord:
     absolute: bool
     free_run_rms_rad: dict[str, float]
     cross_orbit: CrossRecord
-    verdict: Standing | None = None
+    verdict: str | None = None
 
     @classmethod
     def of(cls, study: OrbitStudy) -> OrbitRecord:
@@ -60,7 +59,7 @@ class OrbitRecord:
             amplitudes_rad=tuple(or_none(each.amplitude) for each in rounds),
             ending=study.calibration.ending,
             absolute=last.is_absolute,
-            verdict=study.estimate.verdict.standing,
+            verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,

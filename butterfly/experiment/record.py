@@ -19,11 +19,11 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, c
 
 from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.model.parameters import LumpedParameters
+from butterfly.verdict import Level
 
 SCHEMA = 4
 """Of the records; those of 3 are read, one with another number counts as none."""
@@ -94,11 +94,16 @@ class EstimateRecord:
         """Whether the values are where the estimator wanted to be."""
         return self.ending is Ending.CONVERGED
 
-    @computed_field(alias="verdict")  # type: ignore[prop-decorator]
     @property
-    def standing(self) -> Standing:
-        """What may be done with the values; in its JSON the key ``verdict``."""
-        return Standing.NOT if self.estimate is None else self.estimate.verdict.standing
+    def level(self) -> Level:
+        """How much speaks against the values."""
+        return Level.WARNING if self.estimate is None else self.estimate.level
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def verdict(self) -> str:
+        """What may be done with the values: good, use with care, or do not use."""
+        return self.level.verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,12 +161,17 @@ class RunRecord:
         return sum(each.ending is Ending.STOPPED for each in self.estimates)
 
     @property
-    def standing(self) -> Standing | None:
+    def level(self) -> Level | None:
         """The worst verdict on its estimates, the orbit's among them; None if it has none."""
-        found = [each.standing for each in self.estimates if each.estimate is not None]
+        found = [each.level for each in self.estimates if each.estimate is not None]
         if self.orbit is not None and self.orbit.verdict is not None:
-            found.append(self.orbit.verdict)
-        return Standing.worst(found)
+            found.append(Level.of_verdict(self.orbit.verdict))
+        return Level.worst(found) if found else None
+
+    @property
+    def verdict(self) -> str | None:
+        """The same in words."""
+        return None if self.level is None else self.level.verdict
 
     def to_json(self) -> str:
         """Return the content of its file."""

@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
 from butterfly.experiment.record import EstimateRecord, PlannedRun, RunRecord, SweepRecord
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
 
-ON_BOUND = Finding(
-    kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Severity.CARE
-)
+ON_BOUND = Finding(kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Level.CARE)
 FOUND = Estimate(
     method="output error",
     names=("p2", "p3"),

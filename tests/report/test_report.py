@@ -79,7 +79,7 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
         for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
             assert cell in text
     said = verdict_on(result.estimate)
-    assert f'<div class="verdict {str(said.standing).replace(" ", "-")}">' in text
+    assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.paragraphs, *summary(result)[1:]):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24

@@ -13,7 +13,7 @@ from typing import Any
 
 from butterfly.experiment.provenance import versions
 from butterfly.files import finite, replacing
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 SCHEMA_NUMBER = 2
 """Of a document; raised when an older program could no longer read it."""
@@ -44,7 +44,7 @@ class Told:
 
     kind: str
     title: str
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     summary: tuple[str, ...] = ()
     content: Mapping[str, Any] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)

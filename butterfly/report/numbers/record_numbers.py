@@ -15,8 +15,8 @@ from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import finding_numbers, lumped_numbers
 from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.numbers.orbit_numbers import told_orbit
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import values_of, verdict_on
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -133,15 +133,15 @@ def told_table(
     return Told(kind=kind, title=title, content={"count": count, "rows": list(rows)}, units=known)
 
 
-def verdict_of_run(record: RunRecord) -> SaidVerdict | None:
+def verdict_of_run(record: RunRecord) -> Verdict | None:
     """Say the worst verdict on the estimates of a run; None if there is none."""
-    standing = record.standing
-    if standing is None:
+    level = record.level
+    if level is None:
         return None
     told = [(each, each.estimate) for each in record.estimates if each.estimate is not None]
     reasons = [(each.estimator, why) for each, found in told for why in verdict_on(found).reasons]
     named = (f"{name}: {reason}" if len(told) > 1 else reason for name, reason in reasons)
-    return SaidVerdict(standing, tuple(named))
+    return Verdict(level, tuple(named))
 
 
 def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult) -> Told:
