@@ -8,10 +8,10 @@ from typing import Any
 
 from butterfly.comparison.change import Change, ParameterChange
 from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
-from butterfly.report.format import with_error
-from butterfly.report.parameter_rows import unit_of
+from butterfly.report.parameter_table import with_error
 
 _NAMES = {
     "p1": "the inertia p1",
