@@ -35,6 +35,7 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
 from butterfly.identification.identification import identify as identify_data
 from butterfly.identification.other_parameters import told_parameters
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hold_out, select_terms
 from butterfly.model.parameters import LumpedParameters
@@ -50,7 +51,6 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.residual_page import residual_page
 from butterfly.report.words import verdict_on
 

@@ -33,6 +33,7 @@ from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
+from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap, hold_out, select_terms
 from butterfly.model.terms import TERMS
@@ -41,7 +42,6 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.recommendations import chosen_said
 from butterfly.report.words import held_out_sentences, verdict_on
 
