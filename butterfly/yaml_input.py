@@ -16,6 +16,12 @@ _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 
 _LONGEST = 120  # characters of a value that a message repeats
 
+_PLAINER = {
+    "a valid dictionary": "a mapping",
+    "a valid frozenset": "a list",
+    "a valid list": "a list",
+}
+
 _NOWHERE = object()
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -41,18 +47,14 @@ def read_yaml(path: Path, schema: type[_Model]) -> _Model:
 
 
 def validate(
-    documents: Sequence[Document], content: dict[str, Any], schema: type[_Model]
+    documents: Sequence[Document],
+    content: dict[str, Any],
+    schema: type[_Model],
+    source: object = "content",
 ) -> _Model:
     """Validate parsed YAML ``content``, put together from ``documents``, against ``schema``.
 
-    Parameters
-    ----------
-    documents
-        Where the content stood; the first that has a field is blamed for it.
-    content
-        To be validated.
-    schema
-        The model.
+    The first document that has a field is blamed for it; ``source``, where there are none.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def validate(
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        raise _translate(documents, content, schema, error) from None
+        raise _translate(documents, content, schema, error, source) from None
 
 
 def _translate(
@@ -70,12 +72,13 @@ def _translate(
     content: dict[str, Any],
     schema: type[BaseModel],
     error: ValidationError,
+    origin: object,
 ) -> InputError:
     unknown = [e for e in error.errors() if e["type"] in _UNKNOWN_KEY]
     first = (unknown or error.errors())[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
     field = _field(content, location, lacking=first["type"] == "missing")
-    source = _source(documents, location)
+    source = _source(documents, location, origin)
     if unknown:
         names = _fields_at(schema, location[:-1])
         return InputError(source, field, "an unknown key", nearest(location[-1], names))
@@ -84,9 +87,12 @@ def _translate(
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         if not location:  # of the whole file, by a rule that names the field
-            return InputError(_source(documents, [cause.field]), *_told(cause))
+            return InputError(_source(documents, [cause.field], origin), *_told(cause))
+        if cause.field.startswith(f"{field}."):
+            return InputError(source, *_told(cause))
         return InputError(source, f"{field}.{cause.field}", cause.value, cause.expected)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    message = _PLAINER.get(message, message)
     shown = repr(first["input"])
     if len(shown) > _LONGEST:
         shown = shown[:_LONGEST] + " ..."
@@ -131,13 +137,13 @@ def _value(content: Any, part: str) -> Any:  # noqa: ANN401 - whatever a file ma
     return _NOWHERE
 
 
-def _source(documents: Sequence[Document], location: Sequence[str]) -> str:
+def _source(documents: Sequence[Document], location: Sequence[str], origin: object) -> str:
     """Name the file, and the line in it, that says what stands at ``location``."""
     for document in documents:
         line = document.line(location)
         if line is not None:
             return f"{document.path}:{line}"
-    return str(documents[0].path)
+    return str(documents[0].path if documents else origin)
 
 
 def _fields_at(schema: type[object], location: Sequence[str]) -> list[str]:

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT
 from butterfly.files import replacing
 from butterfly.logs.formats import FORMATS
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.robot import Robot
 from butterfly.plant.stand_alone import StandAlone, stand_alone
 from butterfly.yaml_document import load_yaml
+
+RESULT = ".json"
+"""Ending of a saved result."""
 
 
 def export(robot: Robot, added: AddedMass, path: Path, command: Mapping[str, float]) -> StandAlone:

@@ -25,7 +25,7 @@ from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.inference.splits import Split
 from butterfly.logs.log import InputKind, Sine
-from butterfly.logs.manifest import Told
+from butterfly.logs.manifest import Uncertain
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
 from butterfly.model.known import Knowledge
@@ -221,7 +221,7 @@ class Experiment(StrictModel):
     method: MethodName = DEFAULT_OF_EXPERIMENTS
     terms: tuple[str, ...] | None = None
     estimators: tuple[AnyEstimator, ...] = ()
-    known: dict[str, Told] = Field(default_factory=dict)
+    known: dict[str, Uncertain] = Field(default_factory=dict)
     holdout: tuple[str, ...] = ()
     validation: ValidationSpec | None = None
     report: ReportSpec = ReportSpec()
