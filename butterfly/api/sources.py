@@ -12,9 +12,9 @@ from typing import Any, TypeAlias, TypeGuard
 from butterfly.api.identified import Identified
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
-from butterfly.experiment.named_robot import RESULT
-from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.source import read_experiment as experiment_in
+from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.health import DEFAULT_REPAIRS
@@ -32,8 +32,10 @@ from butterfly.logs.manifest_draft import draft, of_logs
 from butterfly.logs.pieces import pieces_of
 from butterfly.model.known import NOTHING, Knowledge, known_of
 from butterfly.progress import Track, untracked
-from butterfly.resources import locate
-from butterfly.yaml_document import load_yaml
+from butterfly.yaml_input import load_yaml
+
+RESULT = ".json"
+"""Ending of a saved result."""
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 _YAML = {".yaml", ".yml"}
@@ -384,6 +386,16 @@ def root_of(path: Path, said: str, root: Path | None = None) -> Path:
     That is absolute, or relative to the file's folder; ``root`` is where they lie if moved.
     """
     return (path.parent / said).resolve() if root is None else root.absolute()
+
+
+def is_data(path: Path) -> bool:
+    """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
+    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT}:
+        return True
+    try:
+        return "logs" in load_yaml(path).content
+    except InputError:
+        return False
 
 
 def read_experiment(path: Named) -> Experiment:

@@ -12,7 +12,8 @@ import pytest
 
 from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.experiment.perform import perform
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identification import identify
 from butterfly.logs.health import examine
@@ -38,7 +39,6 @@ from butterfly.report.series import packable
 from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.whisker import Whisker
 from butterfly.report.words import summary, verdict_on
-from butterfly.resources import shipped
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
@@ -82,7 +82,7 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
         for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
             assert cell in text
     said = verdict_on(result.estimate)
-    assert f'<div class="verdict {str(said.standing).replace(" ", "-")}">' in text
+    assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.paragraphs, *summary(result)[1:]):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24
@@ -105,15 +105,16 @@ def test_the_numbers_beside_the_page_say_what_is_left_over(page, simulated):
 def _numbers(curve):
     """As the page's script unpacks a curve."""
     steps = [0 if step is None else step for step in curve["steps"]]
-    numbers = curve["quantum"] * np.cumsum(steps)
+    numbers = curve["begin"] + curve["quantum"] * np.cumsum(steps)
     return np.where([step is None for step in curve["steps"]], np.nan, numbers)
 
 
 def _assert_seen(found, expected):
     """Check that no eye sees a difference: a line is wider."""
     np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
-    largest = np.nanmax(np.abs(expected), initial=0.0)
-    np.testing.assert_allclose(found, expected, atol=1e-4 * largest, rtol=0)
+    there = np.asarray(expected)[np.isfinite(expected)]
+    reach = np.ptp(there) if there.size else 0.0
+    np.testing.assert_allclose(found, expected, atol=1e-4 * reach, rtol=1e-12)
 
 
 def test_what_is_no_number_is_packed_as_none():
@@ -121,6 +122,19 @@ def test_what_is_no_number_is_packed_as_none():
         array = np.array(values, dtype=np.float32)
         packed = json.loads(json.dumps(packable(array)))
         _assert_seen(_numbers(packed), np.where(np.isfinite(array), array, np.nan))
+
+
+@pytest.mark.parametrize("start", [0.0, 4390.0, 1.76e9, -1e6])
+def test_a_time_plot_is_true_wherever_the_clock_starts(simulated, start):
+    run = simulated[0].free_runs[0]
+    log = dataclasses.replace(run.log, time=run.log.time + start)
+    series = time_series([dataclasses.replace(run, log=log)], [None])
+    time = _numbers(json.loads(json.dumps(series.curves[0][0][0])))
+    assert np.ptp(time) == pytest.approx(np.ptp(log.time), rel=1e-3)
+    assert np.diff(time).max() < 0.1
+    drawn = time_figure(dataclasses.replace(run, log=log), None).data[0].x
+    np.testing.assert_allclose(np.diff(drawn), np.diff(drawn - start), atol=1e-6)
+    assert np.diff(drawn).max() < 0.1
 
 
 def test_a_page_s_correlations_are_those_of_each_log_s_own_figure(simulated):
