@@ -72,7 +72,7 @@ def validate(
     schema: type[_Model],
     source: object = "content",
 ) -> _Model:
-    """Validate ``content``; a slip is blamed on the first document with its field, or ``source``."""
+    """Validate ``content``; a slip is blamed on the document with its field, else on ``source``."""
     try:
         return schema.model_validate(content)
     except ValidationError as error:
