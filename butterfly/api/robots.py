@@ -17,6 +17,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
@@ -31,7 +32,6 @@ from butterfly.report.inspection import Inspected, conditions_said, health_rows,
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.zeros import zeros_said
 from butterfly.verdict import Verdict
 
@@ -169,7 +169,7 @@ def _twin(result: Identified, carried: AddedMass, mass: float | None) -> NamedRo
         besides={
             "data": document["data"],
             "chosen": document["chosen"],
-            **estimate_numbers(found, kind, joint),
+            **estimate_numbers(found),
         },
     )
 
