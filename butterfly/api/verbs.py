@@ -16,13 +16,12 @@ from butterfly.api.answers import Leaderboard, Residual, Selection
 from butterfly.api.identified import Identified
 from butterfly.api.result import TextTable
 from butterfly.api.saved import load
-from butterfly.api.sources import Data, choice, read
+from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
 from butterfly.api.usable import require_possible
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
