@@ -329,13 +329,10 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:
     """Write the verdict on values that no joint has, as the answer."""
-    from butterfly.identification.diagnostics.verdict import (  # noqa: PLC0415 - slow to import
-        Standing,
-    )
-    from butterfly.report.numbers.document import Told  # noqa: PLC0415
-    from butterfly.report.verdict import SaidVerdict  # noqa: PLC0415
+    from butterfly.report.numbers.document import Told  # noqa: PLC0415 - slow to import
+    from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
-    verdict = SaidVerdict(Standing.NOT, reasons)
+    verdict = Verdict(Level.WARNING, reasons)
     title = "Nothing is made of values that no joint has"
     write_json(
         Told(kind=kind, title=title, verdict=verdict, summary=(verdict.sentence,)).document()

@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import butterfly as bf
+from butterfly.api.sources import RESULT
 from butterfly.api.verbs import CANDIDATES, rank
 from butterfly.cli.estimator_options import Fit, SelectFit, ValidateFit
 from butterfly.cli.options import (
@@ -30,7 +31,6 @@ from butterfly.cli.options import (
 from butterfly.cli.output import ExitCode, say, show
 from butterfly.cli.progress import show_progress
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT
 from butterfly.experiment.methods import kind_of
 
 
@@ -69,7 +69,7 @@ def identify(
     others = {text: parse_pairs(text, "--against") for text in against}
     source = [data, *more] if more else data
     found = bf.identify(
-        bf.read(source, **options.description()),
+        bf.read(source, root=options.root, track=show_progress, **options.description()),
         fit.estimator(),
         against=others,
         holdout=parse_names(holdout),

@@ -12,8 +12,13 @@ from cyclopts import Parameter
 from docstring_parser import parse
 
 from butterfly.cli.options import FIT_IN_DETAIL, THE_FIT, parse_names
-from butterfly.experiment.estimator_spec import make_estimator
-from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of, options_of
+from butterfly.experiment.methods import (
+    DEFAULT_METHOD,
+    ESTIMATORS,
+    kind_of,
+    make_estimator,
+    options_of,
+)
 from butterfly.identification.estimators import Estimator
 from butterfly.model.terms import offered
 

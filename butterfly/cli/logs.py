@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -62,6 +62,7 @@ def inspect(
         hand_mass=hand_mass,
         added_mass=added_mass,
         track=show_progress,
+        root=options.root,
         **options.description(),
     )
     if isinstance(found, bf.Inspection) and plot is not None and len(found.logs) > 1:
@@ -97,42 +98,31 @@ def manifest(
         Manifest to write; FOLDER/manifest.yaml if not given.
     """
     from butterfly.files import replacing  # noqa: PLC0415 - slow to import, as all of these
-    from butterfly.logs.drafted import (  # noqa: PLC0415
+    from butterfly.logs.manifest import MANIFEST_NAME, checked_options  # noqa: PLC0415
+    from butterfly.logs.manifest_draft import (  # noqa: PLC0415
+        draft,
         draft_text,
         has_thesis_names,
-        manifest_from_names,
-        manifest_of_files,
         open_questions,
         with_columns,
     )
-    from butterfly.logs.health import DEFAULT_REPAIRS, Repair  # noqa: PLC0415
-    from butterfly.logs.log import InputKind, Intersample  # noqa: PLC0415
-    from butterfly.logs.manifest import MANIFEST_NAME  # noqa: PLC0415
 
     path = out or folder / MANIFEST_NAME
     if out is None and path.exists():
         raise InputError(path, "path", "a manifest that is there", "--out with another file")
-    told = options.description()
-    said: dict[str, Any] = {
-        "arm": options.arm,
-        "input_kind": InputKind(options.input or InputKind.VOLTAGE),
-        "intersample": Intersample(options.intersample or Intersample.ZERO_ORDER_HOLD),
-        "columns": told.get("columns"),
-        "units": told.get("units", {}),
-        "repair": DEFAULT_REPAIRS | frozenset(map(Repair, options.repair)),
-    }
     named = has_thesis_names(folder)
     if named and options.arm is None:
         raise InputError(folder, "--arm", "nothing", "the arm in m, of the masses in the names")
-    drafted = with_columns((manifest_from_names if named else manifest_of_files)(folder, **said))
-    if out is None:
-        drafted = drafted.model_copy(update={"root": "."})
+    drafted = with_columns(draft(folder, checked_options(options.description())))
+    drafted = drafted.piece(options.begin, options.end)
+    root = options.root or ("." if out is None else None)
+    if root is not None:
+        drafted = drafted.model_copy(update={"root": str(root)})
     given = {"input": options.input, "intersample": options.intersample, "columns": options.columns}
-    asked = open_questions(
-        drafted, {key for key, value in given.items() if value is not None}, named=named
-    )
-    with replacing(path) as draft:
-        draft.write_text(draft_text(drafted, asked), encoding="utf-8")
+    told = {key for key, value in given.items() if value is not None}
+    asked = open_questions(drafted, told, named=named)
+    with replacing(path) as file:
+        file.write_text(draft_text(drafted, asked), encoding="utf-8")
     say(f"Manifest of {len(drafted.logs)} logs: {path}")
     if asked:
         say("Settle in it, before it is used:")

@@ -125,24 +125,23 @@ class DataOptions:
     restarts: Annotated[bool, _Detail] = False
 
     def description(self) -> dict[str, Any]:
-        """Return what was said, as `butterfly.read` takes it."""
+        """Return what was said, by the fields of a manifest."""
         pairs = {
             name: parse_pairs(text, f"--{name}")
             for name in ("columns", "units", "known")
             if (text := getattr(self, name)) is not None
         }
-        ends = (self.begin, self.end)
         said = {
-            "input_kind": self.input,
+            "input": self.input,
             "arm": self.arm,
             "zero": self.zero,
-            "root": self.root,
             "intersample": self.intersample,
             "repair": self.repair or None,
             "joint": self.joint,
             "gravity": self.gravity,
-            "piece": ends if ends != (None, None) else None,
-            "restarts": self.restarts or None,
+            "begin": self.begin,
+            "end": self.end,
+            "split": "restarts" if self.restarts else None,
         }
         return {**pairs, **{name: value for name, value in said.items() if value is not None}}
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from butterfly.api.result import Result
-    from butterfly.report.verdict import SaidVerdict
+    from butterfly.verdict import Verdict
 
 _PIPED = 80  # columns, where nobody says how many there are
 _READABLE = 100  # characters in a line of a sentence, however wide a terminal is
@@ -49,9 +49,9 @@ class ExitCode(IntEnum):
         return _MEANINGS[self]
 
     @classmethod
-    def of(cls, verdict: SaidVerdict | None) -> ExitCode:
+    def of(cls, verdict: Verdict | None) -> ExitCode:
         """Return how an answer ends that rests on an estimate of this verdict, or on none."""
-        return cls.DONE if verdict is None or verdict.standing.usable else cls.NOT_TO_BE_USED
+        return cls.DONE if verdict is None or verdict.level.usable else cls.NOT_TO_BE_USED
 
 
 _MEANINGS = {

@@ -65,17 +65,17 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     run
         A run: its number, or the start of its key.
     """
-    from butterfly.cli.sweeps import input_kind_of, run_record  # noqa: PLC0415 - slow to import
+    from butterfly.cli.sweeps import run_record  # noqa: PLC0415 - slow to import
     from butterfly.experiment.store import ResultStore  # noqa: PLC0415
     from butterfly.report.field_names import said_field  # noqa: PLC0415
     from butterfly.report.numbers.record_numbers import told_record  # noqa: PLC0415
-    from butterfly.report.parameter_rows import rows_of  # noqa: PLC0415
-    from butterfly.report.words import verdict_of  # noqa: PLC0415
+    from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415
+    from butterfly.report.words import verdict_on  # noqa: PLC0415
 
-    record, kind = run_record(folder, run), input_kind_of(folder)
+    record = run_record(folder, run)
     for each in record.estimates:
-        if each.parameters:
-            say(f"{each.estimator}: {verdict_of(each).sentence}")
+        if each.estimate is not None:
+            say(f"{each.estimator}: {verdict_on(each.estimate).sentence}")
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
     pairs += [(said_field(name), str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
@@ -90,7 +90,7 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
                 ("", "true", "estimate", "95 % interval", "unit"),
                 [
                     (row.symbol, row.true, row.value, row.interval, row.unit)
-                    for row in rows_of(each.parameters, kind)
+                    for row in parameter_rows(each.parameters)
                 ],
             )
         if not each.converged:
@@ -100,7 +100,7 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     logs = ResultStore(folder).files_path(record.key)
     if logs.exists():
         say(f"Logs: {logs} (butterfly identify takes this folder)")
-    _answer(told_record(record, kind))
+    _answer(told_record(record))
 
 
 def table(

@@ -74,8 +74,8 @@ def show(
     arm
         Pivot to added mass; 0.104 if not given.
     """
-    from butterfly.experiment.named_robot import is_data  # noqa: PLC0415 - slow to import
-    from butterfly.resources import locate  # noqa: PLC0415
+    from butterfly.api.sources import is_data  # noqa: PLC0415 - slow to import
+    from butterfly.files import locate  # noqa: PLC0415
 
     data = is_data(locate(source))
     if out is None:
@@ -166,7 +166,7 @@ def export(
         Pivot to added mass; 0.104 if not given.
     """
     from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
-    from butterfly.experiment.named_robot import export as write  # noqa: PLC0415
+    from butterfly.plant.stand_alone import export as write  # noqa: PLC0415
 
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.verdict is not None:

@@ -14,16 +14,15 @@ import pyarrow.compute as pc
 from butterfly.cli.options import parse_pairs
 from butterfly.cli.output import ExitCode, asked, say, show_table, write_json
 from butterfly.errors import InputError, nearest
-from butterfly.experiment.estimate_record import ParameterRecord, or_nan
-from butterfly.experiment.kept import EXPERIMENT
-from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.record import RunRecord
+from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
+from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
 from butterfly.report.field_names import said_field, said_name, unit_of_field
-from butterfly.report.format import with_error
 from butterfly.report.numbers.record_numbers import told_runs
-from butterfly.report.words import verdict_of
+from butterfly.report.parameter_table import with_error
+from butterfly.report.words import verdict_on
 
 _NAMES = ("number", "estimator", "parameter")
 """Columns that name a row."""
@@ -181,8 +180,8 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
     others = {each.estimator: each for each in runs[1].estimates}
     for each in runs[0].estimates:
         for name, of in zip(names, (each, others.get(each.estimator)), strict=True):
-            if of is not None and of.parameters:
-                say(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
+            if of is not None and of.estimate is not None:
+                say(f"{each.estimator}, {name}: {verdict_on(of.estimate).sentence}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in runs]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
     unlike = [
@@ -197,22 +196,22 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
     for each in runs[0].estimates:
         if each.estimator not in others:
             continue
-        twins = {row.parameter: row for row in others[each.estimator].parameters}
+        twins = {row.name: row for row in others[each.estimator].parameters}
         show_table(
             each.estimator,
             ("parameter", *names, "difference", "in std. errors"),
             [
-                (row.parameter, *_difference(row, twins[row.parameter]))
+                (row.name, *_difference(row, twins[row.name]))
                 for row in each.parameters
-                if row.parameter in twins
+                if row.name in twins
             ],
         )
     if asked.json is not None:
-        write_json(told_runs(runs, [input_kind_of(path.parent) for path in paths]).document())
+        write_json(told_runs(runs).document())
     return ExitCode.DONE
 
 
-def _difference(row: ParameterRecord, twin: ParameterRecord) -> tuple[str, ...]:
+def _difference(row: Parameter, twin: Parameter) -> tuple[str, ...]:
     change = twin.value - row.value
     errors = [each.standard_error for each in (row, twin) if each.standard_error is not None]
     spread = math.hypot(*errors)

@@ -31,7 +31,7 @@ def reproduce(
     out
         Write the data of Figures 3-12 to this folder.
     """
-    from butterfly.experiment.thesis_robot import thesis_robot  # noqa: PLC0415 - slow to import
+    from butterfly.experiment.source import thesis_robot  # noqa: PLC0415 - slow to import
     from butterfly.report.numbers.other_numbers import told_reproduction  # noqa: PLC0415
     from butterfly.thesis.figure_data import write_figure_data  # noqa: PLC0415
     from butterfly.thesis.tables import has_real_logs, reproduce  # noqa: PLC0415
