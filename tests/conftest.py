@@ -47,7 +47,7 @@ def logs_folder() -> Path:
     """The thesis's 41 logs, wherever they are."""
     folder = found_folder() or _CHECKOUT.parent / "shared/data/butterfly_logs"
     if not folder.is_dir():
-        pytest.skip(f"the real logs are not there: no folder {folder} (`butterfly logs fetch`)")
+        pytest.skip(f"the real logs are not there: no folder {folder} (`butterfly fetch`)")
     return folder
 
 

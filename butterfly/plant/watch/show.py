@@ -145,7 +145,7 @@ def _save_with_ffmpeg(path: Path, frames: list[Image.Image], fps: int) -> None:
 
 def _run_in_window(run: LiveRun, pace: RealTime) -> None:
     if not has_display():
-        raise RenderingError("no display for a viewer: use --web, or butterfly video")
+        raise RenderingError("no display for a viewer: use --web, or --out FILM")
     from mujoco import viewer  # noqa: PLC0415 - needs the window system when it is imported
 
     with viewer.launch_passive(run.model, run.data) as handle:
