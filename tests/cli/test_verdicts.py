@@ -5,7 +5,7 @@ import json
 import pytest
 import yaml
 
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.output import ExitCode
 from tests.cli.fitting import assert_tables_fit
 from tests.verdicts import follow_nothing, impossible_data
 

@@ -8,9 +8,9 @@ import subprocess
 from importlib import import_module
 
 import pytest
+from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 
 import butterfly as bf
-from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.files import shipped
 from tests.pages.blocks import PAGES, QUOTATION, blocks_of, commands_of
 
