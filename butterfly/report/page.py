@@ -16,8 +16,8 @@ from butterfly import __version__
 from butterfly.files import replacing
 from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.logs.remarks import Condition
+from butterfly.report.figures import Series
 from butterfly.report.numbers.document import write_document
-from butterfly.report.series import Series
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.whisker import Whisker
 
@@ -271,7 +271,7 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
         If a file cannot be written.
     """
     if figures:
-        from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
+        from butterfly.report.pictures import write_stills  # noqa: PLC0415 - slow to import
 
         stills = {name: draw() for name, draw in page.stills.items()}
         write_stills({**page.figures, **stills}, path.with_name(f"{path.stem}-figures"))

@@ -9,7 +9,7 @@ from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.report.page import Page, Section, Table, rendered, write_page
-from butterfly.report.still import draw, write_stills
+from butterfly.report.pictures import draw, write_stills
 from butterfly.report.sweep_figures import Estimates, axis_figure
 from butterfly.report.verdict import SaidVerdict
 

@@ -14,7 +14,6 @@ from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.report.misfit import misfit_sentences
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.misfit_numbers import (
@@ -23,6 +22,7 @@ from butterfly.report.numbers.misfit_numbers import (
     misfit_units,
 )
 from butterfly.report.numbers.table_numbers import about, rests_on
+from butterfly.report.residual import misfit_sentences
 from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import verdict_on
 
