@@ -17,18 +17,18 @@ from butterfly.api.sources import Named
 from butterfly.api.tabulated import page_tables
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.kept import keep_experiment
 from butterfly.experiment.perform import RunResult, outcome_of, perform
 from butterfly.experiment.plan import SweepPlan, plan_sweep
-from butterfly.experiment.reading import Source
-from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.experiment.record import FAILED, OK, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, file_of, write_logs
 from butterfly.experiment.simulation import simulate as simulated_logs
+from butterfly.experiment.source import Source, keep_experiment
+from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
+from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
@@ -39,9 +39,8 @@ from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Page, write_page
 from butterfly.report.sweep import sweep_page
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import fit_said, verdict_on
-from butterfly.resources import locate
+from butterfly.verdict import Verdict
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
@@ -298,7 +297,7 @@ def _told(document: Mapping[str, Any]) -> Told:
     return Told(
         kind=document["schema"].removeprefix("butterfly."),
         title=document["title"],
-        verdict=SaidVerdict.of_numbers(document),
+        verdict=Verdict.of_numbers(document),
         summary=tuple(document["summary"]),
         content={key: value for key, value in document.items() if key not in HEAD},
         units=document["units"],

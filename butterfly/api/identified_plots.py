@@ -16,7 +16,7 @@ from butterfly.report.estimate_figures import (
 )
 from butterfly.report.figures import middle
 from butterfly.report.log_figures import time_figure
-from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.parameter_table import parameter_rows
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -36,7 +36,7 @@ class IdentifiedPlots:
 
     def parameters(self, truth: LumpedParameters | None = None) -> Figure:
         """Draw the estimates with their intervals, beside the truth where it is known."""
-        return parameter_figure(parameter_rows(self.identification, truth))
+        return parameter_figure(parameter_rows(self.identification.estimate.table(truth)))
 
     def correlations(self) -> Figure | None:
         """Draw how the errors of the parameters go together; None without a covariance."""

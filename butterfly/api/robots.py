@@ -14,10 +14,11 @@ from butterfly.api.sources import Named, read
 from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT, manifest_of
-from butterfly.experiment.named_robot import is_data
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.data_source import RESULT, is_data, manifest_of
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
@@ -33,10 +34,8 @@ from butterfly.report.inspection import Inspected, conditions_said, health_rows,
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
-from butterfly.report.parameter_rows import unit_of
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.zeros import zeros_said
-from butterfly.resources import locate
+from butterfly.verdict import Verdict
 
 ARM = 0.104  # m
 
@@ -53,7 +52,7 @@ class NamedRobot:
     carried: AddedMass
     input_kind: InputKind
     command: Mapping[str, float]
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     note: str = ""
     besides: dict[str, Any] = field(default_factory=dict)
 
@@ -172,7 +171,7 @@ def _twin(result: Identified, carried: AddedMass, mass: float | None) -> NamedRo
         besides={
             "data": document["data"],
             "chosen": document["chosen"],
-            **estimate_numbers(found, kind, joint),
+            **estimate_numbers(found),
         },
     )
 

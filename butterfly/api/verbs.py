@@ -23,8 +23,7 @@ from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import RESULT
-from butterfly.experiment.estimator_spec import make_estimator
-from butterfly.experiment.methods import DEFAULT_METHOD
+from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.left_over import LeftOver
@@ -40,6 +39,7 @@ from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.term_selection import select_terms
 from butterfly.identification.inference.validation import HeldOut, hold_out
 from butterfly.identification.other_parameters import told_parameters
+from butterfly.identification.parameter import unit_of
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
@@ -52,7 +52,6 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
 from butterfly.report.words import verdict_on
 

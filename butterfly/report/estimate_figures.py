@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +17,9 @@ from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE, add, grams, look, rank_by_fit
-from butterfly.report.parameter_rows import ParameterRow
+from butterfly.report.parameter_table import ParameterRow
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import rms_amplitude
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
-    Samples = NDArray[np.float64]
-    Responses = NDArray[np.complex128]
-
 
 _ROW = 64  # pixels of a panel and what is below it
 _GAP = 0.6  # of a panel and what is below it, that is below
@@ -200,7 +192,7 @@ def frequency_response_figure(identification: Identification) -> Figure:
     return figure
 
 
-def swings_between(points: list[ResponsePoint]) -> tuple[Samples, Samples]:
+def swings_between(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return frequencies in rad/s from the first log's to the last one's, and swings in rad.
 
     The swing is that of the logs at their frequencies (their geometric mean where several share
@@ -218,19 +210,21 @@ def swings_between(points: list[ResponsePoint]) -> tuple[Samples, Samples]:
     return omega, np.exp(np.interp(np.log(omega), np.log(measured), swing))
 
 
-def _typical_swing(data: DataSet, mass: AddedMass) -> tuple[Samples, Samples]:
+def _typical_swing(
+    data: DataSet, mass: AddedMass
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     omega = np.geomspace(*_UNASKED, _POINTS)
     logs = [log.angle for log in data.logs if log.added_mass == mass]
     swings = [rms_amplitude(angle - angle.mean()) for angle in logs]
     return omega, np.full_like(omega, np.median(swings))
 
 
-def _degrees(response: Responses) -> Samples:
+def _degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Phase within -270 .. 90 degrees, so that a lag beyond 180 does not jump to the top."""
     return np.asarray(np.degrees(np.angle(1j * response)) - 90)
 
 
-def _errors(points: list[ResponsePoint]) -> tuple[Samples, Samples]:
+def _errors(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return standard errors of gain, in its unit, and of phase in degrees."""
     gain = np.array([p.angle.amplitude_error / abs(p.input) for p in points])
     phase = np.array([np.degrees(p.angle.phase_error) for p in points])

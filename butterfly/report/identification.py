@@ -19,7 +19,7 @@ from butterfly.report.estimate_figures import (
     ranked_figure,
 )
 from butterfly.report.figures import middle
-from butterfly.report.inspection import conditions_said
+from butterfly.report.inspection import STATES, conditions_said
 from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
@@ -30,7 +30,6 @@ from butterfly.report.log_figures import (
 )
 from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.page import (
-    LEVEL_OF_CONDITION,
     Chip,
     Fact,
     Named,
@@ -39,7 +38,7 @@ from butterfly.report.page import (
     Table,
     write_page,
 )
-from butterfly.report.parameter_rows import ParameterRow, parameter_rows
+from butterfly.report.parameter_table import ParameterRow, parameter_rows
 from butterfly.report.physical import (
     HEADERS,
     TITLE,
@@ -98,7 +97,7 @@ def identification_page(
     """Put together the report of an identification (see `write_report`)."""
     data, misfit = identification.data, identification.misfit
     told = told_identification(identification, truth)
-    rows = parameter_rows(identification, truth)
+    rows = parameter_rows(identification.estimate.table(truth))
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     chosen = middle(identification.fits)
     states = [health.condition for health in data.health]
@@ -250,7 +249,7 @@ def _logs_table(identification: Identification) -> Table:
             steady = (f"{point.amplitude:.3f}", *shares)
         rows.append(
             (
-                *(run.log.label, f"{fit_said(run.fit)}", Chip(state, LEVEL_OF_CONDITION[state])),
+                *(run.log.label, f"{fit_said(run.fit)}", Chip(STATES[state], state)),
                 "; ".join(health.findings) or "–",
                 *steady,
                 *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),

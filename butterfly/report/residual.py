@@ -15,8 +15,8 @@ from butterfly.model.terms import TERMS
 from butterfly.report.figures import look, seen_samples
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.page import Fact, Page, Section, Table
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import said_of
+from butterfly.verdict import Verdict
 
 HEADERS = (
     *("log", "error in % of motion", "after small changes", "of sensors", "times sensors", "bands"),
@@ -75,7 +75,7 @@ def _bands(log: LogMisfit) -> str:
 def residual_page(
     residual: ResidualTorque,
     misfit: LogMisfit,
-    verdict: SaidVerdict,
+    verdict: Verdict,
     *,
     joint: JointKind = JointKind.HINGE,
 ) -> Page:
