@@ -12,9 +12,9 @@ from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.separated import Separated
+from butterfly.api.sources import root_of
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import root_of
 
 _SAVED = (Identified, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
