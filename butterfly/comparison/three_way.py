@@ -15,8 +15,8 @@ from butterfly.identification.predict import FreeRun, Predictor
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint
-from butterfly.plant.replay import replay_input
-from butterfly.plant.twin import carrying_twin
+from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import replay_input
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import response_point
 
@@ -80,7 +80,7 @@ def compare_three(
     numbers
         Of the logs.
     mass
-        Of the hand in kg, for MuJoCo; see `butterfly.plant.twin.twin`.
+        Of the hand in kg, for MuJoCo; see `butterfly.plant.robot.Robot.of_lumped`.
     track
         Shows progress.
 
@@ -96,7 +96,7 @@ def compare_three(
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
         parameters, zero = setting.parameters, setting.zero
-        robot, added = carrying_twin(parameters, log.added_mass, mass)
+        robot, added = Robot.of_loaded(parameters, log.added_mass, mass)
         joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
         delay, compression = parameters.delay, parameters.compression
         mujoco = zero + replay_input(joint, log, delay, compression)

@@ -9,7 +9,7 @@ import numpy as np
 from butterfly.experiment.schema import Experiment
 from butterfly.logs.log import Log
 from butterfly.plant.excitations import initial_angle
-from butterfly.plant.joints import Simulator
+from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
 
@@ -26,7 +26,7 @@ def planned_logs(experiment: Experiment) -> list[Log]:
         With excitations or signals.
     """
     plain = replace(
-        experiment.plant.setup,
+        experiment.plant.rig,
         robot=replace(experiment.plant.robot, clutch=None),
         simulator=Simulator.GREY_BOX,
         faults=Faults(),

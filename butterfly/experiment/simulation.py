@@ -49,8 +49,8 @@ def simulate(
     InputError
         If a simulation diverges.
     """
-    setup, runs, seeds = experiment.plant.setup, experiment.runs(), experiment.seeds()
-    for log in simulate_runs(setup, runs, experiment.duration, seeds, threads=threads, track=track):
+    rig, runs, seeds = experiment.plant.rig, experiment.runs(), experiment.seeds()
+    for log in simulate_runs(rig, runs, experiment.duration, seeds, threads=threads, track=track):
         yield replace(log, source=log.name)
 
 

@@ -15,8 +15,8 @@ from butterfly.identification.predict import Predictor
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.replay import replay_input
-from butterfly.plant.twin import twin
+from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import replay_input
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, steady
 from tests.independent.integrator import Joint, motion
@@ -124,7 +124,8 @@ def test_the_three_ways_to_simulate_a_real_log_agree(real, number):
     log, p = real.data.logs[number], setting.parameters
     start = float(log.angle[0]) - setting.zero
     mujoco, grey = (
-        replay_input(kind(twin(p), log.added_mass, angle=start), log, p.delay) + setting.zero
+        replay_input(kind(Robot.of_lumped(p), log.added_mass, angle=start), log, p.delay)
+        + setting.zero
         for kind in (MujocoJoint, GreyBoxJoint)
     )
     run = Predictor(real.data).run_with(number, setting).simulated

@@ -19,7 +19,7 @@ from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
 from butterfly.model.harmonic import quasi_linear_response
-from butterfly.plant.joints import Simulator
+from butterfly.plant.rig import Simulator
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.figures import seen_samples
 from butterfly.report.format import interval, with_error
