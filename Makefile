@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 # only wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 
-.PHONY: demo docs pictures test test-slow lint types bench bench-short coverage kinds fuzz wheel clean
+.PHONY: demo docs pictures test test-slow lint types bench bench-short coverage kinds fuzz record record-check wheel clean
 
 demo: $(VENV)/.runtime
 	$(BIN)/butterfly run experiments/quickstart.yaml
@@ -58,6 +58,17 @@ kinds: $(VENV)/.development
 CASES ?= 1000
 fuzz: $(VENV)/.development
 	$(ONE_THREAD) $(BIN)/python -m tests.fuzz --cases $(CASES) --seed $(SEED)
+
+# What the program answers, digit by digit, written to RECORD; and what another version of it answers
+# beside that. RECORD_OPTIONS='--part quick' takes a minute, all of it a quarter of an hour.
+RECORD ?= build/record.json
+RECORD_OPTIONS ?=
+record: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.record write $(RECORD) $(RECORD_OPTIONS)
+
+record-check: $(VENV)/.development
+	$(ONE_THREAD) $(BIN)/python -m tests.record write build/record-new.json $(RECORD_OPTIONS)
+	$(BIN)/python -m tests.record compare $(RECORD) build/record-new.json
 
 # Build the wheel, install it into an empty environment, and use it from outside the checkout.
 wheel:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 _T = TypeVar("_T")
+_R = TypeVar("_R")
 
 Track = Callable[[Iterable[Any], str], Iterable[Any]]
 """Shows the progress of an iteration, given a description."""
@@ -14,3 +17,12 @@ Track = Callable[[Iterable[Any], str], Iterable[Any]]
 def untracked(items: Iterable[_T], description: str) -> Iterable[_T]:  # noqa: ARG001 - a Track
     """Show no progress."""
     return items
+
+
+def in_threads(
+    work: Callable[[_T], _R], items: Sequence[_T], track: Track, description: str
+) -> list[_R]:
+    """Return what work makes of each item, one thread per core, and track what is done."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        done = pool.map(work, items)
+        return [next(done) for _ in track(items, description)]

@@ -93,10 +93,10 @@ class IdentifiedModel:
         velocity
             At the first sample, in rad/s; as the log's own first samples tell, if not given.
         """
-        from butterfly.identification.predict import Setting, free_run  # noqa: PLC0415 - slow to import
+        from butterfly.identification.free_run import FreeRun, Setting  # noqa: PLC0415 - slow to import
 
         setting = Setting(parameters=self.parameters, zero=zero, velocity=velocity)
-        run = free_run(log, setting)
+        run = FreeRun.of(log, setting)
         return replace(log, angle=run.simulated, velocity=None, source="grey-box model")
 
     def export(

@@ -15,25 +15,22 @@ from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
-from butterfly.api.sources import Data, Named, read, read_experiment
+from butterfly.api.sources import Data, Named, is_data, read, read_experiment
 from butterfly.api.usable import require_possible
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.experiment.named_robot import is_data
-from butterfly.experiment.planned import planned_logs
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulation import planned_logs
+from butterfly.files import locate
 from butterfly.identification.data import DataSet
-from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters
+from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.expected_errors import LeftOver, left_over
+from butterfly.identification.free_run import Setting
 from butterfly.identification.given import given_estimate, judged_on, outdone
-from butterfly.identification.importance import weighed
-from butterfly.identification.predict import Predictor, Setting
-from butterfly.identification.prediction import predict_logs
+from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import Track, untracked
-from butterfly.resources import locate
 
 
 def predict(
@@ -84,7 +81,7 @@ def predict(
         setting = _from_rest(logs)
     else:
         whole = source.whole
-        logs, setting = whole.logs, Predictor(whole).setting
+        logs, setting = whole.logs, whole.simulations.setting
     masses = sorted({log.added_mass for log in logs})
     if isinstance(result, LumpedParameters | Mapping):
         told = result if isinstance(result, Mapping) else asdict(result)
@@ -92,7 +89,7 @@ def predict(
         require_possible(estimate)
         if whole is not None and None in estimate.local:
             whole = whole.with_zero(Known(value=estimate.local[None]["zero"]))
-            logs, setting = whole.logs, Predictor(whole).setting
+            logs, setting = whole.logs, whole.simulations.setting
         if bands:
             raise IdentifiabilityError("bands need an identification: parameters alone have none")
         known = _Known(said=_of_gain(told, estimate, whole))
@@ -167,7 +164,7 @@ class _Known:
     """
 
     draws: ParameterDraws | None = None
-    errors: Sequence[LeftOver] = ()
+    errors: Sequence[ExpectedErrors] = ()
     said: tuple[str, ...] = ()
 
     @classmethod
@@ -189,8 +186,8 @@ class _Known:
             return cls(draws=draws, said=said)
         masses += data.masses
         draws = draw_parameters(found.estimate, count, masses=masses, seed=seed)
-        draws = weighed(draws, data, track=track)
-        errors = left_over(data, found.estimate)
+        draws = weighed(draws, data, bands=logs, track=track)
+        errors = expected_errors(data, found.estimate)
         more = (*_of_errors(errors), *_beyond(data.masses, logs))
         return cls(draws=draws, errors=errors, said=(_of_draws(draws), *more))
 
@@ -214,7 +211,7 @@ def _of_draws(draws: ParameterDraws) -> str:
     )
 
 
-def _of_errors(errors: Sequence[LeftOver]) -> list[str]:
+def _of_errors(errors: Sequence[ExpectedErrors]) -> list[str]:
     unseen = sum(each.unseen for each in errors)
     if unseen == len(errors):
         return [

@@ -27,23 +27,21 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.identification.diagnostics.left_over import LeftOver
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
+from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.inference.bootstrap import bootstrap
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.term_selection import select_terms
-from butterfly.identification.inference.validation import hold_out
-from butterfly.identification.predict import FitSummary, Predictor
+from butterfly.identification.parameter import unit_of
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import bootstrap, hold_out, select_terms
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.recommendations import chosen_said
 from butterfly.report.words import held_out_sentences, verdict_on
 
@@ -94,7 +92,7 @@ def validate_command(
     say_verdict(verdict_on(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
     say(held.division.said)
-    predictor = Predictor(logs)
+    predictor = logs.simulations
     seen = FitSummary.of(predictor.fits(whole), predictor.horizon(whole))
     unused = held_out_fits(logs, whole)
     counted = held.fits[~np.isnan(held.fits)]
@@ -136,7 +134,7 @@ def validate_command(
         Validated.of_told(tell()).report(report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(tell)
-    end_with(whole.verdict.standing)
+    end_with(whole.level)
 
 
 @answers_in_json("selection")
@@ -182,7 +180,7 @@ def select_command(
         write_page(selection_page(logs, passed, tell()), report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(tell)
-    end_with(found.verdict.standing)
+    end_with(found.level)
 
 
 @answers_in_json("residual")
@@ -238,7 +236,7 @@ def residual_command(
             write_residual(torques[worst], misfit.logs[worst], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")
     answer.give(lambda: told_residual(logs, suited, estimate, misfit, misfit_sentences(misfit)))
-    end_with(verdict.standing)
+    end_with(verdict.level)
 
 
 def _show_shares(left_over: LeftOver) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import Intersample, Log
@@ -19,7 +21,10 @@ from butterfly.logs.manifest import (
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.known import Knowledge, Known
+from butterfly.plant.excitations import initial_angle
+from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
+from butterfly.plant.sensors import Faults
 from butterfly.progress import Track, untracked
 
 
@@ -30,24 +35,6 @@ def simulate(
 
     Each run draws from its own random stream, so its log depends on the seed and its place in the
     experiment only.
-
-    Parameters
-    ----------
-    experiment
-        With excitations or signals.
-    threads
-        Of the simulation; one per core if not given.
-    track
-        Shows progress.
-
-    Yields
-    ------
-    The logs in order, each named by its run.
-
-    Raises
-    ------
-    InputError
-        If a simulation diverges.
     """
     rig, runs, seeds = experiment.plant.rig, experiment.runs(), experiment.seeds()
     for log in simulate_runs(rig, runs, experiment.duration, seeds, threads=threads, track=track):
@@ -66,18 +53,29 @@ def data_set_of(experiment: Experiment, logs: Sequence[Log], track: Track = untr
     return data.holding_out(experiment.holdout)
 
 
-def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
-    """Write the logs of an experiment in the form of the real ones, and their manifest.
+def planned_logs(experiment: Experiment) -> list[Log]:
+    """Return a log for each run: stamps, the input as it would be set, and the angle at the start.
 
-    Returns
-    -------
-    Path of the manifest, which is written last.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
+    The robot of the experiment does not count: nothing is fed back, so that its inputs are what
+    they are with any other.
     """
+    plain = replace(
+        experiment.plant.rig,
+        robot=replace(experiment.plant.robot, clutch=None),
+        simulator=Simulator.GREY_BOX,
+        faults=Faults(),
+    )
+    runs = experiment.runs()
+    starts = [initial_angle(excitation) for _, excitation in runs]
+    logs = simulate_runs(plain, runs, experiment.duration, experiment.seeds())
+    return [
+        replace(log, angle=np.full(log.time.size, start), velocity=None, source=log.name)
+        for log, start in zip(logs, starts, strict=True)
+    ]
+
+
+def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
+    """Write logs in the form of the real ones; return the path of the manifest, written last."""
     entries = []
     for log in logs:
         entries.append(_entry(log, file_of(log)))

@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.knowledge import is_driven
 from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_refused, slips_of_still
 from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.free_run import Simulations
 from butterfly.identification.implied import beside_masses, implied
+from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names
@@ -153,6 +154,11 @@ class DataSet:
     def zero_of(self, log: Log) -> float:
         """Return the encoder reading in rad where the model's angle is 0 in one of the logs."""
         return reading_of(log, self.equilibria)
+
+    @cached_property
+    def simulations(self) -> Simulations:
+        """What simulates the logs, and has simulated them."""
+        return Simulations(self.logs, self.equilibria, self.counted)
 
     @property
     def hangs(self) -> bool:

@@ -7,9 +7,7 @@ Identification of Parametric Models from Experimental Data, 1997, ch. 6).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,12 +16,11 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.predict import Predictor
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
-from butterfly.progress import Track, untracked
+from butterfly.progress import Track, in_threads, untracked
 
 DURATION = 40.0
 """Length of a run in s."""
@@ -122,11 +119,12 @@ def rank_experiments(
         for mass in masses
         for each in _inputs(estimate.parameters, mass, largest_swing)
     ]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = pool.map(
-            lambda job: _judge(estimate, job[0], job[1], misfit=misfit, limit=largest_swing), jobs
-        )
-        candidates = list(track(list(found), "Judging candidates"))
+    candidates = in_threads(
+        lambda job: judged_candidate(estimate, job[0], job[1], misfit=misfit, limit=largest_swing),
+        jobs,
+        track,
+        "Judging candidates",
+    )
     return sorted(candidates, key=lambda c: (bool(c.warning), c.score))
 
 
@@ -158,7 +156,7 @@ def next_experiments(
     if largest_swing is None:
         seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
         largest_swing = seen if data.joint is JointKind.SLIDE else LARGEST_SWING
-    misfit = 1 - float(np.median(Predictor(data).fits(estimate))) / 100
+    misfit = 1 - float(np.median(data.simulations.fits(estimate))) / 100
     masses = masses_at_hand(data)
     return rank_experiments(estimate, masses, misfit, largest_swing=largest_swing, track=track)
 
@@ -201,9 +199,10 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list
     return inputs
 
 
-def _judge(
+def judged_candidate(
     estimate: Estimate, mass: AddedMass, what: _Input, *, misfit: float, limit: float
 ) -> Candidate:
+    """Return what a candidate would tell, and why not to rely on it."""
     parameters = estimate.parameters
     angle = _respond(parameters, mass, what)
     errors = estimate.standard_errors

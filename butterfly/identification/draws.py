@@ -6,21 +6,38 @@ each stood on a limit of its interval, and all by a common factor until no param
 than its interval says. So a combination that the data know well stays well known. A draw beyond a
 bound is moved to it, and the other parameters with it as they are correlated: to the nearest values
 that are allowed in the metric of the covariance, as a least-squares fit with bounds ends there.
+
+Normal draws are right where free runs are linear in the parameters: the sum of squared errors S is
+then the quadratic S_l of the linearised runs. Where it is not, as where a joint sticks or swings to
+another side of its resonance, a draw gets the weight exp(-(S - S_l)/(2 s)), but none above 1: a
+quadratic that rises too steeply far out would else leave all weight to a few draws (importance
+sampling from an approximate posterior, Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section
+10.4, truncated as by Ionides, J. Comput. Graph. Stat. 17, 2008).
+
+S is a sum over logs of mean squared errors relative to the log's motion: errors within a log are
+dependent, so that it counts as one. The scale s is that of the draws themselves, for which the
+quadratic part of S_l is n s on average over n parameters, as in a normal distribution; and not
+below S/N of the estimate, the share of one of N independent logs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import Setting
 from butterfly.identification.inference.intervals import SPREADS, widened
+from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
+from butterfly.progress import Track, in_threads, untracked
 
 COUNT = 200
 """Draws if no other number is asked for: five lie beyond either edge of a band."""
@@ -28,26 +45,24 @@ COUNT = 200
 LEAST = 40
 """Fewest draws, of which one lies beyond either edge of a band."""
 
+_STEP = 0.02  # s, between the samples at which a band is worked out
+_MOST_KEPT = 5e8  # bytes of angles that are kept from the weighing for the bands
+_TINY = float(np.finfo(float).tiny)
 _ROUNDS = 100  # of drawing again, until as many as wanted are possible
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterDraws:
-    """Parameters that an estimate leaves open.
+    """Parameters that an estimate leaves open: (m, n) values of its n parameters.
 
-    Parameters
-    ----------
-    estimate
-        From which they are drawn.
-    values
-        (m, n) values of its n parameters.
-    weights
-        (m,) how much each counts; they add up to 1.
+    The (m,) weights, how much each draw counts, add up to 1. ``runs`` are what they made of logs
+    when they were weighed.
     """
 
     estimate: Estimate
     values: NDArray[np.float64]
     weights: NDArray[np.float64]
+    runs: tuple[DrawnRun, ...] = ()
 
     @property
     def effective_size(self) -> float:
@@ -59,14 +74,50 @@ class ParameterDraws:
         """Each draw as parameters of the bare hand."""
         return [each.parameters for each in self.estimates()]
 
-    def estimates(self) -> Iterator[Estimate]:
-        """Yield the estimate with the values of each draw in place of its own."""
+    def estimates(self, horizon: float | None = None) -> Iterator[Estimate]:
+        """Yield the estimate with the values of each draw, to simulate logs over a horizon in s."""
+        estimate = self.estimate
+        if horizon is not None:
+            estimate = replace(estimate, horizon=horizon)
         for values in self.values:
-            yield replace(self.estimate, values=values)
+            yield replace(estimate, values=values)
 
-    def weighted(self, weights: NDArray[np.float64]) -> ParameterDraws:
-        """Return the draws with other (m,) weights, of any sum."""
-        return replace(self, weights=weights / np.sum(weights))
+    def angles_of(self, log: Log, setting: Setting) -> NDArray[np.float64] | None:
+        """(m, k) angles in rad at the samples of a log's bands, if the draws were weighed by it."""
+        found = (each.angles for each in self.runs if each.serves(log, setting))
+        return next(found, None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnRun:
+    """(m, k) angles in rad of one log with each of m draws, at the samples of its bands."""
+
+    log: Log
+    setting: Setting  # with the estimate itself
+    angles: NDArray[np.float64]
+
+    def serves(self, log: Log, setting: Setting) -> bool:
+        """Whether a log would be simulated alike: the same record, perhaps read again."""
+        own = self.log
+        if log is own:
+            return setting == self.setting
+        if (setting, log.added_mass, log.intersample) != (
+            self.setting,
+            own.added_mass,
+            own.intersample,
+        ):
+            return False
+        pairs = zip(_record(log), _record(own), strict=True)
+        return all(np.array_equal(mine, other) for mine, other in pairs)
+
+
+def samples_of_bands(log: Log) -> NDArray[np.intp]:
+    """(k,) numbers of the samples of a log at which bands are worked out."""
+    return np.arange(0, log.time.size, max(1, round(_STEP / log.mean_step)))
+
+
+def _record(log: Log) -> tuple[NDArray[np.float64], ...]:
+    return (log.time, log.angle, *log.command, np.array(log.beginning))
 
 
 def draw_parameters(
@@ -78,24 +129,10 @@ def draw_parameters(
 ) -> ParameterDraws:
     """Draw parameters within their bounds, all with the same weight.
 
-    Parameters
-    ----------
-    estimate
-        With covariance and intervals.
-    count
-        How many.
-    masses
-        Added masses with which each draw has to make a joint: of inertia p1 + Z > 0 and without
-        negative friction.
-    seed
-        Fixes the draws.
-
-    Raises
-    ------
-    InputError
-        If fewer than `LEAST` are asked for, or the seed is negative.
-    IdentifiabilityError
-        If the estimate has no covariance, or hardly any draw is possible.
+    Each draw has to make a joint with each of the added ``masses``: of inertia p1 + Z > 0 and
+    without negative friction. InputError if fewer than `LEAST` are asked for, or the seed is
+    negative; IdentifiabilityError if the estimate has no covariance, or hardly any draw is
+    possible.
     """
     if count < LEAST:
         raise InputError("draws", "count", count, f"at least {LEAST}")
@@ -123,13 +160,7 @@ def draw_parameters(
 
 
 def honest_covariance(estimate: Estimate) -> NDArray[np.float64]:
-    """(n, n) covariance whose spreads are at least those of the intervals.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the estimate has none.
-    """
+    """(n, n) covariance whose spreads are at least those of the intervals; refused without one."""
     limits = np.array([estimate.lower, estimate.upper])
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
         raise IdentifiabilityError(
@@ -179,3 +210,75 @@ def _possible(
         loaded = [parameters.with_added_mass(mass) for mass in masses]
         possible[row] = all(each.p1 > 0 and each.coulomb >= 0 for each in loaded)
     return possible
+
+
+def weighed(
+    draws: ParameterDraws,
+    data: DataSet,
+    *,
+    bands: Sequence[Log] = (),
+    track: Track = untracked,
+) -> ParameterDraws:
+    """Return draws with weights by the logs that the estimate was made from.
+
+    What they make of those logs that are to have ``bands`` is kept.
+    """
+    kept = sum(samples_of_bands(log).nbytes for log in bands) * len(draws.values)
+    wanted = {log.name for log in bands} if kept <= _MOST_KEPT else set()
+    logs = range(len(data.logs))
+    found = in_threads(
+        lambda number: _of_log(data, number, draws, wanted), logs, track, "Weighing draws"
+    )
+    start = float(np.sum([each.start for each in found]))
+    slope, curvature, risen = (
+        np.sum(parts, axis=0)
+        for parts in zip(*((each.slope, each.curvature, each.risen) for each in found), strict=True)
+    )
+    moved = draws.values - draws.estimate.values
+    quadratic = np.sum(moved @ curvature * moved, axis=1)
+    scale = max(float(np.mean(quadratic)) / moved.shape[1], start / len(logs), _TINY)
+    worse = risen - (2 * moved @ slope + quadratic)
+    weights = np.exp(-np.maximum(worse, 0.0) / (2 * scale))
+    runs = tuple(each.run for each in found if each.run is not None)
+    return replace(draws, weights=weights / np.sum(weights), runs=runs)
+
+
+class _Followed(NamedTuple):
+    """How one log's mean squared error, relative to its motion, depends on n parameters.
+
+    It is ``start`` with the estimate; its half (n,) slope, half the (n, n) second derivative of the
+    linearised run, and by what it has risen with each of m draws, which ``run`` keeps if it is to.
+    """
+
+    start: float
+    slope: NDArray[np.float64]
+    curvature: NDArray[np.float64]
+    risen: NDArray[np.float64]
+    run: DrawnRun | None
+
+
+def _of_log(data: DataSet, number: int, draws: ParameterDraws, wanted: Container[str]) -> _Followed:
+    log, setting = data.logs[number], data.simulations.setting(number, draws.estimate)
+    simulation = data.simulations.simulation(number, setting)
+    errors, rows, mixture = simulation.linearised(
+        draws.estimate.names, setting.parameters, setting.zero, setting.velocity
+    )
+    jacobian = rows @ mixture
+    count, square = log.time.size, float(np.var(log.angle)) or _TINY
+    instants = log.time[samples_of_bands(log) if log.name in wanted else slice(0)]
+    total = simulation.squared_error(setting.parameters, setting.zero, setting.velocity)
+    start = total / count / square
+    risen, angles = [], []
+    for each in draws.estimates(setting.horizon):
+        own = data.simulations.setting(number, each)
+        error, angle = simulation.error_and_angles(instants, own.parameters, own.zero, own.velocity)
+        risen.append(error / count / square - start)
+        angles.append(angle)
+    scale = errors.size * square
+    return _Followed(
+        start=start,
+        slope=jacobian.T @ errors / scale,
+        curvature=jacobian.T @ jacobian / scale,
+        risen=np.array(risen),
+        run=DrawnRun(log=log, setting=setting, angles=np.array(angles)) if instants.size else None,
+    )

@@ -1,208 +1,214 @@
-"""A log made ready to be simulated many times over."""
+"""Does the model move like the robot? Free-run simulation of whole logs, and its FIT."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.logs.beginning import Beginning
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.prediction_horizon import horizon_of
+from butterfly.identification.segments import Segments, is_segmented, simulation_of
+from butterfly.identification.simulation import Simulation, grid_step
+from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
-from butterfly.model.greybox import simulate
-from butterfly.model.linear import resonance_frequency
-from butterfly.model.parameters import LumpedParameters, compressed
-from butterfly.model.sensitivities import Columns, Readings, differentiate
-from butterfly.signals import hermite, hold
-from butterfly.signals.spectrum import uniform_grid
-
-Samples = NDArray[np.float64]
-
-Begin: TypeAlias = Beginning | float | None
-"""How a simulation starts: with angle and velocity, with a velocity, or as the log does."""
-
-LONGEST_STEP = 0.01
-"""Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
-
-_ROUGH = 0.005
-"""Share of noise in an input, from which on no two of its samples share a step: what it does where
-the joint turns back or sticks is then no matter of its mean."""
-
-_SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
-_FINEST = 100  # steps in one of a log
-_STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
+from butterfly.model.parameters import AddedMass, LumpedParameters
 
 
-class Trajectory:
-    """Simulates one log from its first sample with the recorded input, on a fixed grid.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRun:
+    """A log and its simulation with the recorded input, from the first sample on or in segments.
 
-    It starts at rest, unless the log begins in motion (see `butterfly.signals.beginning`).
-
-    Between two instants of the grid the input is the parabola that has the mean and the first and
-    second moment of the recorded one, so that no impulse is lost or gained where steps fall between
-    the instants.
-
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    parameters
-        Of the bare hand; their resonance and the log's drive set the step of the grid.
-    first
-        Number of the first sample whose error counts.
+    ``simulated`` is the (n,) angle in rad at the log's stamps, from the encoder's zero; segments
+    are no longer than the ``horizon`` in s, each from a start of its own.
     """
 
-    def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
-        self.log = log
-        self._command = log.command
-        grid = uniform_grid(log.time, grid_step(log, parameters))
-        self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
-        self._first = first
-        self._latest: tuple[tuple[float, float], Samples] | None = None
+    log: Log
+    simulated: NDArray[np.float64]
+    horizon: float = math.inf
 
-    @property
-    def step(self) -> float:
-        """Step of the simulation in s."""
-        return float(self.grid[1] - self.grid[0])
-
-    @property
-    def starts_anew(self) -> bool:
-        """Whether the log begins in motion, and its errors count from there."""
-        return self._first == 0 and self.log.beginning.velocity != 0
-
-    def simulate(
-        self, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (n,) angles from the encoder's zero and velocities on the grid.
-
-        Parameters
-        ----------
-        parameters
-            Of the bare hand; the log's added mass is put on here (78).
-        zero
-            Reading of the encoder in rad where the model's angle is 0.
-        begin
-            Velocity in rad/s at the first sample, whose angle is then taken as it is; or angle and
-            velocity; the log's own if None.
-        """
-        loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters.delay, parameters.compression)[0]
-        angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
-        return zero + angle, speed
-
-    def at_stamps(
-        self, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> NDArray[np.float64]:
-        """Return the simulated angles at the log's own stamps (see `simulate`)."""
-        return self.at(self.log.time, parameters, zero, begin)
-
-    def at(
-        self, instants: Samples, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> NDArray[np.float64]:
-        """Return the simulated angles at increasing instants in s (see `simulate`)."""
-        angle, speed = self.simulate(parameters, zero, begin)
-        return hermite.interpolate(self.grid, angle, speed, instants)
-
-    def squared_error(
-        self, parameters: LumpedParameters, zero: float, begin: Begin = None
-    ) -> float:
-        """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
-        angle, speed = self.simulate(parameters, zero, begin)
-        return hermite.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
-
-    def linearised(
-        self,
-        names: Sequence[str],
-        parameters: LumpedParameters,
-        zero: float,
-        begin: Begin = None,
-    ) -> tuple[Samples, Samples, Samples]:
-        """Return the errors, and what they change by with n parameters, zero or velocity.
-
-        They are simulated less measured angle, averaged over the samples of each grid interval: the
-        average keeps what the samples tell at a fraction of their number.
-
-        Parameters
-        ----------
-        names
-            Of the n.
-        parameters, zero, begin
-            As in `simulate`.
-
-        Returns
-        -------
-        (m,) errors, and (m, k) and (k, n) matrices whose product is the Jacobian.
-        """
-        columns = Columns.of(names, parameters, self.log.added_mass)
-        loaded = parameters.with_added_mass(self.log.added_mass)
-        inputs = self._inputs(parameters.delay, parameters.compression)
-        if columns.drives > inputs.shape[0]:
-            inputs = np.concatenate([inputs, self._by_compression(parameters)])
-        start = self._start(zero, begin)
-        readings, measured = self._averages
-        values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
-        for zero_column in np.flatnonzero(columns.initial[0] < 0):
-            rows[:, zero_column] += 1  # it moves the start back, and all readings on
-        return values + (zero - measured), rows, columns.mixture
-
-    def averaged(self, values: Samples) -> Samples:
-        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
-        log, first = self.log, self._first
-        return hermite.averages(self.grid, log.time[first:], values[first:])[2]
-
-    def mean_inputs(self, parameters: LumpedParameters) -> Samples:
-        """Return the (m,) means of the delivered input where `linearised` has errors."""
-        inputs = self._inputs(parameters.delay, parameters.compression)[0]
-        return np.asarray((inputs @ _SIMPSON)[self._averages[0].into >= 0])
-
-    def middles(self) -> Samples:
-        """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
-        return np.asarray((self.grid[:-1] + self.grid[1:])[self._averages[0].into >= 0] / 2)
-
-    def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
-        """Return angle, from the hanging position, and velocity at the first sample."""
-        if begin is None:
-            begin = self.log.beginning
-        elif not isinstance(begin, Beginning):
-            begin = Beginning(float(self.log.angle[0]), begin)
-        return begin.angle - zero, begin.velocity
+    @classmethod
+    def of(cls, log: Log, setting: Setting) -> FreeRun:
+        """Simulate a log with increasing stamps."""
+        return setting.run(setting.simulation(log))
 
     @cached_property
-    def _averages(self) -> tuple[Readings, Samples]:
-        """What is read off, and the (m,) averages of the measured angle."""
-        log, first = self.log, self._first
-        into, weights, measured = hermite.averages(self.grid, log.time[first:], log.angle[first:])
-        return Readings(into=into, weights=weights), measured
+    def fit(self) -> float:
+        """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
+        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+            error = float(np.sum((self.simulated - self.log.angle) ** 2))
+        return fit_of(error, _spread(self.log))
 
-    def _inputs(self, delay: float, compression: float) -> Samples:
-        """(2, n - 1, 3) delivered input, the latest being kept (see `hold.parabolas`)."""
-        key = delay, compression
-        if self._latest is None or self._latest[0] != key:
-            self._latest = key, self._delivered(delay, compression)
-        return self._latest[1]
-
-    def _delivered(self, delay: float, compression: float) -> Samples:
-        time, inputs = self._command
-        driving = compressed(inputs, compression)
-        return hold.parabolas(time, driving, self.grid - delay, self.log.intersample)
-
-    def _by_compression(self, parameters: LumpedParameters) -> Samples:
-        """(1, n - 1, 3) derivative of the delivered input by the drive's compression."""
-        time, inputs = self._command
-        driving = -inputs * abs(inputs) / (1 + parameters.compression * abs(inputs)) ** 2
-        return hold.parabolas(time, driving, self.grid - parameters.delay, self.log.intersample)[:1]
+    @property
+    def rms(self) -> float:
+        """Rms error in rad."""
+        return float(np.sqrt(np.mean((self.simulated - self.log.angle) ** 2)))
 
 
-def grid_step(log: Log, parameters: LumpedParameters) -> float:
-    """Return the longest step in s of a simulation's grid, for parameters of the bare hand.
+@dataclass(frozen=True)
+class FitSummary:
+    """Median, mean and worst FIT over a set of logs, in per cent.
 
-    It is no shorter than a hundredth of the log's own: no log shows a resonance that asks for more.
+    ``horizon`` is the longest segment in s that was simulated at a time; None for whole logs.
     """
-    drive = log.excitation.omega if log.excitation else 0.0
-    fastest = max(resonance_frequency(parameters.with_added_mass(log.added_mass)), drive)
-    longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
-    if not fastest:
-        return longest
-    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / _FINEST)
+
+    median: float
+    mean: float
+    worst: float
+    horizon: float | None = None
+
+    @classmethod
+    def of(cls, fits: NDArray[np.float64], horizon: float | None = None) -> FitSummary:
+        """Summarise the (n,) FIT values of n logs; an infinite horizon is one of whole logs."""
+        finite = horizon if horizon is not None and math.isfinite(horizon) else None
+        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()), finite)
+
+    @property
+    def over(self) -> str:
+        """Over what logs are simulated, to be said after the word FIT; nothing of whole logs."""
+        return "" if self.horizon is None else f" over segments of {self.horizon:g} s"
+
+    def numbers(self) -> dict[str, float]:
+        """Return it for programs."""
+        said = {"median": self.median, "mean": self.mean, "worst": self.worst}
+        return said if self.horizon is None else said | {"horizon": self.horizon}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What a log is simulated with."""
+
+    parameters: LumpedParameters  # of the bare hand
+    zero: float  # reading of the encoder in rad where the model's angle is 0
+    velocity: float | None = None  # at the first sample, in rad/s; None: the log's own beginning
+    horizon: float = math.inf  # longest stretch in s that is simulated at a time
+
+    def simulation(self, log: Log, first: int = 0) -> Simulation | Segments:
+        """Return what simulates a log, of which the samples from number ``first`` on count."""
+        known = self.velocity is not None
+        return simulation_of(log, self.parameters, self.horizon, first, velocity_known=known)
+
+    def kind(self, log: Log) -> tuple[float, float | None]:
+        """Return on what a log's simulation depends: step in s, and horizon of segments."""
+        known = self.velocity is not None
+        segmented = is_segmented(log, self.parameters, self.horizon, velocity_known=known)
+        return grid_step(log, self.parameters), self.horizon if segmented else None
+
+    def run(self, simulation: Simulation | Segments) -> FreeRun:
+        """Simulate a log."""
+        angle = simulation.at_stamps(self.parameters, self.zero, self.velocity)
+        return FreeRun(log=simulation.log, simulated=angle, horizon=self.horizon)
+
+
+class Simulations:
+    """Simulates the logs of a data set with any parameters; keeps what does not depend on them.
+
+    Each of the ``logs`` is simulated about the encoder's zero that an estimate has found for it;
+    where it found none, about that of the ``zeros`` in rad by added mass. The logs numbered
+    ``counted`` tell over what horizon. A FIT that was asked for is known from then on.
+    """
+
+    def __init__(
+        self, logs: Sequence[Log], zeros: Mapping[AddedMass, float], counted: Sequence[int]
+    ) -> None:
+        self._logs, self._zeros, self._counted = logs, zeros, counted
+        self._latest: dict[int, tuple[tuple[float, float | None], Simulation | Segments]] = {}
+        self._horizons: dict[LumpedParameters, float] = {}
+        self._fits: dict[tuple[int, Setting], float] = {}
+        self._spreads = [_spread(log) for log in logs]
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Leave what is kept behind in copies."""
+        return type(self), (self._logs, self._zeros, self._counted)
+
+    def setting(self, number: int, estimate: Estimate) -> Setting:
+        """Return what an estimate says of one log, by its number."""
+        log = self._logs[number]
+        parameters, own = estimate.applied(log)
+        zero = own["zero"] if "zero" in own else reading_of(log, self._zeros)
+        return Setting(
+            parameters=parameters,
+            zero=zero,
+            velocity=own.get("velocity"),
+            horizon=self.horizon(estimate),
+        )
+
+    def horizon(self, estimate: Estimate) -> float:
+        """Return the longest stretch in s over which logs are simulated with an estimate.
+
+        One that says nothing has that of the logs in which the hand stays away from the upright,
+        where there are any.
+        """
+        if estimate.horizon is not None:
+            return estimate.horizon
+        parameters = estimate.parameters
+        if parameters not in self._horizons:
+            logs = [self._logs[k] for k in self._counted]
+            self._horizons[parameters] = horizon_of(logs, parameters, self._zeros)
+        return self._horizons[parameters]
+
+    def settled(self, estimate: Estimate) -> Estimate:
+        """Return an estimate that says over what horizon these logs are simulated, if any."""
+        horizon = self.horizon(estimate)
+        return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
+
+    def run(self, number: int, estimate: Estimate) -> FreeRun:
+        """Simulate one log, by its number, with an estimate."""
+        return self.run_with(number, self.setting(number, estimate))
+
+    def run_with(self, number: int, setting: Setting) -> FreeRun:
+        """Simulate one log, by its number, with the recorded input."""
+        return setting.run(self.simulation(number, setting))
+
+    def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> NDArray[np.float64]:
+        """(n,) FIT in per cent of all logs, or some, with an estimate."""
+        chosen = range(len(self._logs)) if numbers is None else numbers
+        return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
+
+    def fits_with(
+        self, parameters: LumpedParameters, horizon: float = math.inf
+    ) -> NDArray[np.float64]:
+        """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
+        settings = [
+            Setting(parameters=parameters, zero=reading_of(log, self._zeros), horizon=horizon)
+            for log in self._logs
+        ]
+        return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
+
+    def simulation(self, number: int, setting: Setting) -> Simulation | Segments:
+        """Return what simulates one log, by its number; the latest of each is kept."""
+        log = self._logs[number]
+        key = setting.kind(log)
+        latest = self._latest.get(number)
+        if latest is None or latest[0] != key:
+            self._latest[number] = latest = key, setting.simulation(log)
+        return latest[1]
+
+    def _fit_of(self, number: int, setting: Setting) -> float:
+        """FIT of one log, as that of its free run, without keeping the angles."""
+        key = number, setting
+        if key not in self._fits:
+            simulation = self.simulation(number, setting)
+            error = simulation.squared_error(setting.parameters, setting.zero, setting.velocity)
+            self._fits[key] = fit_of(error, self._spreads[number])
+        return self._fits[key]
+
+
+def fit_of(squared_error: float, spread: float) -> float:
+    """Return FIT in per cent; none of an angle that stands still, or of one that diverges.
+
+    The sum of squares in rad^2 of simulated less measured angles is compared with the ``spread``,
+    that of the measured angles about their mean.
+    """
+    if not spread or not math.isfinite(squared_error):
+        return -math.inf
+    return 100 * (1 - math.sqrt(squared_error / spread))
+
+
+def _spread(log: Log) -> float:
+    """Sum of squares in rad^2 of the measured angle about its mean."""
+    return float(np.sum((log.angle - log.angle.mean()) ** 2))

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
 from butterfly.identification.diagnostics.physics import is_possible, judge_physics
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.other_parameters import best_gain, told_parameters
-from butterfly.identification.predict import Predictor
 from butterfly.model.known import Knowledge, Known
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import PARAMETERS
+from butterfly.verdict import Level
 
 METHOD = "given parameters"
 
@@ -65,7 +65,7 @@ def given_estimate(
     if math.isnan(parameters.p4):
         if data is None:
             raise InputError(source, "p4", "nothing", "a value")
-        parameters = replace(parameters, p4=best_gain(parameters, Predictor(data), source=source))
+        parameters = replace(parameters, p4=best_gain(parameters, data, source=source))
     found = asdict(parameters)
     count = len(PARAMETERS)
     unknown = np.full(count, np.nan)
@@ -83,6 +83,8 @@ def given_estimate(
         findings=(),
         held={name: value for name, value in found.items() if name not in PARAMETERS},
         local=local,
+        input_kind=None if data is None else data.input_kind,
+        joint=JointKind.HINGE if data is None else data.joint,
     )
     return estimate.with_findings(*judge_physics(estimate, masses))
 
@@ -120,7 +122,6 @@ def outdone(
     numbers
         Of the n logs.
     """
-    predictor = Predictor(data)
     known = Knowledge(parameters={"p4": Known(value=estimate.parameters.p4)})
     try:
         own = WeakForm(check=False)(replace(data.take(numbers), known=known))
@@ -128,12 +129,12 @@ def outdone(
         return []
     if not is_possible(own, data.masses):
         return []
-    own = replace(own, horizon=predictor.horizon(estimate))
-    reached = float(np.median(predictor.fits(own, numbers)))
+    own = replace(own, horizon=data.simulations.horizon(estimate))
+    reached = float(np.median(data.simulations.fits(own, numbers)))
     left, given = 100 - reached, 100 - float(np.median(fits))
     if given <= max(_FAR_MORE * left, _NOTABLE):
         return []
-    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Severity.CARE)]
+    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
 def _angle(value: object, source: str) -> float:

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.contradictions import judge_knowledge
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.following import judge_fit, judge_held_out
-from butterfly.identification.diagnostics.input_kind import judge_input
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit, judge_held_out
 from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
-from butterfly.identification.diagnostics.physics import judge_physics
+from butterfly.identification.diagnostics.physics import judge_input, judge_knowledge, judge_physics
 from butterfly.identification.diagnostics.unit_errors.names import with_slips
 from butterfly.identification.diagnostics.unit_errors.search import (
     find_slips,
@@ -27,9 +25,9 @@ from butterfly.identification.diagnostics.unit_errors.search import (
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
+from butterfly.identification.free_run import FitSummary, FreeRun
 from butterfly.identification.other_parameters import OtherParameters, try_parameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
-from butterfly.identification.predict import FitSummary, FreeRun, Predictor
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 
@@ -123,7 +121,10 @@ def identify(
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
     run = simulated(data, found, against=against, track=track)
-    (sure,) = [judge(data, estimator, each, run.fits) for each in track([run.estimate], "Judging")]
+    held = np.array([each.fit for each in run.held_runs])
+    (sure,) = [
+        judge(data, estimator, each, run.fits, held) for each in track([run.estimate], "Judging")
+    ]
     return replace(run, estimate=sure, estimator=estimator)
 
 
@@ -131,20 +132,24 @@ def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
     if data.held is None:
         return {}
-    fits = Predictor(data.held).fits(estimate)
+    fits = data.held.simulations.fits(estimate)
     return dict(zip((log.name for log in data.held.logs), fits.tolist(), strict=True))
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
-    estimator, predictor = estimator.suited(data), Predictor(data)
-    found = predictor.settled(estimated(data, estimator))
-    return judge(data, estimator, found, predictor.fits(found))
+    estimator = estimator.suited(data)
+    found = data.simulations.settled(estimated(data, estimator))
+    return judge(data, estimator, found, data.simulations.fits(found))
 
 
 @_UNWARNED
 def judge(
-    data: DataSet, estimator: Estimator, found: Estimate, fits: NDArray[np.float64]
+    data: DataSet,
+    estimator: Estimator,
+    found: Estimate,
+    fits: NDArray[np.float64],
+    held: NDArray[np.float64] | None = None,
 ) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and slips say of it.
 
@@ -158,6 +163,8 @@ def judge(
         The estimate.
     fits
         (n,) FIT in per cent of its free run of each log.
+    held
+        The same of the logs that are held out, if they are at hand.
     """
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
@@ -166,19 +173,21 @@ def judge(
     told = found.with_findings(
         *judge_physics(found, data.masses),
         *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
-        *_of_held_out(data, found, fits[counted]),
+        *_of_held_out(data, found, fits[counted], held),
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
     )
     return told.with_slips(*find_slips(data, estimator, told))
 
 
-def _of_held_out(data: DataSet, found: Estimate, seen: NDArray[np.float64]) -> list[Finding]:
+def _of_held_out(
+    data: DataSet, found: Estimate, seen: NDArray[np.float64], fits: NDArray[np.float64] | None
+) -> list[Finding]:
     """Judge by the logs that were held out, but for those that pass the upright."""
     if data.held is None:
         return []
     counted = data.held.counted
-    fits = Predictor(data.held).fits(found, counted)
+    fits = data.held.simulations.fits(found, counted) if fits is None else fits[counted]
     return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
 
 
@@ -190,7 +199,7 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
         raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
     try:
-        found = estimator(data)
+        found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
         _refuse_not_finite(found)
     except ButterflyError as error:
         raise with_slips(error, find_slips_of_refused(data, estimator)) from None
@@ -224,23 +233,20 @@ def simulated(
     InputError
         If a log cannot be used.
     """
-    predictor = Predictor(data)
-    estimate = predictor.settled(estimate)
-    horizon = predictor.horizon(estimate)
+    estimate = data.simulations.settled(estimate)
+    horizon = data.simulations.horizon(estimate)
     return Identification(
         data=data,
         estimate=estimate,
-        free_runs=_runs(predictor, estimate, track),
+        free_runs=_runs(data, estimate, track),
         comparisons=tuple(
-            try_parameters(name, parameters, predictor, horizon=horizon, track=track)
+            try_parameters(name, parameters, data, horizon=horizon, track=track)
             for name, parameters in against.items()
         ),
-        held_runs=() if data.held is None else _runs(Predictor(data.held), estimate),
+        held_runs=() if data.held is None else _runs(data.held, estimate),
     )
 
 
-def _runs(
-    predictor: Predictor, estimate: Estimate, track: Track = untracked
-) -> tuple[FreeRun, ...]:
-    numbers = track(range(len(predictor.data.logs)), "Simulating logs")
-    return tuple(predictor.run(number, estimate) for number in numbers)
+def _runs(data: DataSet, estimate: Estimate, track: Track = untracked) -> tuple[FreeRun, ...]:
+    numbers = track(range(len(data.logs)), "Simulating logs")
+    return tuple(data.simulations.run(number, estimate) for number in numbers)

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.identification.predict import FitSummary, Predictor
+from butterfly.identification.data import DataSet
+from butterfly.identification.free_run import FitSummary
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
@@ -55,7 +56,7 @@ class OtherParameters:
 def try_parameters(
     name: str,
     parameters: LumpedParameters,
-    predictor: Predictor,
+    data: DataSet,
     *,
     horizon: float = math.inf,
     track: Track = untracked,
@@ -68,8 +69,8 @@ def try_parameters(
         Where the parameters come from.
     parameters
         Of the bare hand.
-    predictor
-        Of the logs.
+    data
+        The logs.
     horizon
         Longest stretch in s that is simulated at a time.
     track
@@ -77,9 +78,9 @@ def try_parameters(
     """
     gain_fitted = math.isnan(parameters.p4)
     if gain_fitted:
-        gain = best_gain(parameters, predictor, source=name, track=track)
+        gain = best_gain(parameters, data, source=name, track=track)
         parameters = replace(parameters, p4=gain)
-    fits = predictor.fits_with(parameters, horizon)
+    fits = data.simulations.fits_with(parameters, horizon)
     return OtherParameters(
         name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits, horizon=horizon
     )
@@ -113,7 +114,7 @@ def told_parameters(told: Mapping[str, object], source: str) -> LumpedParameters
 
 def best_gain(
     parameters: LumpedParameters,
-    predictor: Predictor,
+    data: DataSet,
     *,
     source: str = "parameters",
     track: Track = untracked,
@@ -126,10 +127,10 @@ def best_gain(
         If no log is a sine, whose gain tells where to look; or if the joint would swing faster than
         any log could show.
     """
-    if not predictor.data.sines:
+    if not data.sines:
         expected = "a value: no log is a sine, which would tell the best one"
         raise InputError(source, "p4", "nothing", expected)
-    fastest, seen = resonance_frequency(parameters), math.pi / predictor.data.logs[0].mean_step
+    fastest, seen = resonance_frequency(parameters), math.pi / data.logs[0].mean_step
     if fastest > _TOO_FAST * seen:
         expected = f"at most the {seen:.3g} rad/s that samples show, or p4 too"
         raise InputError(source, "p3", f"a resonance of {fastest:.3g} rad/s", expected)
@@ -138,13 +139,13 @@ def best_gain(
         abs(
             p.gain / quasi_linear_response(unit.with_added_mass(p.added_mass), p.omega, p.amplitude)
         )
-        for p in predictor.data.sines
+        for p in data.sines
     ]
     guess = float(np.median(ratios))
 
     def loss(decades: float) -> float:
         trial = replace(parameters, p4=guess * 10**decades)
-        return -float(np.median(predictor.fits_with(trial)))
+        return -float(np.median(data.simulations.fits_with(trial)))
 
     coarse = np.linspace(-_DECADES, _DECADES, _GRID)
     start = coarse[np.argmin([loss(x) for x in track(coarse, "Finding the best p4")])]

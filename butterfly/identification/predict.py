@@ -1,230 +1,212 @@
-"""Does the model move like the robot? Free-run simulation of whole logs, and its FIT."""
+"""What a joint will do under a given input, and how far that is known: two bands about a free run.
+
+The band of the parameters holds the motion of the model, with whatever parameters the estimate
+leaves open. The band of a new log holds a recording: to each draw of the parameters come the errors
+of a log that the model has not seen. Both are pointwise, at
+`butterfly.identification.inference.intervals.CONFIDENCE`.
+
+The honest error is that of a log whose added mass the estimate has not seen: each log is simulated
+with the estimate that was made without its mass. Where there is none, as with two masses, of which
+none can be left out, errors in sample stand for it, larger by sqrt(1 + 1/G): of G masses, a further
+one differs from what they have in common by (1 + 1/G) times their variance, if they are like it.
+
+Of a new log, the error at any instant is one that a log with another mass had, relative to its
+motion. A whole log is the donor, so that a log that is followed badly is so throughout, and its
+errors are drawn in blocks of whole drive periods, so that they stay as slow as they were (the
+circular block bootstrap: Politis & Romano, in Exploring the Limits of Bootstrap, 1992).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.divergence import horizon_of
+from butterfly.identification.draws import ParameterDraws, samples_of_bands
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.free_run import Trajectory, grid_step
-from butterfly.identification.segments import Segments, simulation
+from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.inference.intervals import CONFIDENCE
 from butterfly.logs.log import Log
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import AddedMass
+from butterfly.progress import Track, in_threads, untracked
+
+Samples = NDArray[np.float64]
+SettingOf = Callable[[int, Estimate], Setting]
+
+OF_PARAMETERS = "parameters"
+OF_NEW_LOG = "new log"
+"""What the two bands are of."""
+
+_BLOCK = 5.0  # s, of a log without a drive period, and least of any
+_TAILS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FreeRun:
-    """A log and its simulation with the recorded input, from the first sample on or in segments.
+class Band:
+    """(m,) angles in rad, between which (m,) angles are expected."""
 
-    Parameters
-    ----------
-    log
-        The log.
-    simulated
-        (n,) simulated angle in rad at the log's stamps, from the encoder's zero.
-    horizon
-        Longest segment in s, each from a start of its own; infinite for none.
+    lower: Samples
+    upper: Samples
+
+    @property
+    def width(self) -> float:
+        """Mean distance in rad of the edges."""
+        return float(np.mean(self.upper - self.lower))
+
+    def share(self, angle: Samples) -> float:
+        """Return the share of (m,) angles inside."""
+        return float(np.mean((self.lower <= angle) & (angle <= self.upper)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """A log predicted: its free run with the estimate, and bands at the samples numbered (m,).
+
+    The bands are `OF_PARAMETERS` and `OF_NEW_LOG`, as far as there are any.
+    """
+
+    run: FreeRun
+    samples: NDArray[np.intp]
+    bands: dict[str, Band]
+
+    @property
+    def time(self) -> Samples:
+        """(m,) stamps in s of the bands."""
+        return self.run.log.time[self.samples]
+
+    @property
+    def measured(self) -> Samples:
+        """(m,) measured angles in rad where the bands are."""
+        return self.run.log.angle[self.samples]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExpectedErrors:
+    """Errors of one log.
+
+    ``relative`` is (n,) measured less simulated angle at its stamps, over the rms of its motion;
+    larger by sqrt(1 + 1/G) if it was seen with G masses. It is ``unseen`` if the estimate was made
+    without its added mass.
     """
 
     log: Log
-    simulated: NDArray[np.float64]
-    horizon: float = math.inf
+    relative: Samples
+    unseen: bool
 
-    @cached_property
-    def fit(self) -> float:
-        """FIT = 100 (1 - |q - qhat| / |q - mean q|) in per cent, over the whole log."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
-            error = float(np.sum((self.simulated - self.log.angle) ** 2))
-        return fit_of(error, _spread(self.log))
+    def drawn(self, time: Samples, rng: np.random.Generator) -> Samples:
+        """(m,) relative errors at (m,) instants in s, in blocks that begin anywhere in the log.
 
-    @property
-    def rms(self) -> float:
-        """Rms error in rad."""
-        return float(np.sqrt(np.mean((self.simulated - self.log.angle) ** 2)))
-
-
-@dataclass(frozen=True)
-class FitSummary:
-    """Median, mean and worst FIT over a set of logs, in per cent.
-
-    ``horizon`` is the longest segment in s that was simulated at a time; None for whole logs.
-    """
-
-    median: float
-    mean: float
-    worst: float
-    horizon: float | None = None
-
-    @classmethod
-    def of(cls, fits: NDArray[np.float64], horizon: float | None = None) -> FitSummary:
-        """Summarise the (n,) FIT values of n logs; an infinite horizon is one of whole logs."""
-        finite = horizon if horizon is not None and math.isfinite(horizon) else None
-        return cls(float(np.median(fits)), float(fits.mean()), float(fits.min()), finite)
-
-    @property
-    def over(self) -> str:
-        """Over what logs are simulated, to be said after the word FIT; nothing of whole logs."""
-        return "" if self.horizon is None else f" over segments of {self.horizon:g} s"
-
-    def numbers(self) -> dict[str, float]:
-        """Return it for programs."""
-        said = {"median": self.median, "mean": self.mean, "worst": self.worst}
-        return said if self.horizon is None else said | {"horizon": self.horizon}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Setting:
-    """What a log is simulated with.
-
-    Parameters
-    ----------
-    parameters
-        Of the bare hand.
-    zero
-        Reading of the encoder in rad where the model's angle is 0.
-    velocity
-        At the first sample, in rad/s; None where the log's own beginning tells it.
-    horizon
-        Longest stretch in s that is simulated at a time, infinite for the whole log (see
-        `butterfly.identification.segments`).
-    """
-
-    parameters: LumpedParameters
-    zero: float
-    velocity: float | None = None
-    horizon: float = math.inf
-
-    def simulation(self, log: Log, first: int = 0) -> Trajectory | Segments:
-        """Return what simulates a log, of which the samples from number ``first`` on count."""
-        told = self.velocity is not None
-        return simulation(log, self.parameters, self.horizon, first, told=told)
-
-
-class Predictor:
-    """Simulates the logs of a data set with any parameters; keeps what does not depend on them.
-
-    The encoder's zero is what an estimate has found for the log; where it found none, what the data
-    set tells (see `DataSet.zero_of`).
-
-    Parameters
-    ----------
-    data
-        The logs.
-    """
-
-    def __init__(self, data: DataSet) -> None:
-        self.data = data
-        self._trajectories: dict[tuple[int, float, float, bool], Trajectory | Segments] = {}
-        self._horizon: float | None = None
-        self._spreads = [_spread(log) for log in data.logs]
-
-    def setting(self, number: int, estimate: Estimate) -> Setting:
-        """Return what an estimate says of one log, by its number."""
-        log = self.data.logs[number]
-        parameters, own = estimate.applied(log)
-        zero = own["zero"] if "zero" in own else self.data.zero_of(log)
-        return Setting(
-            parameters=parameters,
-            zero=zero,
-            velocity=own.get("velocity"),
-            horizon=self.horizon(estimate),
-        )
-
-    def horizon(self, estimate: Estimate) -> float:
-        """Return the longest stretch in s over which logs are simulated with an estimate.
-
-        One that says nothing has that of the logs in which the hand stays away from the upright,
-        where there are any.
+        Those of samples as they are: between two the mean of their noise would be smaller.
         """
-        if estimate.horizon is not None:
-            return estimate.horizon
-        if self._horizon is None:
-            logs = [self.data.logs[k] for k in self.data.counted]
-            self._horizon = horizon_of(logs, estimate.parameters, self.data.equilibria)
-        return self._horizon
-
-    def settled(self, estimate: Estimate) -> Estimate:
-        """Return an estimate that says over what horizon these logs are simulated, if any."""
-        horizon = self.horizon(estimate)
-        return replace(estimate, horizon=horizon) if math.isfinite(horizon) else estimate
-
-    def run(self, number: int, estimate: Estimate) -> FreeRun:
-        """Simulate one log, by its number, with an estimate."""
-        return self.run_with(number, self.setting(number, estimate))
-
-    def run_with(self, number: int, setting: Setting) -> FreeRun:
-        """Simulate one log, by its number, with the recorded input."""
-        trajectory = self._trajectory(number, setting)
-        simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-        return FreeRun(log=self.data.logs[number], simulated=simulated, horizon=setting.horizon)
-
-    def fits(self, estimate: Estimate, numbers: Iterable[int] | None = None) -> NDArray[np.float64]:
-        """(n,) FIT in per cent of all logs, or some, with an estimate."""
-        chosen = range(len(self.data.logs)) if numbers is None else numbers
-        return np.array([self._fit_of(k, self.setting(k, estimate)) for k in chosen])
-
-    def fits_with(
-        self, parameters: LumpedParameters, horizon: float = math.inf
-    ) -> NDArray[np.float64]:
-        """(n,) FIT in per cent of all logs with parameters of the bare hand, over a horizon."""
-        settings = [
-            Setting(parameters=parameters, zero=self.data.zero_of(log), horizon=horizon)
-            for log in self.data.logs
-        ]
-        return np.array([self._fit_of(k, each) for k, each in enumerate(settings)])
-
-    def _fit_of(self, number: int, setting: Setting) -> float:
-        """FIT of one log, as that of its free run, without keeping the angles."""
-        trajectory = self._trajectory(number, setting)
-        error = trajectory.squared_error(setting.parameters, setting.zero, setting.velocity)
-        return fit_of(error, self._spreads[number])
-
-    def _trajectory(self, number: int, setting: Setting) -> Trajectory | Segments:
-        log, parameters = self.data.logs[number], setting.parameters
-        told = setting.velocity is not None
-        key = (number, grid_step(log, parameters), setting.horizon, told)
-        if key not in self._trajectories:
-            self._trajectories[key] = setting.simulation(log)
-        return self._trajectories[key]
+        own = self.log.time - self.log.time[0]
+        length = min(block(self.log), float(own[-1]))
+        number = ((time - time[0]) / length).astype(np.intp)
+        starts = rng.uniform(0, own[-1], number[-1] + 1)
+        instants = starts[number] + (time - time[0]) - number * length
+        latest = np.searchsorted(own, instants % own[-1], side="right") - 1
+        return np.asarray(self.relative[latest])
 
 
-def fit_of(squared_error: float, spread: float) -> float:
-    """Return FIT in per cent; none of an angle that stands still, or of one that diverges.
+def block(log: Log) -> float:
+    """Return the length in s of the blocks of a log: whole periods of its drive."""
+    if log.excitation is None:
+        return _BLOCK
+    period = 2 * math.pi / log.excitation.omega
+    return math.ceil(_BLOCK / period) * period
 
-    Parameters
-    ----------
-    squared_error
-        Sum of squares in rad^2 of simulated less measured angles.
-    spread
-        The same of the measured angles about their mean.
+
+def expected_errors(data: DataSet, estimate: Estimate) -> list[ExpectedErrors]:
+    """Return the errors of the logs that an estimate was made from, in their order.
+
+    A log that stands still has none.
     """
-    if not spread or not math.isfinite(squared_error):
-        return -math.inf
-    return 100 * (1 - math.sqrt(squared_error / spread))
+    found = []
+    further = math.sqrt(1 + 1 / len(data.masses))
+    for number, log in enumerate(data.logs):
+        motion = float(np.std(log.angle))
+        if not motion:
+            continue
+        others = estimate.left_out.get(log.added_mass)
+        own = estimate if others is None else replace(estimate, values=others)
+        run = data.simulations.run(number, own)
+        relative = (log.angle - run.simulated) / motion * (further if others is None else 1.0)
+        found.append(ExpectedErrors(log=log, relative=relative, unseen=others is not None))
+    return found
 
 
-def _spread(log: Log) -> float:
-    """Sum of squares in rad^2 of the measured angle about its mean."""
-    return float(np.sum((log.angle - log.angle.mean()) ** 2))
+def donors(found: Sequence[ExpectedErrors], mass: AddedMass) -> list[ExpectedErrors]:
+    """Return the logs with other added masses than one; all if there are none."""
+    alike = mass.inertia_and_moment
+    others = [each for each in found if each.log.added_mass.inertia_and_moment != alike]
+    return others or list(found)
 
 
-def free_run(log: Log, setting: Setting) -> FreeRun:
-    """Simulate one log that belongs to no data set (see `Predictor.run_with`).
+def predict_logs(
+    logs: Sequence[Log],
+    estimate: Estimate,
+    setting: SettingOf,
+    *,
+    draws: ParameterDraws | None = None,
+    errors: Sequence[ExpectedErrors] = (),
+    seed: int = 0,
+    track: Track = untracked,
+) -> list[Prediction]:
+    """Predict logs from their first sample and their input alone.
 
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    setting
-        Parameters of the bare hand (the log's added mass is put on here (78)), and its start.
+    The ``setting`` says with what an estimate simulates a log, by its number. Without draws there
+    is no band; without the errors of the logs that the estimate was made from, none of a new log.
+    The seed fixes which of them are drawn.
     """
-    trajectory = setting.simulation(log)
-    simulated = trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-    return FreeRun(log=log, simulated=simulated, horizon=setting.horizon)
+    seeds = np.random.SeedSequence(seed).spawn(len(logs))
+
+    def predicted(number: int) -> Prediction:
+        log, own = logs[number], setting(number, estimate)
+        simulation = own.simulation(log)
+        run, samples = own.run(simulation), samples_of_bands(log)
+        bands: dict[str, Band] = {}
+        if draws is not None:
+            angles = draws.angles_of(log, own)
+            if angles is None:
+                instants = log.time[samples]
+                drawn = (setting(number, each) for each in draws.estimates(own.horizon))
+                angles = np.array(
+                    [simulation.at(instants, d.parameters, d.zero, d.velocity) for d in drawn]
+                )
+            bands[OF_PARAMETERS] = _band(angles, draws.weights)
+            if errors:
+                rng = np.random.default_rng(seeds[number])
+                wrong = _drawn_errors(run, samples, errors, len(angles), rng)
+                bands[OF_NEW_LOG] = _band(angles + wrong, draws.weights)
+        return Prediction(run=run, samples=samples, bands=bands)
+
+    return in_threads(predicted, range(len(logs)), track, "Predicting logs")
+
+
+def _drawn_errors(
+    run: FreeRun,
+    samples: NDArray[np.intp],
+    errors: Sequence[ExpectedErrors],
+    count: int,
+    rng: np.random.Generator,
+) -> Samples:
+    """(count, k) errors in rad, each row of one donor, every donor as often as any other."""
+    others, time = donors(errors, run.log.added_mass), run.log.time[samples]
+    rounds = [rng.permutation(len(others)) for _ in range(-(-count // len(others)))]
+    drawn = np.array([others[k].drawn(time, rng) for k in np.concatenate(rounds)[:count]])
+    return float(np.std(run.simulated)) * drawn
+
+
+def _band(angles: Samples, weights: Samples) -> Band:
+    """Return the quantiles of (m, k) angles by their (m,) weights."""
+    order = np.argsort(angles, axis=0)
+    reached = np.cumsum(weights[order], axis=0)
+    rows = (np.argmax(reached >= tail * reached[-1], axis=0) for tail in _TAILS)
+    lower, upper = (
+        np.take_along_axis(angles, np.take_along_axis(order, row[None], axis=0), axis=0)[0]
+        for row in rows
+    )
+    return Band(lower=lower, upper=upper)

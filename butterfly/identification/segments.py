@@ -10,13 +10,13 @@ Inverse Problems 19, 2003; Schittkowski, Numerical Data Fitting in Dynamical Sys
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.free_run import Begin, Trajectory
+from butterfly.identification.simulation import Begin, Simulation
 from butterfly.logs.beginning import Beginning
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.model.parameters import LumpedParameters
@@ -33,22 +33,22 @@ _START = ("zero", "velocity")
 
 
 class Segments:
-    """Simulates one log in segments with the recorded input; as `Trajectory` in all that counts.
+    """Simulates one log in segments with the recorded input; as `Simulation` in all that counts.
 
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    parameters
-        Of the bare hand (see `Trajectory`).
-    horizon
-        Longest segment in s.
-    first
-        Number of the first sample whose error counts; a segment begins there.
+    Segments are no longer than the ``horizon`` in s, and one begins at the sample numbered
+    ``first``, from which on errors count. With ``warm`` each start is sought from the one that was
+    found last, which is near in a descent, but makes what is found depend on what was asked before;
+    else each search begins where the log does.
     """
 
     def __init__(
-        self, log: Log, parameters: LumpedParameters, horizon: float, first: int = 0
+        self,
+        log: Log,
+        parameters: LumpedParameters,
+        horizon: float,
+        first: int = 0,
+        *,
+        warm: bool = False,
     ) -> None:
         self.log = log
         before = _edges(log.time[:first], horizon)
@@ -56,7 +56,9 @@ class Segments:
         ends = [*self._edges[1:], log.time.size]
         rate = log.rms_speed / (float(np.std(log.angle)) or 1.0)
         self._segments = [
-            _Segment(log.piece(begin, end), parameters, rate, whole=len(self._edges) == 1)
+            _Segment(
+                log.piece(begin, end), parameters, rate, whole=len(self._edges) == 1, warm=warm
+            )
             for begin, end in zip(self._edges, ends, strict=True)
         ]
         self._counted = self._segments[len(before) :]
@@ -64,31 +66,41 @@ class Segments:
     @property
     def step(self) -> float:
         """Step of the simulation in s."""
-        return self._counted[0].trajectory.step
+        return self._counted[0].simulation.step
 
     def at(
         self, instants: Samples, parameters: LumpedParameters, zero: float, _: Begin = None
     ) -> Samples:
-        """Return the simulated angles at increasing instants (see `Trajectory.at`)."""
-        groups = np.split(instants, np.searchsorted(instants, self.log.time[self._edges[1:]]))
+        """Return the simulated angles at increasing instants (see `Simulation.at`)."""
         runs = [
-            segment.trajectory.at(group, parameters, zero, segment.begin(parameters, zero))
-            for segment, group in zip(self._segments, groups, strict=True)
+            segment.simulation.at(group, parameters, zero, segment.begin(parameters, zero))
+            for segment, group in self._by_segment(instants)
         ]
         return np.concatenate(runs)
 
-    def at_stamps(
-        self, parameters: LumpedParameters, zero: float, _: Begin = None
-    ) -> NDArray[np.float64]:
+    def at_stamps(self, parameters: LumpedParameters, zero: float, _: Begin = None) -> Samples:
         """Return the simulated angles at the log's own stamps."""
         return self.at(self.log.time, parameters, zero)
 
     def squared_error(self, parameters: LumpedParameters, zero: float, _: Begin = None) -> float:
         """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
         return sum(
-            each.trajectory.squared_error(parameters, zero, each.begin(parameters, zero))
+            each.simulation.squared_error(parameters, zero, each.begin(parameters, zero))
             for each in self._segments
         )
+
+    def error_and_angles(
+        self, instants: Samples, parameters: LumpedParameters, zero: float, _: Begin = None
+    ) -> tuple[float, Samples]:
+        """Return `squared_error`, and `at` at increasing instants, of one run."""
+        runs = [
+            segment.simulation.error_and_angles(
+                group, parameters, zero, segment.begin(parameters, zero)
+            )
+            for segment, group in self._by_segment(instants)
+        ]
+        errors, angles = zip(*runs, strict=True)
+        return sum(errors), np.concatenate(angles)
 
     def linearised(
         self,
@@ -97,7 +109,7 @@ class Segments:
         zero: float,
         _: Begin = None,
     ) -> tuple[Samples, Samples, Samples]:
-        """Return errors and derivatives less what the starts explain (see `Trajectory`)."""
+        """Return errors and derivatives less what the starts explain (see `Simulation`)."""
         errors, rows, mixtures, _directions = zip(
             *(each.expanded(names, parameters, zero) for each in self._counted), strict=True
         )
@@ -111,21 +123,26 @@ class Segments:
         """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
         own = np.split(values, self._edges[1:])[-len(self._counted) :]
         pairs = zip(self._counted, own, strict=True)
-        return np.concatenate([each.trajectory.averaged(part) for each, part in pairs])
+        return np.concatenate([each.simulation.averaged(part) for each, part in pairs])
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
-        return np.concatenate([each.trajectory.mean_inputs(parameters) for each in self._counted])
+        return np.concatenate([each.simulation.mean_inputs(parameters) for each in self._counted])
 
     def middles(self) -> Samples:
         """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
-        return np.concatenate([each.trajectory.middles() for each in self._counted])
+        return np.concatenate([each.simulation.middles() for each in self._counted])
+
+    def _by_segment(self, instants: Samples) -> Iterable[tuple[_Segment, Samples]]:
+        """Say which of the increasing instants lie in each segment."""
+        groups = np.split(instants, np.searchsorted(instants, self.log.time[self._edges[1:]]))
+        return zip(self._segments, groups, strict=True)
 
 
 class _Expanded(NamedTuple):
     """A segment's errors at its start, less what a change of that explains, and derivatives.
 
-    The fields are as `Trajectory.linearised` returns them, and the (m, j) orthonormal directions in
+    The fields are as `Simulation.linearised` returns them, and the (m, j) orthonormal directions in
     which the start moves the errors.
     """
 
@@ -162,16 +179,18 @@ class _About(NamedTuple):
 
 
 class _Segment:
-    """One segment, and the start that was fitted to it last: the next one is near.
+    """One segment, and where the search for its start begins.
 
     Of a whole log that begins at rest only the angle there is sought: friction holds a joint at
     rest, so that nothing can be differentiated by its velocity.
     """
 
-    def __init__(self, log: Log, parameters: LumpedParameters, rate: float, *, whole: bool) -> None:
-        self.trajectory = Trajectory(log, parameters)
+    def __init__(
+        self, log: Log, parameters: LumpedParameters, rate: float, *, whole: bool, warm: bool
+    ) -> None:
+        self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
-        self._latest = log.beginning
+        self._warm, self._near = warm, log.beginning
         self._spread = float(np.var(log.angle))
         self._sought = 1 if whole and log.beginning.velocity == 0 else len(_START)
 
@@ -180,7 +199,7 @@ class _Segment:
     ) -> _Expanded:
         """Return what the errors come down to at the best start."""
         every = tuple(dict.fromkeys((*names, *_START)))
-        found = self._about(every, parameters, zero, self._latest)
+        found = self._about(every, parameters, zero, self._near)
         if not found.settled:
             found = self._about(every, parameters, zero, self.begin(parameters, zero))
         directions, rows = found.directions, found.rows
@@ -193,10 +212,10 @@ class _Segment:
 
     def begin(self, parameters: LumpedParameters, zero: float) -> Beginning:
         """Return the start from which a simulation follows the segment best."""
-        begin = self._latest
+        begin = self._near
         at = self._about(_START, parameters, zero, begin)
         if not math.isfinite(at.cost):
-            begin = self.trajectory.log.beginning
+            begin = self.simulation.log.beginning
             at = self._about(_START, parameters, zero, begin)
         reach = 1.0
         for tries in range(_ROUNDS):
@@ -208,7 +227,8 @@ class _Segment:
                 begin, at, reach = there, tried, min(reach / _SHORTER, 1.0)
             else:
                 reach *= _SHORTER
-        self._latest = begin
+        if self._warm:
+            self._near = begin
         return begin
 
     def _about(
@@ -219,7 +239,7 @@ class _Segment:
         A change of the start moves the readings by 1 less what one of the zero does.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            expansion = self.trajectory.linearised(names, parameters, zero, begin)
+            expansion = self.simulation.linearised(names, parameters, zero, begin)
             errors, rows, mixture = expansion
             by_zero, by_velocity = (rows @ mixture[:, [names.index(each) for each in _START]]).T
         columns = np.column_stack([1 - by_zero, by_velocity]) * self._units
@@ -235,38 +255,45 @@ class _Segment:
         return _About(*expansion, left[:, felt], explained, step)
 
 
-def simulation(
+def simulation_of(
     log: Log,
     parameters: LumpedParameters,
     horizon: float = math.inf,
     first: int = 0,
     *,
-    told: bool = False,
+    velocity_known: bool = False,
     free: bool = False,
-) -> Trajectory | Segments:
-    """Make a log ready to be simulated, whole or in segments.
+    warm: bool = False,
+) -> Simulation | Segments:
+    """Make a log ready to be simulated, whole or in segments (see `is_segmented`, `Segments`)."""
+    if is_segmented(
+        log, parameters, horizon, first=first, velocity_known=velocity_known, free=free
+    ):
+        return Segments(log, parameters, horizon, first, warm=warm)
+    return Simulation(log, parameters, first)
+
+
+def is_segmented(
+    log: Log,
+    parameters: LumpedParameters,
+    horizon: float,
+    *,
+    first: int = 0,
+    velocity_known: bool,
+    free: bool = False,
+) -> bool:
+    """Whether a log is simulated in segments, or as a single one, whose start is fitted.
 
     A log that is no longer than the horizon is simulated whole if it begins at rest, if its
-    beginning does not count, or if its velocity there is told; else as a single segment, whose
-    start is fitted. So is that of a joint that no gravity brings back: the noise of its first
-    sample would stay for good.
-
-    Parameters
-    ----------
-    log, parameters, horizon, first
-        See `Segments`.
-    told
-        Whether the velocity at the first sample is told, or found otherwise.
-    free
-        Whether the start is to be fitted also of a log that begins at rest, as noise of its first
-        sample is of weight.
+    beginning does not count, or if its velocity there is known; but not that of a joint that no
+    gravity brings back: the noise of its first sample would stay for good. ``free`` starts are
+    fitted also of a log that begins at rest, as noise of its first sample is of weight.
     """
-    whole = Trajectory(log, parameters, first)
     longer = log.time[-1] - log.time[0] > horizon
     loaded = parameters.with_added_mass(log.added_mass)
-    doubtful = loaded.p3 == 0 or whole.starts_anew or (free and first == 0)
-    fitted = (longer or (doubtful and not told)) and loaded.p1 > 0
-    return Segments(log, parameters, horizon, first) if fitted else whole
+    begins_in_motion = first == 0 and log.beginning.velocity != 0
+    doubtful = loaded.p3 == 0 or begins_in_motion or (free and first == 0)
+    return bool((longer or (doubtful and not velocity_known)) and loaded.p1 > 0)
 
 
 def _edges(time: Samples, horizon: float) -> list[int]:

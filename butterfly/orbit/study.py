@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.predict import FreeRun, Setting, free_run
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
@@ -160,4 +160,4 @@ def beside_orbit(
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
     rows = log.time - log.time[0] <= periods * period
     cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
-    return free_run(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))
+    return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

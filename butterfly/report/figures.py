@@ -114,8 +114,7 @@ def log_figure(
         if row == rows:
             style = {"mode": "markers", "marker": {"color": colour, "size": 2}}
         some = seen_samples([y], _MOST_OF_A_LOG)
-        x32, y32 = (part[some].astype(np.float32) for part in (x, y))
-        add(figure, row, x32, y32, showlegend=False, **style)
+        add(figure, row, x[some], y[some].astype(np.float32), showlegend=False, **style)
         figure.update_yaxes(title=title, row=row)
     figure.update_xaxes(title="time in s", row=rows)
     figure.update_layout(height=220 * rows + 80)

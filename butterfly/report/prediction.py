@@ -9,7 +9,7 @@ import numpy as np
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.series import Series
 
@@ -76,7 +76,6 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.55, 0.45]
     )
     way = prediction.run.log.added_mass.joint.way
-    time = prediction.time.astype(np.float32)
     centre = prediction.run.simulated[prediction.samples]
     lines = {"free run": (centre, PALETTE[5])}
     if measured:
@@ -89,7 +88,7 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
             band = prediction.bands[name]
             outline = np.concatenate([band.upper - about, (band.lower - about)[::-1]])
             filled = Scatter(
-                x=np.concatenate([time, time[::-1]]),
+                x=np.concatenate([prediction.time, prediction.time[::-1]]),
                 y=outline.astype(np.float32),
                 name=f"95 %, {name}",
                 fill="toself",
@@ -102,7 +101,7 @@ def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
             figure.add_trace(filled, row=row, col=1)
         for name, (angle, colour) in lines.items():
             drawn = Scatter(
-                x=time,
+                x=prediction.time,
                 y=(angle - about).astype(np.float32),
                 name=name,
                 line={"width": 1, "color": colour},

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-_SEEN = 20_000  # quanta of the largest number: a pixel is ten or more
+_SEEN = 20_000  # quanta of the whole range: a pixel is ten or more
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,25 +53,18 @@ class Series:
 def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
     """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
 
-    Parameters
-    ----------
-    values
-        The numbers.
-    logarithmic
-        Whether they are for a logarithmic axis: then it is their logarithms that are packed.
-
-    Returns
-    -------
-    ``quantum``, to whole multiples of which they are rounded: less than a screen shows;
-    ``steps``, in quanta, the first from 0, None for what is no number; and ``logarithmic``.
+    They are ``begin``, the first number, and ``steps`` from it in units of ``quantum``, less than a
+    screen shows of their range; None stands for what is no number. For a logarithmic axis it is
+    their logarithms that are packed.
     """
     if logarithmic:
         with np.errstate(divide="ignore", invalid="ignore"):
             values = np.log10(values)
     there = np.isfinite(values)
     finite = np.asarray(values[there], dtype=np.float64)
-    quantum = float(f"{np.max(np.abs(finite), initial=0.0) / _SEEN:.3g}") or 1.0
+    begin = float(finite[0]) if finite.size else 0.0
+    quantum = float(f"{(np.ptp(finite) if finite.size else 0.0) / _SEEN:.3g}") or 1.0
     steps = np.full(values.size, None, dtype=object)
-    steps[there] = np.diff(np.rint(finite / quantum), prepend=0.0).astype(np.int64)
-    packed = {"quantum": quantum, "steps": steps.tolist()}
+    steps[there] = np.diff(np.rint((finite - begin) / quantum), prepend=0.0).astype(np.int64)
+    packed = {"begin": begin, "quantum": quantum, "steps": steps.tolist()}
     return packed | {"logarithmic": True} if logarithmic else packed

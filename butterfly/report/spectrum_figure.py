@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.identification.diagnostics.misfit import LogMisfit
-from butterfly.identification.predict import FreeRun
+from butterfly.identification.free_run import FreeRun
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.series import Series, packable
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid

@@ -38,7 +38,7 @@ def time_comparison(each: ThreeWay) -> Figure:
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.62, 0.38]
     )
-    x = log.time[rows].astype(np.float32)
+    x = log.time[rows]
     for name, angle in columns.items():
         colour, dash = _LOOKS[name]
         style = {

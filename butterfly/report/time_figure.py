@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from butterfly.identification.diagnostics.misfit import ErrorBand
+from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.intervals import CONFIDENCE
-from butterfly.identification.predict import FreeRun
 from butterfly.report.figures import GREY, PALETTE, SHADE, add, seen_samples
 from butterfly.report.series import Series, packable
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    Curves = tuple[NDArray[np.float32], ...]
+    Curves = tuple[NDArray[np.floating], ...]
 
 _STEP = 0.02  # s between drawn points
 _MOST, _LEAST = 150_000, 600  # points of all the logs of a page, and of each
@@ -78,6 +78,6 @@ def _curves(run: FreeRun, band: ErrorBand | None, most: int) -> Curves:
         reach = np.interp(log.time, band.time, band.reach, left=np.nan, right=np.nan)
     every = max(1, round(_STEP / log.mean_step))
     some = seen_samples([log.angle, difference], most, every=every)
-    columns = (log.time, log.angle, run.simulated, -reach, reach, difference)
+    columns = (log.angle, run.simulated, -reach, reach, difference)
     with np.errstate(over="ignore"):  # what ran away is not drawn
-        return tuple(np.asarray(column[some], dtype=np.float32) for column in columns)
+        return log.time[some], *(column[some].astype(np.float32) for column in columns)

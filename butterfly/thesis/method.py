@@ -10,7 +10,6 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.other_parameters import best_gain
-from butterfly.identification.predict import Predictor
 from butterfly.thesis.scripts import DECIMATION, fit_thesis
 
 
@@ -38,4 +37,4 @@ class Thesis(Estimator):
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from the sines of a data set (see `Estimator`)."""
         found = fit_thesis(data.recorded, self.decimation)
-        return found.with_gain(best_gain(found.parameters, Predictor(data)))
+        return found.with_gain(best_gain(found.parameters, data))

@@ -11,7 +11,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.api.drawn import WEIGHT
-from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS
+from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS
 from butterfly.model.known import Known
 from butterfly.model.parameters import LumpedParameters
 

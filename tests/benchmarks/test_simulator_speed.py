@@ -5,7 +5,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 from scipy.integrate import solve_ivp
 
-from butterfly.identification.free_run import Trajectory
+from butterfly.identification.simulation import Simulation
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.mjcf import compile_model
@@ -52,7 +52,7 @@ def test_scipy_and_mujoco_need_hundreds_of_times_the_kernel_s_time(real):
     parameters = LumpedParameters(p1=found.p1, p2=found.p2, p3=found.p3, p4=found.p4)
     log = real.data.logs[_LOG]
     loaded = parameters.with_added_mass(log.added_mass)
-    grid = Trajectory(log, parameters).grid
+    grid = Simulation(log, parameters).grid
     stamps = np.union1d(grid, log.time)
     fine = np.union1d(stamps, 0.5 * (stamps[1:] + stamps[:-1]))
     exact = _by_kernel(loaded, log, fine)[np.searchsorted(fine, grid)]

@@ -10,9 +10,8 @@ import pytest
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, WeakForm
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.validation import hold_out
-from butterfly.identification.predict import Predictor
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import hold_out
 from butterfly.report.leaderboard import leaderboard_page
 from tests.identification.simulated import ROBOT, SWINGS, steady
 
@@ -41,7 +40,7 @@ def test_the_best_predictor_of_unseen_masses_comes_first(data, entries):
     told = next(entry for entry in own if entry.method == "harmonic-balance(drag)")
     fits = hold_out(data, HarmonicBalance(terms=("drag",), check=False), Split.MASS).fits
     assert told.held_out.median == pytest.approx(np.median(fits), rel=1e-9)
-    assert told.in_sample.worst == pytest.approx(Predictor(data).fits(told.estimate).min())
+    assert told.in_sample.worst == pytest.approx(data.simulations.fits(told.estimate).min())
 
 
 def test_an_estimator_that_cannot_says_why_and_comes_last(entries):

@@ -11,7 +11,6 @@ from butterfly.comparison.three_way import compare_three
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.given import given_estimate
-from butterfly.identification.predict import Predictor
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
@@ -120,7 +119,7 @@ def test_a_log_without_a_sine_has_no_gain(data, estimate):
 @pytest.mark.parametrize("number", [9, 13, 19, 40])
 def test_the_three_ways_to_simulate_a_real_log_agree(real, number):
     """MuJoCo's Coulomb friction, which creeps at rest, is what is left."""
-    setting = Predictor(real.data).setting(number, real.estimate)
+    setting = real.data.simulations.setting(number, real.estimate)
     log, p = real.data.logs[number], setting.parameters
     start = float(log.angle[0]) - setting.zero
     mujoco, grey = (
@@ -128,6 +127,6 @@ def test_the_three_ways_to_simulate_a_real_log_agree(real, number):
         + setting.zero
         for kind in (MujocoJoint, GreyBoxJoint)
     )
-    run = Predictor(real.data).run_with(number, setting).simulated
+    run = real.data.simulations.run_with(number, setting).simulated
     assert np.abs(grey - run).max() < 2e-4
     assert np.abs(mujoco - run).max() < 3e-3

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.divergence import GROWTH, horizon_of
+from butterfly.identification.prediction_horizon import GROWTH, horizon_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from tests.independent.integrator import Joint, motion

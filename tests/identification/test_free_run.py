@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators import OutputError
-from butterfly.identification.free_run import Trajectory
-from butterfly.identification.predict import FitSummary, FreeRun, Predictor, Setting, free_run
+from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.free_run import FitSummary, FreeRun, Setting
+from butterfly.identification.identification import identify
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
@@ -63,9 +65,9 @@ def test_a_summary_is_median_mean_and_worst():
 
 def test_a_run_begins_with_the_velocity_it_is_told(data):
     told = Setting(parameters=ROBOT, zero=ZERO, velocity=SPEED)
-    assert free_run(data.logs[1], told).fit > 99.9
-    assert free_run(data.logs[1], replace(told, velocity=0.0)).fit < 80
-    assert Predictor(data).run_with(1, told).fit > 99.9
+    assert FreeRun.of(data.logs[1], told).fit > 99.9
+    assert FreeRun.of(data.logs[1], replace(told, velocity=0.0)).fit < 80
+    assert data.simulations.run_with(1, told).fit > 99.9
 
 
 def test_the_velocity_and_zero_found_for_each_log_are_used_to_predict_it(data):
@@ -75,12 +77,12 @@ def test_the_velocity_and_zero_found_for_each_log_are_used_to_predict_it(data):
     speeds = [found.local[log.name]["velocity"] for log in data.logs]
     assert speeds == pytest.approx([SPEED] * 3, rel=2e-3)
     assert found.local[None]["zero"] == pytest.approx(ZERO, abs=1e-3)
-    assert Predictor(data).fits(found).min() > 99.5
+    assert data.simulations.fits(found).min() > 99.5
 
 
 def test_a_drive_whose_gain_falls_is_differentiated_by_that_too(data):
     log, drive = data.logs[1], replace(ROBOT, compression=0.4)
-    trajectory, step = Trajectory(log, drive), 1e-5
+    trajectory, step = Simulation(log, drive), 1e-5
     _, rows, mixture = trajectory.linearised(["compression", "p4"], drive, ZERO, SPEED)
     for k, name in enumerate(("compression", "p4")):
         there, back = (
@@ -100,6 +102,32 @@ def test_noise_of_a_law_is_simulated_sample_by_sample():
     time = np.arange(0, 6, 2e-3)
     inputs = np.sin(2 * time) + 0.1 * np.random.default_rng(1).standard_normal(time.size)
     angle, _ = motion(joint, time, inputs)
-    run = Trajectory(Log(time=time, input=inputs, angle=angle), same)
+    run = Simulation(Log(time=time, input=inputs, angle=angle), same)
     assert run.step <= time[1] / 2
     np.testing.assert_allclose(run.at_stamps(same, 0.0), angle, atol=1e-6)
+
+
+def test_a_fit_that_was_asked_for_is_simulated_once_and_held_out_logs_too(data, monkeypatch):
+    estimator = OutputError(terms=(), fixed=("p1",), per_log=("velocity",), check=False, workers=1)
+    found = estimator.of_logs(data.logs, ROBOT, dict.fromkeys(MASSES, ZERO))
+    runs, run = [], Simulation.run
+    monkeypatch.setattr(Simulation, "run", lambda *each: runs.append(1) or run(*each))
+    fresh = data.take(range(len(data.logs)))
+    fits = fresh.simulations.fits(found)
+    np.testing.assert_array_equal(fresh.simulations.fits(found), fits)
+    assert len(runs) == len(data.logs)
+    assert pickle.loads(pickle.dumps(fresh)).simulations.fits(found).tolist() == fits.tolist()  # noqa: S301 - our own
+
+
+def test_logs_that_are_held_out_are_simulated_once(data, monkeypatch):
+    apart = data.holding([0])
+    runs, run = [], Simulation.run
+
+    def counted(self, *rest):
+        runs.append(self.log.name)
+        return run(self, *rest)
+
+    monkeypatch.setattr(Simulation, "run", counted)
+    found = identify(apart, WeakForm(terms=(), check=False))
+    assert runs.count(apart.held.logs[0].name) == 1
+    assert list(found.held_out) == [apart.held.logs[0].name]

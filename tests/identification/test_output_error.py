@@ -7,7 +7,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError
-from butterfly.identification.predict import FitSummary, Predictor
+from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -100,7 +100,7 @@ def test_what_differs_from_log_to_log_can_be_fitted(logs):
     estimate = _fit(turned, per_log=("zero",), terms=("drag", "load", "stribeck", "bias"))
     zeros = [estimate.local[f"{k}"]["zero"] for k in range(len(turned))]
     assert np.median(np.diff(zeros)) == pytest.approx(0.01, abs=1e-4)
-    assert np.median(Predictor(DataSet.of(turned)).fits(estimate)) > 99
+    assert np.median(DataSet.of(turned).simulations.fits(estimate)) > 99
 
 
 def test_a_robust_loss_is_not_misled_by_a_log_that_jumps(logs):
@@ -134,7 +134,7 @@ def fitted(real):
 
 
 def test_the_real_logs_are_followed_closely(real, fitted):
-    summary = FitSummary.of(Predictor(real.data).fits(fitted))
+    summary = FitSummary.of(real.data.simulations.fits(fitted))
     assert summary.median >= 96.9
     assert summary.mean >= 95.6
     assert summary.worst >= 87
@@ -143,7 +143,7 @@ def test_the_real_logs_are_followed_closely(real, fitted):
 def test_viscous_and_coulomb_friction_alone_follow_them_less(real):
     data, options = real.data, OutputError(terms=(), per_mass=("zero",), check=False)
     start = HarmonicBalance(terms=(), check=False)(data).parameters
-    fits = Predictor(data).fits(options.of_logs(data.logs, start, data.equilibria))
+    fits = data.simulations.fits(options.of_logs(data.logs, start, data.equilibria))
     assert 95 <= np.median(fits) < 96.5
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimators import WeakForm
+from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identification import identify, judged
 from butterfly.identification.other_parameters import best_gain, try_parameters
-from butterfly.identification.predict import FitSummary, FreeRun, Predictor, Setting, free_run
 from butterfly.logs.log import Intersample
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.greybox import simulate
@@ -43,7 +43,7 @@ def _simulated(template, intersample, parameters=ROBOT, swing=0.1, rest=0.7):
 @pytest.mark.parametrize("intersample", list(Intersample))
 def test_a_simulated_log_is_followed_with_its_own_parameters(sine_log, intersample):
     log = _simulated(sine_log, intersample)
-    assert free_run(log, Setting(parameters=ROBOT, zero=0.7)).fit > 99.9
+    assert FreeRun.of(log, Setting(parameters=ROBOT, zero=0.7)).fit > 99.9
 
 
 def test_the_fit_is_the_formula_s():
@@ -60,7 +60,7 @@ def test_the_fit_is_the_formula_s():
 
 def test_wrong_parameters_follow_worse_and_a_missing_gain_is_found(sine_log):
     log = _simulated(sine_log, Intersample.ZERO_ORDER_HOLD, swing=0.0)
-    data = Predictor(DataSet.of([log]))
+    data = DataSet.of([log])
     own = try_parameters("own", ROBOT, data)
     blind = try_parameters("no gain", replace(ROBOT, p4=float("nan")), data)
     wrong = try_parameters("heavy", replace(ROBOT, p1=1.1 * ROBOT.p1), data)
@@ -85,12 +85,12 @@ def test_the_real_robot_s_linearised_resonances_are_the_known_ones(real):
 def test_table_5_follows_the_same_logs_far_worse(real):
     """With its best p4, as it is found on fewer logs."""
     table_5 = LumpedParameters(p1=0.0028, p2=0.0188, p3=0.0583, p4=3.625)
-    other = try_parameters("Table 5", table_5, Predictor(real.data))
+    other = try_parameters("Table 5", table_5, real.data)
     known = FitSummary(median=37.4, mean=35.4, worst=2.8)
     assert other.summary.median == pytest.approx(known.median, abs=1.0)
     assert other.summary.mean == pytest.approx(known.mean, abs=1.0)
     assert other.summary.worst == pytest.approx(known.worst, abs=1.0)
-    few = Predictor(real.data.take(range(0, 41, 6)))
+    few = real.data.take(range(0, 41, 6))
     assert best_gain(table_5, few) == pytest.approx(table_5.p4, rel=0.15)
 
 
@@ -107,7 +107,7 @@ def test_thesis_mode_prints_the_published_resonances(real, decimation, published
 def test_an_identification_is_judged_over_the_horizon_that_its_logs_are_simulated_over(
     quick_data, monkeypatch
 ):
-    monkeypatch.setattr(Predictor, "horizon", lambda self, estimate: 3.0)  # noqa: ARG005 - a method
+    monkeypatch.setattr(Simulations, "horizon", lambda self, estimate: 3.0)  # noqa: ARG005 - a method
     data, estimator = read_data_set(read_manifest(quick_data / "manifest.yaml")), WeakForm()
     found = identify(data, estimator)
     assert found.estimate.horizon == found.summary.horizon == 3.0

@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.draws import draw_parameters
+from butterfly.identification.draws import draw_parameters, weighed
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.expected_errors import block, donors, left_over
-from butterfly.identification.free_run import Trajectory
-from butterfly.identification.importance import weighed
-from butterfly.identification.predict import Predictor, Setting, free_run
-from butterfly.identification.prediction import OF_NEW_LOG, OF_PARAMETERS, Band, predict_logs
+from butterfly.identification.free_run import FreeRun, Setting
+from butterfly.identification.predict import (
+    OF_NEW_LOG,
+    OF_PARAMETERS,
+    Band,
+    block,
+    donors,
+    expected_errors,
+    predict_logs,
+)
+from butterfly.identification.simulation import Simulation
 from butterfly.model.parameters import AddedMass
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, simulated, steady
@@ -35,7 +41,7 @@ def _noisy(logs, seed, noise=NOISE):
 
 def _predicted(data, found, draws, errors=(), seed=0):
     return predict_logs(
-        data.logs, found, Predictor(data).setting, draws=draws, errors=errors, seed=seed
+        data.logs, found, data.simulations.setting, draws=draws, errors=errors, seed=seed
     )
 
 
@@ -53,7 +59,7 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
     (prediction,) = _predicted(data.take([4]), found, draw_parameters(found, 4000))
     log, samples = data.logs[4], prediction.samples
     setting = Setting(parameters=found.parameters, zero=data.equilibria[log.added_mass])
-    trajectory = Trajectory(log, found.parameters)
+    trajectory = Simulation(log, found.parameters)
     rows = []
     for name, error in zip(found.names, found.standard_errors, strict=True):
         ends = [
@@ -99,7 +105,7 @@ def test_bands_hold_what_they_promise_of_a_new_mass_and_frequency(clean):
             found,
             lambda _, estimate: Setting(parameters=estimate.parameters, zero=0.0),
             draws=draws,
-            errors=left_over(data, found),
+            errors=expected_errors(data, found),
         )
         truth.append(prediction.bands[OF_PARAMETERS].share(new.angle[prediction.samples]))
         recorded.append(prediction.bands[OF_NEW_LOG].share(prediction.measured))
@@ -109,10 +115,49 @@ def test_bands_hold_what_they_promise_of_a_new_mass_and_frequency(clean):
     assert np.mean(widths) < 1.5 * 2 * 1.96 * RELATIVE_NOISE
 
 
+def test_the_band_of_a_new_log_is_no_wider_than_it_has_to_be(clean):
+    """Of logs whose errors are those of the estimate's: half of it would hold clearly less."""
+    data = _noisy_by_its_motion(clean, 0)
+    found = HarmonicBalance(terms=())(data)
+    draws, errors = draw_parameters(found, 100), expected_errors(data, found)
+    again = _noisy_by_its_motion(clean, 1)
+    whole, half = [], []
+    for each in _predicted(again.take([0, 4, 8]), found, draws, errors):
+        band = each.bands[OF_NEW_LOG]
+        middle, reach = (band.upper + band.lower) / 2, (band.upper - band.lower) / 4
+        whole.append(band.share(each.measured))
+        half.append(Band(lower=middle - reach, upper=middle + reach).share(each.measured))
+    assert 0.9 < np.mean(whole) < 0.99
+    assert np.mean(half) < 0.8
+
+
+def test_draws_are_simulated_once_to_be_weighed_and_for_bands(clean, monkeypatch):
+    data = _noisy(clean, 0).take([0, 4, 8])
+    found = HarmonicBalance(terms=(), check=False)(_noisy(clean, 0))
+    drawn = draw_parameters(found, 40)
+    apart = weighed(drawn, data)
+    read_again = DataSet.of([replace(log, angle=log.angle.copy()) for log in data.logs])
+    kept = weighed(drawn, data, bands=read_again.logs)
+    np.testing.assert_array_equal(kept.weights, apart.weights)
+    runs = []
+    run = Simulation.run
+    monkeypatch.setattr(Simulation, "run", lambda *each: runs.append(1) or run(*each))
+    once = _predicted(read_again, found, kept)
+    assert len(runs) == len(data.logs)  # the free runs alone
+    for one, other in zip(once, _predicted(data, found, apart), strict=True):
+        np.testing.assert_array_equal(
+            one.bands[OF_PARAMETERS].upper, other.bands[OF_PARAMETERS].upper
+        )
+    assert (
+        kept.angles_of(replace(data.logs[0], angle=data.logs[0].angle + 1e-9), kept.runs[0].setting)
+        is None
+    )
+
+
 def test_seeds_fix_bands_and_only_their_own_part(clean):
     data = _noisy(clean, 0)
     found = HarmonicBalance(terms=())(data)
-    draws, errors = draw_parameters(found, 40), left_over(data, found)
+    draws, errors = draw_parameters(found, 40), expected_errors(data, found)
     one, same, other = (
         _predicted(data.take([0]), found, draws, errors, seed)[0].bands for seed in (1, 1, 2)
     )
@@ -140,11 +185,11 @@ def test_weights_leave_linear_models_alone_and_drop_draws_that_are_worse_than_pr
 def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(clean):
     data = _noisy(clean, 0)
     found = HarmonicBalance(terms=())(data)
-    errors = left_over(data, found)
+    errors = expected_errors(data, found)
     assert all(each.unseen for each in errors)
     mass = data.logs[0].added_mass
     unseen = replace(found, values=found.left_out[mass])
-    run = Predictor(data).run(0, unseen)
+    run = data.simulations.run(0, unseen)
     expected = (run.log.angle - run.simulated) / np.std(run.log.angle)
     np.testing.assert_allclose(errors[0].relative, expected, atol=1e-12)
     others = donors(errors, mass)
@@ -156,8 +201,8 @@ def test_errors_are_those_of_logs_that_the_estimate_has_not_seen(clean):
 def test_errors_in_sample_stand_for_those_unseen_but_are_larger(clean):
     data = _noisy(clean, 0)
     found = HarmonicBalance(terms=(), check=False)(data)
-    (first, *_) = left_over(data, found)
-    run = Predictor(data).run(0, found)
+    (first, *_) = expected_errors(data, found)
+    run = data.simulations.run(0, found)
     plain = (run.log.angle - run.simulated) / np.std(run.log.angle)
     assert not first.unseen
     np.testing.assert_allclose(first.relative, np.sqrt(4 / 3) * plain, atol=1e-12)
@@ -165,7 +210,7 @@ def test_errors_in_sample_stand_for_those_unseen_but_are_larger(clean):
 
 def test_drawn_errors_keep_the_level_of_their_log_and_are_as_slow(clean):
     data = _noisy(clean, 0, noise=0.0)
-    errors = left_over(data, OutputError(terms=(), check=False)(data))
+    errors = expected_errors(data, OutputError(terms=(), check=False)(data))
     slow = replace(errors[0], relative=np.sin(2.0 * errors[0].log.time))
     assert block(slow.log) == pytest.approx(2 * np.pi)
     time = np.arange(0, 300, 0.02)
@@ -178,7 +223,7 @@ def test_drawn_errors_keep_the_level_of_their_log_and_are_as_slow(clean):
 def test_drawn_noise_is_as_loud_as_the_log_s(clean):
     data = _noisy(clean, 0)
     noise = np.random.default_rng(0).standard_normal(data.logs[0].time.size)
-    loud = replace(left_over(data, HarmonicBalance(terms=())(data))[0], relative=noise)
+    loud = replace(expected_errors(data, HarmonicBalance(terms=())(data))[0], relative=noise)
     drawn = loud.drawn(np.arange(0, 300, 0.0131), np.random.default_rng(1))
     assert np.std(drawn) == pytest.approx(1.0, rel=0.03)
 
@@ -207,7 +252,7 @@ def test_left_out_masses_of_the_real_robot_lie_in_the_band_of_a_new_log(real, es
         )
         found = estimator(rest)
         draws = draw_parameters(found, 60, masses=data.masses)
-        predictions = _predicted(own, found, draws, left_over(rest, found))
+        predictions = _predicted(own, found, draws, expected_errors(rest, found))
         share = np.mean([each.bands[OF_NEW_LOG].share(each.measured) for each in predictions])
         assert 0.85 <= share <= 0.99
 
@@ -216,9 +261,9 @@ def test_the_centre_is_the_free_run(clean):
     data = _noisy(clean, 0)
     found = HarmonicBalance(terms=(), check=False)(data)
     (prediction,) = _predicted(data.take([2]), found, draw_parameters(found, 40))
-    setting = Predictor(data).setting(2, found)
+    setting = data.simulations.setting(2, found)
     np.testing.assert_allclose(
-        prediction.run.simulated, free_run(data.logs[2], setting).simulated, atol=1e-3
+        prediction.run.simulated, FreeRun.of(data.logs[2], setting).simulated, atol=1e-3
     )
     band = prediction.bands[OF_PARAMETERS]
     assert band.share(prediction.run.simulated[prediction.samples]) > 0.95

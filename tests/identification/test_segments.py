@@ -9,15 +9,15 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
-from butterfly.identification.free_run import Trajectory
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identification import identify
-from butterfly.identification.predict import Predictor, Setting, free_run
-from butterfly.identification.segments import Segments, simulation
+from butterfly.identification.segments import Segments, simulation_of
+from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
-from butterfly.report.numbers.estimate_json import estimate_content, estimate_of
 from butterfly.report.words import summary
 from tests.independent.integrator import Joint, motion
 
@@ -71,10 +71,10 @@ def test_noise_free_swing_ups_give_the_exact_parameters(exact):
     found = _fit(exact)
     assert found.horizon == pytest.approx(0.8)
     assert _values(found) == pytest.approx(list(TRUTH.values()), rel=1e-3)
-    fits = Predictor(DataSet.of(exact)).fits(found)
+    fits = DataSet.of(exact).simulations.fits(found)
     assert fits.min() > 99.99
     off = replace(ROBOT, p3=1.01 * ROBOT.p3)
-    assert all(free_run(log, Setting(parameters=off, zero=0.0)).fit < 50 for log in exact)
+    assert all(FreeRun.of(log, Setting(parameters=off, zero=0.0)).fit < 50 for log in exact)
 
 
 def test_a_horizon_that_is_told_goes_before(exact):
@@ -102,6 +102,15 @@ def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
     assert all(each.shape[1] == 2 for each in directions)
 
 
+def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
+    far = replace(ROBOT, p1=0.3, p3=4.5)
+    fresh, used = (Segments(exact[0], ROBOT, 0.8) for _ in range(2))
+    used.squared_error(far, 0.0)
+    assert used.squared_error(ROBOT, 0.0) == fresh.squared_error(ROBOT, 0.0)
+    for mine, own in zip(*(s.linearised(["p1"], ROBOT, 0.0) for s in (used, fresh)), strict=True):
+        np.testing.assert_array_equal(mine, own)
+
+
 def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
     time = STEP * np.arange(400)
     moving = 0.3 * np.sin(np.maximum(time - 1.0, 0.0))
@@ -116,9 +125,9 @@ def test_whole_logs_from_rest_are_simulated_as_they_were():
     inputs = 0.5 * np.sin(3 * time)
     angle, _ = motion(JOINT, time, inputs)
     log = Log(time, inputs, angle, input_kind="torque")
-    assert isinstance(simulation(log, ROBOT), Trajectory)
-    assert isinstance(simulation(log.piece(200, 800), ROBOT), Segments)
-    assert isinstance(simulation(log.piece(200, 800), ROBOT, told=True), Trajectory)
+    assert isinstance(simulation_of(log, ROBOT), Simulation)
+    assert isinstance(simulation_of(log.piece(200, 800), ROBOT), Segments)
+    assert isinstance(simulation_of(log.piece(200, 800), ROBOT, velocity_known=True), Simulation)
 
 
 def test_pieces_are_simulated_from_fitted_starts_with_what_was_commanded_before():
@@ -130,7 +139,7 @@ def test_pieces_are_simulated_from_fitted_starts_with_what_was_commanded_before(
     whole = Log(time, inputs, angle, input_kind="torque")
     setting = Setting(parameters=robot, zero=0.0)
     for first in range(120, 400, 40):
-        assert free_run(whole.piece(first, first + 500), setting).fit > 99.9
+        assert FreeRun.of(whole.piece(first, first + 500), setting).fit > 99.9
 
 
 def test_the_judgement_sees_segments_and_says_so(noisy):
@@ -151,12 +160,12 @@ def test_the_judgement_sees_segments_and_says_so(noisy):
 def test_a_saved_estimate_keeps_its_horizon(exact):
     found = _fit(exact[:1], horizon=0.5)
     for horizon in (None, 0.5, math.inf):
-        content = json.loads(json.dumps(estimate_content(replace(found, horizon=horizon))))
-        assert estimate_of(content).horizon == horizon
-    assert estimate_of({k: v for k, v in content.items() if k != "horizon"}).horizon is None
+        content = json.loads(json.dumps(replace(found, horizon=horizon).to_dict()))
+        assert Estimate.from_dict(content).horizon == horizon
+    assert Estimate.from_dict({k: v for k, v in content.items() if k != "horizon"}).horizon is None
 
 
 def test_logs_that_were_left_out_have_starts_of_their_own(noisy):
     found = _fit(noisy.logs[:3])
     held = DataSet.of(noisy.logs[3:])
-    assert Predictor(held).fits(found).min() > 99
+    assert held.simulations.fits(found).min() > 99

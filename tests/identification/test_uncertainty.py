@@ -11,7 +11,6 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.identification.estimators.weak_fit import WeakFit, Windows
-from butterfly.identification.predict import Predictor
 from butterfly.identification.weak_signals import HALF_WIDTH, Averaging, Known, weak_signals
 from butterfly.model.known import NOTHING
 from butterfly.model.terms import PARAMETERS, FrictionTerms
@@ -121,7 +120,7 @@ def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
     found = estimator.of_logs(logs, ROBOT, ZEROS)
     assert [found.local[f"log {k}"]["bias"] for k in range(3)] == pytest.approx(biases, abs=2e-5)
     assert found.local[None]["zero"] == pytest.approx(0.0, abs=1e-4)
-    assert Predictor(DataSet.of(logs)).fits(found).min() > 99.5
+    assert DataSet.of(logs).simulations.fits(found).min() > 99.5
 
 
 @pytest.fixture(scope="module")

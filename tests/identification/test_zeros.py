@@ -15,7 +15,6 @@ from butterfly.identification.dwell import rest_readings
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.owned_keys import columns_of, known_zeros, owned_keys
 from butterfly.identification.estimators.starts import starts
-from butterfly.identification.predict import Predictor
 from butterfly.identification.zero_fit import fitted_zero
 from butterfly.identification.zeros import ZeroKind, doubts, near
 from butterfly.logs.log import Log
@@ -153,7 +152,7 @@ def test_a_log_that_hardly_moves_rests_and_one_that_says_nothing_is_guessed():
 def test_the_weak_form_says_that_it_rests_on_a_guess(monkeypatch):
     monkeypatch.setattr("butterfly.identification.zeros.fitted_zero", lambda _: None)
     found = WeakForm(terms=(), check=False)(DataSet.of(_logs(0.3, turns=(0, 0, 0))))
-    assert FindingKind.ZERO_GUESSED in {each.kind for each in found.verdict.reasons}
+    assert FindingKind.ZERO_GUESSED in {each.kind for each in found.reasons}
 
 
 def test_an_uncertain_zero_adds_what_it_moves_the_estimate_by():
@@ -195,7 +194,7 @@ def test_output_error_holds_a_told_zero_and_weighs_an_uncertain_one():
     found = fit.of_starts(held.logs, starts(held, ())[:1])
     assert found.local == {}
     assert found.parameters.p3 == pytest.approx(P3, rel=1e-3)
-    assert (Predictor(held).fits(found) > 99).all()
+    assert (held.simulations.fits(found) > 99).all()
     rough = DataSet.of([replace(log, zero=(0.33, 1e-4)) for log in logs])
     weighed = fit.of_starts(rough.logs, starts(rough, ())[:1])
     assert 0.3 < weighed.local[None]["zero"] < 0.33

@@ -8,7 +8,8 @@ import pytest
 
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.errors import InputError
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
@@ -17,7 +18,6 @@ from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.robot import HAND_MASS, Clutch, Robot
 from butterfly.plant.rollout import replay_input
 from butterfly.plant.stand_alone import AIM, command_of, models, stand_alone
-from butterfly.resources import shipped
 from butterfly.signals import hold
 
 MASS = 2.0  # kg, which carries all that is drawn

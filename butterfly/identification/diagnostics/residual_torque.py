@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.left_over import (
+from butterfly.identification.diagnostics.residuals import (
     Balance,
     LeftOver,
     missing_terms,
@@ -20,7 +20,7 @@ from butterfly.identification.diagnostics.left_over import (
 )
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.predict import FreeRun, Predictor, Setting
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.weak_signals import Known, WeakSignals, weak_signals
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
@@ -93,7 +93,7 @@ def residual_torques(
     InputError
         If a log is shorter than a bump.
     """
-    predictor = Predictor(data)
+    predictor = data.simulations
     chosen = range(len(data.logs)) if numbers is None else numbers
     model = _Model(
         names=tuple(name for name in (*_AVERAGED, "tilt") if name in estimate.names),

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.identification.estimators.equations import Equations, LogEquations
 from butterfly.identification.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
-from butterfly.identification.free_run import Trajectory
 from butterfly.identification.inference.covariance import FEW
 from butterfly.identification.prior import Prior
-from butterfly.identification.segments import Segments, simulation
+from butterfly.identification.segments import Segments, simulation_of
+from butterfly.identification.simulation import Simulation
 from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.kinematics import Motion
@@ -104,7 +104,7 @@ class FreeRunResiduals:
     initial: Samples
     zeros: Mapping[AddedMass, float]
     prior: Prior | None
-    trajectories: tuple[Trajectory | Segments, ...]
+    trajectories: tuple[Simulation | Segments, ...]
     motion: tuple[float, ...]
     workers: int
 
@@ -139,7 +139,15 @@ class FreeRunResiduals:
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
         told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
         trajectories = tuple(
-            simulation(log, start, choice.horizon, k, told=told_velocity, free=len(logs) <= FEW)
+            simulation_of(
+                log,
+                start,
+                choice.horizon,
+                k,
+                velocity_known=told_velocity,
+                free=len(logs) <= FEW,
+                warm=True,
+            )
             for log, k in zip(logs, first, strict=True)
         )
         hangs = not choice.known.weightless(log.added_mass for log in logs)

@@ -32,17 +32,17 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.knowledge import refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.describing_fit import DescribingFit
 from butterfly.identification.estimators.describing_terms import DescribingTerms
 from butterfly.identification.estimators.steady_model import ROUGHLY, SteadyModel
-from butterfly.identification.free_run import Trajectory
+from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.intervals import without_each_mass
 from butterfly.identification.phasors import Phasors
 from butterfly.identification.reference import Reference
 from butterfly.identification.rest_angles import RestAngles
+from butterfly.identification.simulation import Simulation
 from butterfly.identification.steady import steady_sines
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass
@@ -92,9 +92,9 @@ class HarmonicBalance(Estimator):
         wanted = None if self.terms is None else "bias" in self.terms
         told = [data.logs[k].zero for k in numbers]
         rest = RestAngles.of(points, fit.parameters, data.equilibria, asked=wanted, told=told)
-        logs = [Trajectory(data.logs[k], fit.parameters) for k in numbers]
+        logs = [Simulation(data.logs[k], fit.parameters) for k in numbers]
         poles = [point.pole for point in points]
-        robot = SteadyModel(trajectories=logs, rest=rest, poles=poles)
+        robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
         chosen = DescribingTerms.of(fit, self.terms, check=self.check)
         fit, robot = robot.settled(DescribingFit.of(chosen.phasors))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.estimators.weak_fit import WeakFit, Windows
-from butterfly.identification.predict import Setting, free_run
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.regression import Regression, Solution
 from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
@@ -60,7 +60,7 @@ def seen(
     pairs = []
     for log, own in zip(logs, windows, strict=True):
         zero = reading_of(log, zeros)
-        run = free_run(log, Setting(parameters=parameters, zero=zero))
+        run = FreeRun.of(log, Setting(parameters=parameters, zero=zero))
         like = run.fit > LEAST_FIT
         pairs.append(Seen(own, cut(replace(log, angle=run.simulated), zero) if like else own))
     return pairs

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.estimators.describing_fit import DescribingFit
-from butterfly.identification.free_run import Trajectory
 from butterfly.identification.phasors import Phasors
 from butterfly.identification.rest_angles import RestAngles
-from butterfly.identification.simulated_response import simulated_response
+from butterfly.identification.simulation import Simulation
 
 SETTLED = 0.1
 """Of the errors, by which one more correction would move a fit that has settled."""
@@ -28,19 +27,12 @@ _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose rema
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SteadyModel:
-    """What is simulated besides the parameters of a balance.
+    """What is simulated besides the parameters of a balance: sines, and the angles they go about.
 
-    Parameters
-    ----------
-    trajectories
-        Of sines.
-    rest
-        About which angles they swing.
-    poles
-        Of the transients that were fitted to them.
+    The poles are those of the transients that were fitted to them.
     """
 
-    trajectories: Sequence[Trajectory]
+    simulations: Sequence[Simulation]
     rest: RestAngles
     poles: Sequence[complex | None]
 
@@ -50,11 +42,11 @@ class SteadyModel:
         That is nothing where the model, or its motion in a log, is too far from the robot's.
         """
         parameters = self.rest.applied(fit.parameters)
-        masses = (each.log.added_mass for each in self.trajectories)
+        masses = (each.log.added_mass for each in self.simulations)
         if not parameters.p1 + min(mass.inertia for mass in masses) > 0:
             return fit, self
-        logs = zip(self.trajectories, self.rest.zeros.tolist(), self.poles, strict=True)
-        responses = (simulated_response(each, parameters, *own) for each, *own in logs)
+        logs = zip(self.simulations, self.rest.zeros.tolist(), self.poles, strict=True)
+        responses = (each.steady_response(parameters, *own) for each, *own in logs)
         moved, middles = zip(*responses, strict=True)
         phasors = _with_remainder(fit, np.array(moved))
         rest = self.rest.moved(np.array(middles)) if np.isfinite(middles).all() else self.rest

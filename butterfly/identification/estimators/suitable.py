@@ -7,12 +7,12 @@ from typing import ClassVar, Literal
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.drift import HORIZONS, lasts
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.identification.prediction_horizon import HORIZONS, lasts
 from butterfly.identification.steady import steady_sines
 from butterfly.model.terms import PARAMETERS
 

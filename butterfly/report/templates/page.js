@@ -30,9 +30,9 @@ function themed({data, layout}) {
   }
   return [data.map(trace => recoloured(trace, colours)), result, {...OPTIONS, displayModeBar: narrow || data.some(trace => trace.type === "heatmap") ? false : "hover"}];
 }
-function numbers({quantum, steps, logarithmic}) {
+function numbers({begin, quantum, steps, logarithmic}) {
   let whole = 0;
-  const linear = Float64Array.from(steps, step => step === null ? NaN : (whole += step) * quantum);
+  const linear = Float64Array.from(steps, step => step === null ? NaN : begin + (whole += step) * quantum);
   return logarithmic ? linear.map(each => 10 ** each) : linear;
 }
 function ofLog({data, layout, curves}, log) {

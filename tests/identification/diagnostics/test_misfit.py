@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.predict import Setting, free_run
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.model.terms import TERMS
 from butterfly.plant.sensors import Encoder
+from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
 
@@ -65,7 +66,7 @@ def test_a_good_model_is_not_accused(logs, steps, noise):
     assert misfit.left_over.looks_like == "nothing that the data can show"
     (finding,) = misfit.findings
     assert finding.kind is FindingKind.NO_MISFIT
-    assert finding.severity is Severity.NOTE
+    assert finding.severity is Level.NOTE
 
 
 @pytest.mark.parametrize("term", MISSING)
@@ -79,7 +80,7 @@ def test_a_missing_term_is_seen_and_named(term):
     assert term in misfit.left_over.terms
     kinds = [finding.kind for finding in misfit.findings]
     assert kinds == [FindingKind.MISFIT, FindingKind.LEFT_OVER]
-    assert all(finding.severity is Severity.NOTE for finding in misfit.findings)
+    assert all(finding.severity is Level.NOTE for finding in misfit.findings)
     assert TERMS[term].looks_like in misfit.left_over.words("the motion")
 
 
@@ -162,7 +163,7 @@ def test_readings_of_a_good_model_lie_inside_its_bands(logs, noise):
     found = FIT(data)
     inside = []
     for log, misfit in zip(data.logs, judge_misfit(data, found).logs, strict=True):
-        run = free_run(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
+        run = FreeRun.of(log, Setting(parameters=found.parameters, zero=data.zero_of(log)))
         near = np.interp(log.time, misfit.band.time, misfit.band.reach)
         inside.append(np.mean(np.abs(run.simulated - log.angle) <= near))
     assert 0.93 <= np.mean(inside) <= 0.99
@@ -180,7 +181,7 @@ def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
     bands = [judge_misfit(data, each).logs[0].band for each in (sharp, wide)]
     log = data.logs[0]
     angles = [
-        free_run(log, Setting(parameters=each, zero=data.zero_of(log))).simulated
+        FreeRun.of(log, Setting(parameters=each, zero=data.zero_of(log))).simulated
         for each in (found.parameters, replace(found.parameters, p3=upper[k]))
     ]
     moved = np.interp(bands[0].time, log.time, np.abs(angles[1] - angles[0]))

@@ -1,0 +1,121 @@
+"""For how long a simulation stays near a log.
+
+About the upright gravity drives errors apart, however well the parameters are known. Their growth
+is that of the linearised equation along the measured motion, friction aside.
+
+What a model lacks acts as a force, and where no gravity answers it, all that it moved the joint by
+stays: the error of a free run grows with the time to the power 3/2, until it says more of that
+force than of the parameters. Over stretches that are short enough it is no larger than the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.diagnostics.sensor_errors import encoder_step
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.segments import simulation_of
+from butterfly.identification.zeros import reading_of
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.spectrum import uniform_grid
+
+Samples = NDArray[np.float64]
+
+GROWTH = 30.0
+"""Times by which an error at the start of a segment may grow within it."""
+
+HORIZONS = (math.inf, 10.0, 5.0, 2.0, 1.0, 0.5)
+"""Longest stretches in s that are tried, one after the other, where nothing brings a joint back."""
+
+_MORE = 3.0  # times the noise, above which something else is left over
+_STEP = 0.01  # s, along the motion
+_EVERY = 5  # steps from one beginning to the next
+_PREFERRED = np.array(
+    [1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0]
+)  # horizons, times powers of ten
+
+
+def horizon_of(
+    logs: Iterable[Log], parameters: LumpedParameters, zeros: Mapping[AddedMass, float]
+) -> float:
+    """Return the longest time in s within which no small error grows by more than `GROWTH`.
+
+    The parameters are those of the bare hand, roughly; the zeros the encoder's readings in rad of
+    the hand at rest. Infinite where none grows so; else rounded down, so that little depends on
+    the parameters.
+    """
+    found = min(
+        (_horizon(log, parameters, reading_of(log, zeros)) for log in logs), default=math.inf
+    )
+    if not math.isfinite(found):
+        return math.inf
+    decade = 10.0 ** math.floor(math.log10(found))
+    fits = _PREFERRED[_PREFERRED * decade <= found * (1 + 1e-9)]
+    return float(f"{fits[-1] * decade:.2g}")
+
+
+def _horizon(log: Log, parameters: LumpedParameters, zero: float) -> float:
+    loaded = parameters.with_added_mass(log.added_mass)
+    if not (loaded.p1 > 0 and loaded.p3 > 0):
+        return math.inf
+    angle = log.angle - zero
+    if np.cos(angle).min() >= 0:  # gravity pulls back wherever the hand is
+        return math.inf
+    grid = uniform_grid(log.time, _STEP)
+    falling = -loaded.p3 / loaded.p1 * np.cos(np.interp(grid, log.time, angle))
+    damping = max(loaded.p2, 0.0) / loaded.p1
+    slowest = math.sqrt(loaded.p1 / loaded.p3)
+    steps = _soonest(falling, damping, slowest)
+    return steps * _STEP if steps else math.inf
+
+
+def _soonest(falling: Samples, damping: float, slowest: float) -> int:
+    """Fewest steps in which an error grows `GROWTH`-fold, from any beginning on; 0 if none does.
+
+    An error of the velocity is as large as what it would move the angle by if nothing pulled: that
+    grows with time by itself, and does not count.
+    """
+    begins = np.arange(0, falling.size - 1, _EVERY)
+    angle = np.repeat([[1.0], [0.0]], begins.size, axis=1)  # of errors of angle, and of velocity
+    velocity = 1 - angle
+    for count in range(1, falling.size):
+        begins = begins[begins + count < falling.size]
+        angle, velocity = angle[:, : begins.size], velocity[:, : begins.size]
+        velocity += _STEP * (falling[begins + count] * angle - damping * velocity)
+        angle += _STEP * velocity
+        sizes = np.abs(angle) / [[1.0], [max(count * _STEP, slowest)]]
+        if sizes.max(initial=0.0) > GROWTH:
+            return count
+    return 0
+
+
+def lasting_horizon(logs: Sequence[Log], estimate: Estimate) -> float:
+    """Return the longest stretch in s over which simulations leave little but noise; else 0.5 s.
+
+    The logs are those of a joint without gravity moment.
+    """
+    for horizon in HORIZONS[:-1]:
+        if lasts(logs, estimate, horizon):
+            return horizon
+    return HORIZONS[-1]
+
+
+def lasts(logs: Sequence[Log], estimate: Estimate, horizon: float) -> bool:
+    """Whether simulations over stretches of a horizon in s leave little but noise."""
+    return float(np.median([_excess(log, estimate, horizon) for log in logs])) <= _MORE
+
+
+def _excess(log: Log, estimate: Estimate, horizon: float) -> float:
+    """Errors over stretches, each from a fitted start, in units of the noise."""
+    parameters, own = estimate.applied(log)
+    stretches = simulation_of(log, parameters, horizon)
+    errors = stretches.linearised((), parameters, own.get("zero", 0.0))[0]
+    noise = max(
+        float(np.std(np.diff(errors))) / math.sqrt(2), encoder_step(log.angle) / math.sqrt(12)
+    )
+    return float(np.sqrt(np.mean(errors**2))) / (noise or 1.0)

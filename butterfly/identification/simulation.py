@@ -1,0 +1,208 @@
+"""One log simulated with the recorded input, many times over: run, linearise, steady response."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.logs.beginning import Beginning
+from butterfly.logs.log import Log
+from butterfly.model.greybox import simulate
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import LumpedParameters, compressed
+from butterfly.model.sensitivities import Columns, Readings, differentiate
+from butterfly.signals import hermite, hold
+from butterfly.signals.sine_fit import sine_basis, with_transient
+from butterfly.signals.spectrum import uniform_grid
+from butterfly.signals.window import STEADY_SECONDS, steady_span
+
+Samples = NDArray[np.float64]
+
+Begin: TypeAlias = Beginning | float | None
+"""How a simulation starts: with angle and velocity, with a velocity, or as the log does."""
+
+LONGEST_STEP = 0.01
+"""Longest integration step in s; RK4's error is then 1.5e-7 rad over 70 s of small swings."""
+
+_ROUGH = 0.005
+"""Share of noise in an input, from which on no two of its samples share a step: what it does where
+the joint turns back or sticks is then no matter of its mean."""
+
+_SIMPSON = np.array([1.0, 4.0, 1.0]) / 6  # the mean of a parabola
+_FINEST = 100  # steps in one of a log
+_STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
+
+
+class Simulation:
+    """Simulates one log from its first sample with the recorded input, on a fixed grid.
+
+    It starts at rest, unless the log begins in motion (see `butterfly.signals.beginning`). The
+    step of the grid follows the resonance of the ``parameters`` (of the bare hand) and the log's
+    drive. Errors count from the sample numbered ``first`` on.
+
+    Between two instants of the grid the input is the parabola that has the mean and the first and
+    second moment of the recorded one, so that no impulse is lost or gained where steps fall between
+    the instants.
+    """
+
+    def __init__(self, log: Log, parameters: LumpedParameters, first: int = 0) -> None:
+        self.log = log
+        self._command = log.command
+        grid = uniform_grid(log.time, grid_step(log, parameters))
+        self.grid = np.append(grid, log.time[-1]) if grid[-1] < log.time[-1] else grid
+        self._first = first
+        self._latest: tuple[tuple[float, float], Samples] | None = None
+
+    @property
+    def step(self) -> float:
+        """Step of the simulation in s."""
+        return float(self.grid[1] - self.grid[0])
+
+    def run(
+        self, parameters: LumpedParameters, zero: float, begin: Begin = None
+    ) -> tuple[Samples, Samples]:
+        """Return (n,) angles in rad from the encoder's zero and velocities, on the grid.
+
+        The log's added mass is put on the ``parameters`` of the bare hand (78); ``zero`` is the
+        encoder's reading in rad where the model's angle is 0. A velocity to ``begin`` with takes
+        the first sample's angle as it is.
+        """
+        loaded = parameters.with_added_mass(self.log.added_mass)
+        inputs = self._inputs(parameters.delay, parameters.compression)[0]
+        angle, speed = simulate(loaded, self.grid, inputs, *self._start(zero, begin))
+        return zero + angle, speed
+
+    def at_stamps(self, parameters: LumpedParameters, zero: float, begin: Begin = None) -> Samples:
+        """Return the simulated angles in rad at the log's own stamps."""
+        return self.at(self.log.time, parameters, zero, begin)
+
+    def at(
+        self, instants: Samples, parameters: LumpedParameters, zero: float, begin: Begin = None
+    ) -> Samples:
+        """Return the simulated angles in rad at increasing instants in s."""
+        angle, speed = self.run(parameters, zero, begin)
+        return hermite.interpolate(self.grid, angle, speed, instants)
+
+    def squared_error(
+        self, parameters: LumpedParameters, zero: float, begin: Begin = None
+    ) -> float:
+        """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
+        angle, speed = self.run(parameters, zero, begin)
+        return hermite.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
+
+    def error_and_angles(
+        self, instants: Samples, parameters: LumpedParameters, zero: float, begin: Begin = None
+    ) -> tuple[float, Samples]:
+        """Return `squared_error`, and `at` at increasing instants in s, of one run."""
+        angle, speed = self.run(parameters, zero, begin)
+        log = self.log
+        return (
+            hermite.squared_distance(self.grid, angle, speed, log.time, log.angle),
+            hermite.interpolate(self.grid, angle, speed, instants),
+        )
+
+    def linearised(
+        self,
+        names: Sequence[str],
+        parameters: LumpedParameters,
+        zero: float,
+        begin: Begin = None,
+    ) -> tuple[Samples, Samples, Samples]:
+        """Return the errors, and what they change by with n parameters, zero or velocity.
+
+        They are simulated less measured angle in rad, averaged over the samples of each grid
+        interval: the average keeps what the samples tell at a fraction of their number. Returned
+        are (m,) errors, and (m, k) and (k, n) matrices whose product is the Jacobian.
+        """
+        columns = Columns.of(names, parameters, self.log.added_mass)
+        loaded = parameters.with_added_mass(self.log.added_mass)
+        inputs = self._inputs(parameters.delay, parameters.compression)
+        if columns.drives > inputs.shape[0]:
+            inputs = np.concatenate([inputs, self._by_compression(parameters)])
+        start = self._start(zero, begin)
+        readings, measured = self._averages
+        values, rows = differentiate(loaded, self.grid, inputs, start, readings, columns)
+        for zero_column in np.flatnonzero(columns.initial[0] < 0):
+            rows[:, zero_column] += 1  # it moves the start back, and all readings on
+        return values + (zero - measured), rows, columns.mixture
+
+    def averaged(self, values: Samples) -> Samples:
+        """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
+        log, first = self.log, self._first
+        return hermite.averages(self.grid, log.time[first:], values[first:])[2]
+
+    def mean_inputs(self, parameters: LumpedParameters) -> Samples:
+        """Return the (m,) means of the delivered input where `linearised` has errors."""
+        inputs = self._inputs(parameters.delay, parameters.compression)[0]
+        return np.asarray((inputs @ _SIMPSON)[self._averages[0].into >= 0])
+
+    def middles(self) -> Samples:
+        """Return the (m,) instants in s, middles of steps, for which `linearised` has errors."""
+        return np.asarray((self.grid[:-1] + self.grid[1:])[self._averages[0].into >= 0] / 2)
+
+    def steady_response(
+        self, parameters: LumpedParameters, zero: float, pole: complex | None = None
+    ) -> tuple[complex, float]:
+        """Return phasor and mean in rad of a sine's simulated angle, read as the log was.
+
+        A ``pole`` in 1/s is that of a transient that was fitted to the log, too.
+        """
+        log = self.log
+        assert log.excitation is not None  # noqa: S101 - of a sine
+        omega = log.excitation.omega
+        angle, _ = self.run(parameters, zero)
+        inside = self.grid > log.time[-1] - steady_span(log, omega, STEADY_SECONDS)
+        time = self.grid[inside]
+        basis = with_transient(sine_basis(time, omega), time, pole)
+        coefficients = np.linalg.solve(basis @ basis.T, basis @ angle[inside])
+        return complex(coefficients[1], -coefficients[2]), float(coefficients[0])
+
+    def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
+        """Return angle, from the hanging position, and velocity at the first sample."""
+        if begin is None:
+            begin = self.log.beginning
+        elif not isinstance(begin, Beginning):
+            begin = Beginning(float(self.log.angle[0]), begin)
+        return begin.angle - zero, begin.velocity
+
+    @cached_property
+    def _averages(self) -> tuple[Readings, Samples]:
+        """What is read off, and the (m,) averages of the measured angle."""
+        log, first = self.log, self._first
+        into, weights, measured = hermite.averages(self.grid, log.time[first:], log.angle[first:])
+        return Readings(into=into, weights=weights), measured
+
+    def _inputs(self, delay: float, compression: float) -> Samples:
+        """(2, n - 1, 3) delivered input, the latest being kept (see `hold.parabolas`)."""
+        latest, key = self._latest, (delay, compression)
+        if latest is None or latest[0] != key:
+            self._latest = latest = key, self._delivered(delay, compression)
+        return latest[1]
+
+    def _delivered(self, delay: float, compression: float) -> Samples:
+        time, inputs = self._command
+        driving = compressed(inputs, compression)
+        return hold.parabolas(time, driving, self.grid - delay, self.log.intersample)
+
+    def _by_compression(self, parameters: LumpedParameters) -> Samples:
+        """(1, n - 1, 3) derivative of the delivered input by the drive's compression."""
+        time, inputs = self._command
+        driving = -inputs * abs(inputs) / (1 + parameters.compression * abs(inputs)) ** 2
+        return hold.parabolas(time, driving, self.grid - parameters.delay, self.log.intersample)[:1]
+
+
+def grid_step(log: Log, parameters: LumpedParameters) -> float:
+    """Return the longest step in s of a simulation's grid, for parameters of the bare hand.
+
+    It is no shorter than a hundredth of the log's own: no log shows a resonance that asks for more.
+    """
+    drive = log.excitation.omega if log.excitation else 0.0
+    fastest = max(resonance_frequency(parameters.with_added_mass(log.added_mass)), drive)
+    longest = LONGEST_STEP if log.roughness < _ROUGH else min(LONGEST_STEP, log.mean_step / 2)
+    if not fastest:
+        return longest
+    return max(min(longest, 1 / (_STEPS_PER_RADIAN * fastest)), log.mean_step / _FINEST)
