@@ -15,9 +15,7 @@ from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits
-from butterfly.identification.inference.bootstrap import Bootstrap
-from butterfly.identification.inference.term_selection import Structure
-from butterfly.identification.inference.validation import HeldOut
+from butterfly.identification.validate import Bootstrap, HeldOut, Structure
 from butterfly.logs.log import Log
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import (
