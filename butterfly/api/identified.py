@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.api.identified_model import IdentifiedModel
-from butterfly.api.identified_plots import IdentifiedPlots
 from butterfly.api.result import Result, TextTable, aligned, text, texts
 from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
@@ -37,7 +36,6 @@ from butterfly.model.parameters import (
     JointKind,
     LumpedParameters,
 )
-from butterfly.report.identification import write_report
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import chosen_numbers
 from butterfly.report.numbers.identification_numbers import (
@@ -57,6 +55,8 @@ from butterfly.verdict import Verdict
 if TYPE_CHECKING:
     import control
     from plotly.graph_objects import Figure
+
+    from butterfly.api.identified_plots import IdentifiedPlots
 
 _HEADERS = (
     *("", "true", "deviation", "estimate", "std error", "95 % interval", "unit"),
@@ -336,6 +336,8 @@ class Identified(Result):
     @property
     def plot(self) -> IdentifiedPlots:
         """Its figures, as plotly's."""
+        from butterfly.api.identified_plots import IdentifiedPlots  # noqa: PLC0415 - slow to import
+
         return IdentifiedPlots(self._identification)
 
     def figures(self) -> dict[str, Figure]:
@@ -365,6 +367,8 @@ class Identified(Result):
         InputError
             If a file cannot be written, or the logs of a loaded result cannot be read.
         """
+        from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import
+
         write_report(self._identification, Path(path), truth, figures=figures)
 
     @cached_property

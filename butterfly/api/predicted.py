@@ -16,7 +16,6 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section
-from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
 from butterfly.report.words import fit_said, sentences, verdict_on
 from butterfly.verdict import Level
 
@@ -103,12 +102,20 @@ class Predicted(Tabulated):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
+        from butterfly.report.prediction import share_figure  # noqa: PLC0415 - slow to import
+
         if not self.predictions or not self.predictions[0].bands:
             return {"fits": self.plot.fits()} if self.measured else {}
         return {"inside": share_figure(self.predictions)} if self.measured else {}
 
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""
+        from butterfly.report.prediction import (  # noqa: PLC0415 - slow to import
+            band_figure,
+            band_series,
+            drawn_predictions,
+        )
+
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:
             return plain

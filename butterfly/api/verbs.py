@@ -19,8 +19,6 @@ from butterfly.api.saved import load
 from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
 from butterfly.api.usable import require_possible
-from butterfly.comparison.leaderboard import leaderboard
-from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
@@ -40,17 +38,12 @@ from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hol
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
-from butterfly.report.chosen_terms import selection_page, structures_table
-from butterfly.report.leaderboard import leaderboard_page
-from butterfly.report.misfit import HEADERS, misfit_sentences, misfit_table
-from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.residual_page import residual_page
 from butterfly.report.words import verdict_on
 
 Method = str | Estimator
@@ -131,6 +124,8 @@ def select(
     IdentifiabilityError
         If they cannot determine the parameters, or nothing can be left out.
     """
+    from butterfly.report.chosen_terms import selection_page, structures_table  # noqa: PLC0415 - slow to import
+
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
     logs = read(data).holding_out(holdout)
@@ -224,6 +219,10 @@ def rank(
     InputError
         If logs cannot be used, or there is no such method.
     """
+    from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
+    from butterfly.report.leaderboard import leaderboard_page  # noqa: PLC0415 - slow to import
+    from butterfly.report.numbers.comparison_numbers import told_leaderboard  # noqa: PLC0415 - slow to import
+
     how = choice(Split, "validate", "split", split)
     estimators = [make_estimator(each, {}) for each in methods]
     if not estimators:
@@ -263,6 +262,8 @@ def residual(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
+    from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page  # noqa: PLC0415 - slow to import
+
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)
     chosen = numbers_of_logs("residual", logs, len(whole.logs))
     misfit = judge_misfit(whole, found)
@@ -320,6 +321,8 @@ def compare(
     UnusableError
         If no joint has those that were found.
     """
+    from butterfly.comparison.three_way import compare_three  # noqa: PLC0415 - slow to import
+
     if not isinstance(mass, Real | None):
         raise InputError("compare", "mass", mass, "a number of kg")
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)

@@ -99,24 +99,24 @@ def show(
 
 def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
     import butterfly as bf  # noqa: PLC0415 - as all of these
-    from butterfly.plant.watch.show import watch  # noqa: PLC0415 - slow to import
+    from butterfly.plant.watch.live import watch  # noqa: PLC0415 - slow to import
 
     plan = bf.read_experiment(source)
     _require_run(source, number, len(plan.runs()))
     (added, excitation), seed = plan.runs()[number], plan.seeds()[number]
     with suppress(KeyboardInterrupt):
-        watch(plan.plant.setup, added, excitation, plan.duration, seed, web=web, port=port)
+        watch(plan.plant.rig, added, excitation, plan.duration, seed, web=web, port=port)
 
 
 def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, size: int) -> None:
     import butterfly as bf  # noqa: PLC0415 - as all of these
     from butterfly.plant.rollout import simulate_runs  # noqa: PLC0415 - slow to import
-    from butterfly.plant.watch.show import film  # noqa: PLC0415
+    from butterfly.plant.watch.picture import film  # noqa: PLC0415
 
     plan = bf.read_experiment(source)
     _require_run(source, number, len(plan.runs()))
     run, seed = plan.runs()[number], plan.seeds()[number]
-    (log,) = simulate_runs(plan.plant.setup, [run], plan.duration, [seed])
+    (log,) = simulate_runs(plan.plant.rig, [run], plan.duration, [seed])
     shown = log.take(log.time <= log.time[0] + seconds)
     film(
         plan.plant.robot,
@@ -166,14 +166,15 @@ def export(
         Pivot to added mass; 0.104 if not given.
     """
     from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
-    from butterfly.plant.stand_alone import export as write  # noqa: PLC0415
+    from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415
 
     named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
     if named.verdict is not None:
         say_verdict(named.verdict.sentence)
     if named.note:
         say(named.note)
-    written = write(named.robot, named.carried, out, named.command)
+    written = stand_alone(named.robot, named.carried, **named.command)
+    written.write(out)
     say(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
     for sentence in written.left_out:
         say(sentence)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from butterfly.errors import InputError
@@ -10,30 +12,8 @@ from butterfly.experiment.schema import Experiment
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import judged
-from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass
-from butterfly.orbit.loop import Rig
 from butterfly.orbit.study import OrbitStudy, study_orbit
-from butterfly.plant.bench import ControlLaw
-from butterfly.plant.setup import Setup
 from butterfly.progress import Track, untracked
-
-
-def simulated_rig(setup: Setup, rng: np.random.Generator) -> Rig:
-    """Return a rig that runs control laws on the simulated robot.
-
-    Parameters
-    ----------
-    setup
-        The simulated bench.
-    rng
-        Source of everything random.
-    """
-
-    def run(law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
-        return setup.run(law, added, start, duration, rng)
-
-    return run
 
 
 def hold_orbit(
@@ -43,7 +23,7 @@ def hold_orbit(
     *,
     track: Track = untracked,
 ) -> OrbitStudy:
-    """Hold the orbit and re-calibrate as `control` says.
+    """Hold the orbit and re-calibrate as ``control`` says.
 
     Parameters
     ----------
@@ -77,7 +57,7 @@ def hold_orbit(
         zero = _zero(control, data)
     rng = np.random.default_rng(experiment.orbit_seed)
     return study_orbit(
-        simulated_rig(experiment.plant.setup, rng),
+        partial(experiment.plant.rig.run, rng=rng),
         believed,
         zero,
         control.plan(zero),

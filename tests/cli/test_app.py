@@ -140,7 +140,7 @@ def test_what_is_typed_in_vain_is_one_line(butterfly, call, part):
 
 
 def test_shells_complete_commands_and_options():
-    script = program().generate_completion(shell="bash")
+    script = program().generate_completion(shell="bash")  # noqa: S604 - its name
     assert all(word in script for word in ("identify", "--holdout", "results", "--bootstrap"))
 
 

@@ -8,7 +8,7 @@ from butterfly.cli.output import ExitCode
 from butterfly.cli.sweeps import without_formulas
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
-from butterfly.experiment.sweeps import SweepSpec
+from butterfly.experiment.sweep_spec import SweepSpec
 from butterfly.files import is_name
 from butterfly.sizes import memory, require_room, said
 
