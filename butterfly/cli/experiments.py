@@ -93,9 +93,12 @@ def simulate(
     out
         Folder for the logs and their manifest.
     """
+    from butterfly.experiment.simulation import simulate as logs_of  # noqa: PLC0415 - slow
+    from butterfly.experiment.simulation import write_logs  # noqa: PLC0415
+
     _warn_of_wide_swings(experiment)
-    bf.simulate(experiment, out=out, track=show_progress)
-    say(f"Logs: {out / 'manifest.yaml'}")
+    plan = bf.read_experiment(experiment)
+    say(f"Logs: {write_logs(plan, logs_of(plan, track=show_progress), out)}")
 
 
 def schema(

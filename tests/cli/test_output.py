@@ -134,21 +134,22 @@ COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 
 
 @pytest.fixture(scope="module")
-def sweep(tmp_path_factory):
+def places(quick_data, tmp_path_factory):
+    """Where the data are, and the results of a sweep."""
     folder = tmp_path_factory.mktemp("widths")
     grid = {"plant.friction.coulomb": [1e-4, 2e-4], "plant.encoder.noise": [1e-4]}
     run_sweep(small_plan(folder, sweep={"grid": grid}), folder / "one", HereEngine())
-    return folder / "one"
+    return quick_data, folder / "one"
 
 
 @pytest.mark.parametrize("call", [*PRINTED, "compare"])
 def test_output_fits_80_columns_and_says_on_a_terminal_what_it_says_piped(
-    answer, butterfly, quick_data, sweep, monkeypatch, call
+    answer, butterfly, places, monkeypatch, call
 ):
     words = call.split()[: 2 if call.startswith("results") else 1]
-    told = (*words, sweep if "results" in call else quick_data, *PRINTED.get(call, ()))
+    told = (*words, places["results" in call], *PRINTED.get(call, ()))
     if call == "compare":
-        told = (call, sweep / "0", sweep / "1")
+        told = (call, places[True] / "0", places[True] / "1")
     code, piped, err = answer(*told)
     assert code in {0, 3}, err
     assert_tables_fit(piped)

@@ -112,7 +112,7 @@ def _status(port, path, patience=30.0, **headers):
 
 @contextmanager
 def _viewer(folder, *options):
-    words = [sys.executable, "-m", "butterfly", "view", "quickstart", "--web", *options]
+    words = [sys.executable, "-m", "butterfly", "show", "quickstart", "--web", *options]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     with subprocess.Popen(words, **pipes, text=True, cwd=folder) as viewer:  # noqa: S603 - our own
         try:
