@@ -15,24 +15,12 @@ SPACING = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bumps:
-    """Bumps of one width on a uniform clock of n samples, as many as have room.
+    """Bumps of one width on a uniform clock of n samples, as many as have room."""
 
-    Parameters
-    ----------
-    half_width
-        In s.
-    step
-        Of the clock in s.
-    size
-        n.
-    margin
-        Samples that stay free of centres at either end; a half-width or more.
-    """
-
-    half_width: float
-    step: float
-    size: int
-    margin: int
+    half_width: float  # in s
+    step: float  # of the clock in s
+    size: int  # n
+    margin: int  # samples that stay free of centres at either end; a half-width or more
 
     @cached_property
     def centres(self) -> NDArray[np.intp]:

@@ -301,13 +301,7 @@ def _of_logs(logs: Sequence[Log]) -> Knowledge:
 
 
 def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
-    """Return what is told, and what follows, of the joint that made some logs.
-
-    Raises
-    ------
-    InputError
-        If it cannot be.
-    """
+    """Return what is told, and what follows, of the joint that made some logs."""
     first = logs[0]
     moment = told.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
@@ -319,12 +313,7 @@ def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
 def turns_over(log: Log, zero: float) -> bool:
     """Whether the hand passes near the upright, or through it, so that small causes tell.
 
-    Parameters
-    ----------
-    log
-        Of any input.
-    zero
-        Encoder reading in rad of the hand at rest.
+    ``log``: of any input; ``zero``: encoder reading in rad of the hand at rest.
     """
     turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
     return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
@@ -341,13 +330,7 @@ def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None,
 
 
 def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
-    """Read every log of a manifest (see `DataSet.of`).
-
-    Raises
-    ------
-    InputError
-        If a log cannot be read or used.
-    """
+    """Read every log of a manifest (see `DataSet.of`)."""
     manifest, recorded = read_logs(manifest, track)
     data = DataSet.of(
         recorded,

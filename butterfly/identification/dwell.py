@@ -21,10 +21,7 @@ def rest_readings(log: Log) -> list[float]:
     At the start it must be the input that sets the hand in motion: one that is let go was held. How
     far friction holds such a hand off its equilibrium is not known here.
 
-    Parameters
-    ----------
-    log
-        Of any input, with increasing stamps.
+    ``log``: of any input, with increasing stamps.
     """
     still = _still_band(log.angle)
     small = _SMALL * float(np.abs(log.input).max())

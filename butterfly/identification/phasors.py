@@ -23,41 +23,24 @@ _EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exa
 
 @dataclass(frozen=True, eq=False)
 class Phasors:
-    """The (n,) arrays that enter the balance of n responses.
+    """The (n,) arrays that enter the balance of n responses."""
 
-    Parameters
-    ----------
-    omega, angle, input
-        Frequencies in rad/s, phasors of angle in rad and input in its unit.
-    variance
-        Of each component of the angle's phasor, in rad^2.
-    masses
-        What the hand carried.
-    names
-        The parameters that are estimated.
-    swing
-        In rad, at which the describing functions are taken.
-    remainder
-        Torque in N m that the motion of the model leaves over in the balance of its fundamentals:
-        what describing functions neglect, transients that still ring, stamps that are not regular.
-    doubt
-        Further variance in rad^2, of logs in which the model does not move like the robot.
-    known
-        What is known of the robot; what is known exactly is not among the names.
-    stribeck_velocity
-        In rad/s, at which Stribeck friction is described.
-    """
-
+    # omega, angle, input: frequencies in rad/s, phasors of angle in rad and input in its unit
     omega: NDArray[np.float64]
     angle: NDArray[np.complex128]
     input: NDArray[np.complex128]
-    variance: NDArray[np.float64]
+    variance: NDArray[np.float64]  # of each component of the angle's phasor, in rad^2
     masses: tuple[AddedMass, ...]
-    names: tuple[str, ...]
-    swing: NDArray[np.float64]
+    names: tuple[str, ...]  # the parameters that are estimated
+    swing: NDArray[np.float64]  # in rad, at which the describing functions are taken
+    # torque in N m that the motion of the model leaves over in the balance of its fundamentals:
+    # what describing functions neglect, transients that still ring, stamps that are not regular
     remainder: NDArray[np.complex128]
+    # further variance in rad^2, of logs in which the model does not move like the robot
     doubt: NDArray[np.float64]
+    # what is known of the robot; what is known exactly is not among the names
     known: Knowledge = NOTHING
+    # in rad/s, at which Stribeck friction is described
     stribeck_velocity: float = FrictionTerms.stribeck_velocity
 
     @classmethod
@@ -110,16 +93,9 @@ class Phasors:
     ) -> Phasors:
         """Return the balance, with the remainder of a model's motion.
 
-        Parameters
-        ----------
-        parameters
-            Of the model.
-        moved
-            (n,) phasors in rad of its angle, simulated with the recorded inputs.
-        told
-            (n,) whether they can tell of a remainder.
-        doubt
-            (n,) variance in rad^2 of the angles of logs in which the model does not move alike.
+        ``parameters``: of the model; ``moved``: (n,) phasors in rad of its angle, simulated with
+        the recorded inputs; ``told``: (n,) whether they can tell of a remainder; ``doubt``: (n,)
+        variance in rad^2 of the angles of logs in which the model does not move alike.
         """
         model = replace(
             self, angle=moved, swing=np.abs(moved), remainder=np.zeros_like(self.remainder)

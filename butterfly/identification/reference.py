@@ -24,21 +24,12 @@ Samples = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """What tells the scale of logs.
+    """What tells the scale of logs."""
 
-    Parameters
-    ----------
-    name
-        The parameter that is held; None where masses, or what is known exactly, tell the scale.
-    known
-        Of the robot.
-    added
-        What all logs carry.
-    """
-
+    # the parameter that is held; None where masses, or what is known exactly, tell the scale
     name: str | None
     known: Knowledge
-    added: AddedMass
+    added: AddedMass  # what all logs carry
 
     @classmethod
     def of(cls, masses: Sequence[AddedMass], known: Knowledge, *, driven: bool = True) -> Reference:

@@ -28,44 +28,25 @@ class Regression:
 
     The unknowns are the parameters themselves, but for those that enter as a product with p4
     (delay, compression): of these, p4 (parameter - ``about``).
-
-    Parameters
-    ----------
-    names
-        Of the n parameters.
-    rows, target
-        (m, n) and (m,).
-    cluster
-        (m,) numbers, from 0 on, of the log (or stretch of one) that a row belongs to: errors are
-        taken to be independent between clusters, not within.
-    about
-        Values of the parameters of the product kind about which the rows hold; 0 if not given.
-    least
-        Least values, where they are not those of the table of terms.
-    gain
-        p4, where it is known, and no unknown; a guess of it otherwise, by which what is known of
-        products is turned.
-    prior
-        What is known of the values with an uncertainty.
     """
 
-    names: tuple[str, ...]
-    rows: NDArray[np.float64]
+    names: tuple[str, ...]  # of the n parameters
+    rows: NDArray[np.float64]  # rows, target: (m, n) and (m,)
     target: NDArray[np.float64]
+    # (m,) numbers, from 0 on, of the log (or stretch of one) that a row belongs to: errors are
+    # taken to be independent between clusters, not within
     cluster: NDArray[np.intp]
+    # values of the parameters of the product kind about which the rows hold; 0 if not given
     about: dict[str, float] = field(default_factory=dict)
+    # least values, where they are not those of the table of terms
     least: dict[str, float] = field(default_factory=dict)
+    # p4, where it is known, and no unknown; a guess of it otherwise, by which what is known of
+    # products is turned
     gain: float = 0.0
-    prior: Prior | None = None
+    prior: Prior | None = None  # what is known of the values with an uncertainty
 
     def solve(self, use: NDArray[np.bool_] | slice = slice(None)) -> Solution:
-        """Return the values that fit the rows to use best, within their bounds.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If no input ever acted.
-        """
+        """Return the values that fit the rows to use best, within their bounds."""
         if "p4" in self.names and not self.rows[use, self.names.index("p4")].any():
             raise IdentifiabilityError("the input is zero throughout: add logs of a driven joint")
         more, wanted = self.known_rows

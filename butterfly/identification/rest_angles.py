@@ -32,35 +32,19 @@ _SETTLED = 0.1  # of what the middles leave over
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RestAngles:
-    """Where n logs would rest.
+    """Where n logs would rest."""
 
-    Parameters
-    ----------
-    middles
-        (n,) of the swings, encoder readings in rad.
-    masses
-        What the hand carried.
-    told
-        (n,) whether the zero is told, so that the middle tells of the bias alone.
-    uncertain
-        (k, n) standard uncertainties in rad of k independent errors of the zeros that are told.
-    compliance
-        (n,) by which a torque moves the middle, in rad/(N m).
-    zeros
-        (n,) encoder readings in rad where the model's angle is 0.
-    bias
-        In N m; None where the middles do not tell of one, and each mass has a zero of its own.
-    left
-        (n,) measured less foretold middles in rad, where there is a bias.
-    """
-
-    middles: Samples
+    middles: Samples  # (n,) of the swings, encoder readings in rad
     masses: tuple[AddedMass, ...]
+    # (n,) whether the zero is told, so that the middle tells of the bias alone
     told: NDArray[np.bool_]
+    # (k, n) standard uncertainties in rad of k independent errors of the zeros that are told
     uncertain: Samples
-    compliance: Samples
-    zeros: Samples
+    compliance: Samples  # (n,) by which a torque moves the middle, in rad/(N m)
+    zeros: Samples  # (n,) encoder readings in rad where the model's angle is 0
+    # in N m; None where the middles do not tell of one, and each mass has a zero of its own
     bias: float | None = None
+    # (n,) measured less foretold middles in rad, where there is a bias
     left: Samples = field(default_factory=lambda: np.empty(0))
 
     @classmethod
@@ -75,19 +59,10 @@ class RestAngles:
     ) -> RestAngles:
         """Read them off steady responses.
 
-        Parameters
-        ----------
-        points
-            The n responses.
-        parameters
-            Of the bare hand, as far as they are known.
-        zeros
-            Rest angle in rad for each added mass.
-        told
-            What is told of the zeros of the responses, in rad; nothing if not given.
-        asked
-            Whether a bias is wanted; if None, it is if it helps to foretell the middles with
-            masses that were left out.
+        ``points``: the n responses; ``parameters``: of the bare hand, as far as they are known;
+        ``zeros``: rest angle in rad for each added mass; ``told``: what is told of the zeros of the
+        responses, in rad; nothing if not given; ``asked``: whether a bias is wanted; if None, it is
+        if it helps to foretell the middles with masses that were left out.
         """
         moments = np.array([p.added_mass.gravity_moment for p in points])
         stiffness = (parameters.p3 + moments) * j0([p.amplitude for p in points])

@@ -18,43 +18,23 @@ _WELL = 3.0  # standard errors
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
-    """A solver's end: n values that m equations determine, and the equations about them.
+    """A solver's end: n values that m equations determine, and the equations about them."""
 
-    Parameters
-    ----------
-    names
-        Of the n values; those that all logs share come first.
-    values
-        (n,).
-    jacobian, residuals
-        (m, n) derivatives by the values, and (m,) residuals, weighted as the solver weighs them.
-    cluster
-        (m,) numbers of the logs, or stretches, between which errors are independent.
-    on_bound
-        (n,) whether a bound holds the value.
-    lower
-        (n,) least values.
-    ending
-        How the solver ended.
-    findings
-        What it has to say besides.
-    bread
-        (n, n) derivatives of the gradient, where the weights depend on the residuals.
-    prior
-        What was known of the values with an uncertainty.
-    """
-
-    names: tuple[str, ...]
-    values: NDArray[np.float64]
+    names: tuple[str, ...]  # of the n values; those that all logs share come first
+    values: NDArray[np.float64]  # (n,)
+    # jacobian, residuals: (m, n) derivatives by the values, and (m,) residuals, weighted as the
+    # solver weighs them
     jacobian: NDArray[np.float64]
     residuals: NDArray[np.float64]
+    # (m,) numbers of the logs, or stretches, between which errors are independent
     cluster: NDArray[np.intp]
-    on_bound: NDArray[np.bool_]
-    lower: NDArray[np.float64]
-    ending: Ending = Ending.CONVERGED
-    findings: tuple[Finding, ...] = ()
+    on_bound: NDArray[np.bool_]  # (n,) whether a bound holds the value
+    lower: NDArray[np.float64]  # (n,) least values
+    ending: Ending = Ending.CONVERGED  # how the solver ended
+    findings: tuple[Finding, ...] = ()  # what it has to say besides
+    # (n, n) derivatives of the gradient, where the weights depend on the residuals
     bread: NDArray[np.float64] | None = None
-    prior: Prior | None = None
+    prior: Prior | None = None  # what was known of the values with an uncertainty
 
     @classmethod
     def of(
@@ -132,10 +112,7 @@ def pulled_below(
 ) -> NDArray[np.bool_]:
     """(n,) which parameters (m,) equations would have well below their values, were there no bound.
 
-    Parameters
-    ----------
-    rows, residuals, covariance
-        (m, n), (m,) and (n, n).
+    ``rows``, ``residuals``, ``covariance``: (m, n), (m,) and (n, n).
     """
     scale = np.linalg.norm(rows, axis=0)
     step = np.linalg.lstsq(rows / scale, -residuals, rcond=None)[0] / scale

@@ -45,24 +45,17 @@ class Balance(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeakSignals:
-    """What a log says at the centres of its test functions.
+    """What a log says at the centres of its test functions."""
 
-    Parameters
-    ----------
-    time, angle, velocity
-        (n,) instants in s, angle from the hanging position in rad, velocity in rad/s.
-    mean
-        By parameter: (n,) averages over each test function of what it multiplies in the equation,
-        the motor's torque brought to the left: summed with the parameters' values they give 0.
-    still
-        (n,) share of each test function in which the joint may stick.
-    """
-
+    # time, angle, velocity: (n,) instants in s, angle from the hanging position in rad, velocity in
+    # rad/s
     time: NDArray[np.float64]
     angle: NDArray[np.float64]
     velocity: NDArray[np.float64]
+    # by parameter: (n,) averages over each test function of what it multiplies in the equation, the
+    # motor's torque brought to the left: summed with the parameters' values they give 0
     mean: dict[str, NDArray[np.float64]]
-    still: NDArray[np.float64]
+    still: NDArray[np.float64]  # (n,) share of each test function in which the joint may stick
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -72,23 +65,13 @@ class WeakSignals:
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What is known of a joint before its torques are averaged.
+    """What is known of a joint before its torques are averaged."""
 
-    Parameters
-    ----------
-    zero
-        Encoder reading in rad where the model's angle is 0.
-    delay
-        From input to torque, in s.
-    compression
-        Of the drive, in 1/unit of input; the column of "compression" is the derivative about it.
-    settings
-        Of these the periods of cogging and Stribeck's velocity.
-    """
-
-    zero: float
-    delay: float = 0.0
+    zero: float  # encoder reading in rad where the model's angle is 0
+    delay: float = 0.0  # from input to torque, in s
+    # of the drive, in 1/unit of input; the column of "compression" is the derivative about it
     compression: float = 0.0
+    # of these the periods of cogging and Stribeck's velocity
     settings: FrictionTerms = field(default_factory=FrictionTerms)
 
 
@@ -98,18 +81,9 @@ class Averaging:
     What was averaged is kept; another delay or compression makes anew what the input enters alone,
     unless the delay moves the test functions.
 
-    Parameters
-    ----------
-    log
-        Of any input.
-    zero
-        Encoder reading in rad where the model's angle is 0.
-    half_width
-        Of the test functions in s; they stand half of it apart.
-    settings
-        Of these the periods of cogging and Stribeck's velocity.
-    balance
-        Of momentum, or of energy.
+    ``log``: of any input; ``zero``: encoder reading in rad where the model's angle is 0;
+    ``half_width``: of the test functions in s; they stand half of it apart; ``settings``: of these
+    the periods of cogging and Stribeck's velocity; ``balance``: of momentum, or of energy.
     """
 
     def __init__(
@@ -141,19 +115,7 @@ class Averaging:
     ) -> WeakSignals:
         """Average the terms of some parameters.
 
-        Parameters
-        ----------
-        names
-            Of the parameters.
-        delay, compression
-            See `Known`.
-        stribeck_velocity
-            In rad/s, if not that of the settings.
-
-        Raises
-        ------
-        InputError
-            If the log is shorter than a test function.
+        ``stribeck_velocity``: in rad/s, if not that of the settings.
         """
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
@@ -226,19 +188,8 @@ def weak_signals(
 ) -> WeakSignals:
     """Average terms of the equation of motion over the test functions of one log, once.
 
-    Parameters
-    ----------
-    log, half_width, balance
-        As of `Averaging`.
-    names
-        Which parameters' terms.
-    known
-        What is known beforehand.
-
-    Raises
-    ------
-    InputError
-        If the log is shorter than a test function.
+    ``log``, ``half_width``, ``balance``: as of `Averaging`; ``names``: which parameters' terms;
+    ``known``: what is known beforehand.
     """
     averaging = Averaging(log, known.zero, half_width, known.settings, balance)
     return averaging.signals(names, delay=known.delay, compression=known.compression)

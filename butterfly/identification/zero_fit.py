@@ -42,28 +42,19 @@ _INDEPENDENT = 1e-6  # least share of a column that the others do not explain
 
 @dataclass(frozen=True, kw_only=True)
 class FittedZero:
-    """What the motion of some logs with one added mass tells.
+    """What the motion of some logs with one added mass tells."""
 
-    Parameters
-    ----------
-    value, uncertainty
-        Encoder reading in rad where the model's angle is 0, and its standard error.
-    friction
-        Coulomb torque over the moment of gravity.
-    """
-
+    # value, uncertainty: encoder reading in rad where the model's angle is 0, and its standard
+    # error
     value: float
     uncertainty: float
-    friction: float
+    friction: float  # Coulomb torque over the moment of gravity
 
 
 def fitted_zero(logs: Sequence[Log]) -> FittedZero | None:
     """Return the zero that logs with the same added mass share; None where they tell none.
 
-    Parameters
-    ----------
-    logs
-        With increasing stamps, of any input.
+    ``logs``: with increasing stamps, of any input.
     """
     about = float(np.median(logs[0].angle))
     parts = [part for log in logs if (part := _averages(log, about)) is not None]

@@ -40,19 +40,11 @@ class ZeroKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Zero:
-    """An encoder reading in rad where the model's angle is 0, and its standard uncertainty.
+    """An encoder reading in rad where the model's angle is 0, and its standard uncertainty."""
 
-    Parameters
-    ----------
-    value, uncertainty
-        In rad; of a steady swing's middle no uncertainty is stated.
-    kind
-        How it was found.
-    """
-
-    value: float
+    value: float  # value, uncertainty: in rad; of a steady swing's middle no uncertainty is stated
     uncertainty: float = 0.0
-    kind: ZeroKind
+    kind: ZeroKind  # how it was found
 
     def __str__(self) -> str:
         doubt = f" ± {self.uncertainty:.1g}" if self.uncertainty else ""
@@ -76,12 +68,8 @@ def reading_of(log: Log, zeros: Mapping[AddedMass, float]) -> float:
 def zeros_of(logs: Sequence[Log], points: Sequence[ResponsePoint | None]) -> tuple[Zero, ...]:
     """Find the zero of each of n logs.
 
-    Parameters
-    ----------
-    logs
-        With increasing stamps.
-    points
-        The steady response of each, None where the input is no sine.
+    ``logs``: with increasing stamps; ``points``: the steady response of each, None where the input
+    is no sine.
     """
     found = [_told(log) for log in logs]
     open_ = [k for k, zero in enumerate(found) if zero is None]

@@ -25,33 +25,17 @@ _TOLERANCE = 1e-10  # relative change of the predicted angles
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DescribingFit:
-    """A balance and its solution.
+    """A balance and its solution."""
 
-    Parameters
-    ----------
-    phasors
-        What was balanced.
-    weights
-        (n,) of the n logs.
-    regression, solved
-        The equations about the solution, and the solution.
-    """
-
-    phasors: Phasors
-    weights: NDArray[np.float64]
-    regression: Regression
+    phasors: Phasors  # what was balanced
+    weights: NDArray[np.float64]  # (n,) of the n logs
+    regression: Regression  # regression, solved: the equations about the solution, and the solution
     solved: Solved
 
     @classmethod
     @np.errstate(divide="ignore", over="ignore", invalid="ignore")
     def of(cls, phasors: Phasors) -> DescribingFit:
-        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If no solution is a number.
-        """
+        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
         count = len(phasors.names)
         known = phasors.known.exact
         values, weights = np.zeros(count), np.ones(phasors.omega.size)

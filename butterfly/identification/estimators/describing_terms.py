@@ -27,26 +27,14 @@ _OF_REST = "bias"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DescribingTerms:
-    """Terms for a balance.
+    """Terms for a balance."""
 
-    Parameters
-    ----------
-    phasors
-        The balance with them.
-    held
-        What is set, not fitted.
-    rivals
-        (n,) values of fits with other terms that predict as well.
-    said
-        What there is to say of terms that are not fitted.
-    best
-        What would have been chosen from all terms; empty if that was not asked.
-    """
-
-    phasors: Phasors
-    held: dict[str, float]
+    phasors: Phasors  # the balance with them
+    held: dict[str, float]  # what is set, not fitted
+    # (n,) values of fits with other terms that predict as well
     rivals: tuple[NDArray[np.float64], ...]
-    said: tuple[Finding, ...]
+    said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
+    # what would have been chosen from all terms; empty if that was not asked
     best: dict[str, float]
 
     @classmethod
@@ -55,14 +43,8 @@ class DescribingTerms:
     ) -> DescribingTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity.
 
-        Parameters
-        ----------
-        fit
-            Without any.
-        terms
-            Told, or None.
-        check
-            Whether to say which terms would help that were not told.
+        ``fit``: without any; ``terms``: told, or None; ``check``: whether to say which terms would
+        help that were not told.
         """
         offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
         known = fit.phasors.known

@@ -34,30 +34,17 @@ class Descent(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ends:
-    """The best end of some descents.
+    """The best end of some descents."""
 
-    Parameters
-    ----------
-    problem, end
-        Its residuals and where it ended.
-    findings
-        What there is to say of the other ends.
-    """
-
-    problem: FreeRunResiduals
+    problem: FreeRunResiduals  # problem, end: its residuals and where it ended
     end: Minimum[Equations]
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # what there is to say of the other ends
 
     @classmethod
     def of(cls, problems: Sequence[FreeRunResiduals], fit: Descent) -> Ends:
         """Descend from the first guess of each problem.
 
         The first descent is made to its end; the others are, only where they come lower.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If none of the first guesses can be simulated.
         """
         ends: list[_End] = []
         refusals = []

@@ -17,17 +17,11 @@ Samples = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogEquations:
-    """One log's residuals, and their derivatives by the scaled parameters as a product.
+    """One log's residuals, and their derivatives by the scaled parameters as a product."""
 
-    Parameters
-    ----------
-    residuals
-        (m,).
-    rows, mixture
-        (m, k) derivatives by what the simulation knows, and (k, n) of that by the parameters.
-    """
-
-    residuals: Samples
+    residuals: Samples  # (m,)
+    # rows, mixture: (m, k) derivatives by what the simulation knows, and (k, n) of that by the
+    # parameters
     rows: Samples
     mixture: Samples
 
@@ -58,21 +52,12 @@ class LogEquations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Equations:
-    """All logs' equations about one set of parameters.
+    """All logs' equations about one set of parameters."""
 
-    Parameters
-    ----------
-    logs
-        One for each.
-    loss, scale
-        How their residuals count.
-    known
-        What is known of the parameters besides, and the (n,) values that these equations are about.
-    """
-
-    logs: tuple[LogEquations, ...]
-    loss: Loss = Loss.LINEAR
+    logs: tuple[LogEquations, ...]  # one for each
+    loss: Loss = Loss.LINEAR  # loss, scale: how their residuals count
     scale: float = 1.0
+    # what is known of the parameters besides, and the (n,) values that these equations are about
     known: tuple[Prior, Samples] | None = None
 
     def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:

@@ -36,30 +36,17 @@ _PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """What is fitted.
-
-    Parameters
-    ----------
-    terms, fixed, per_mass, per_log, window
-        See `butterfly.identification.estimators.output_error.OutputError`.
-    horizon
-        Longest stretch in s that is simulated at a time.
-    workers
-        Threads.
-    known
-        What is known of the robot.
-    variance
-        Of a residual, beside which what is known with an uncertainty is weighed.
-    """
+    """What is fitted."""
 
     terms: tuple[str, ...]
     fixed: tuple[str, ...]
     per_mass: tuple[str, ...]
     per_log: tuple[str, ...]
     window: float
-    horizon: float
+    horizon: float  # longest stretch in s that is simulated at a time
     workers: int
-    known: Knowledge = NOTHING
+    known: Knowledge = NOTHING  # what is known of the robot
+    # of a residual, beside which what is known with an uncertainty is weighed
     variance: float = 1.0
 
     @property
@@ -72,40 +59,20 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRunResiduals:
-    """Residuals of a set of logs and their derivatives, in parameters scaled to be of order 1.
+    """Residuals of a set of logs and their derivatives, in parameters scaled to be of order 1."""
 
-    Parameters
-    ----------
-    start
-        Values of the parameters that are not fitted.
-    keys
-        The n parameters, and whose each is.
-    shared
-        How many of them, the first ones, all logs share, the encoder's zero aside.
-    scale, lower, initial
-        (n,) sizes, and least values and first guesses in units of them.
-    zeros
-        Reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted.
-    prior
-        What is known of the scaled parameters with an uncertainty.
-    trajectories
-        The logs.
-    motion
-        Rms motion of each in rad.
-    workers
-        Threads.
-    """
-
-    start: LumpedParameters
-    keys: tuple[Key, ...]
-    shared: int
+    start: LumpedParameters  # values of the parameters that are not fitted
+    keys: tuple[Key, ...]  # the n parameters, and whose each is
+    shared: int  # how many of them, the first ones, all logs share, the encoder's zero aside
+    # scale, lower, initial: (n,) sizes, and least values and first guesses in units of them
     scale: Samples
     lower: Samples
     initial: Samples
+    # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    prior: Prior | None
+    prior: Prior | None  # what is known of the scaled parameters with an uncertainty
     trajectories: tuple[Simulation | Segments, ...]
-    motion: tuple[float, ...]
+    motion: tuple[float, ...]  # rms motion of each in rad
     workers: int
 
     @classmethod
@@ -118,21 +85,9 @@ class FreeRunResiduals:
     ) -> FreeRunResiduals:
         """Make logs ready to be fitted.
 
-        Parameters
-        ----------
-        logs
-            The logs, each of a name of its own.
-        start
-            First guess of the parameters, and the values of those that are not fitted.
-        zeros
-            First guess of the encoder's reading in rad of the hand at rest, per added mass.
-        choice
-            What is fitted.
-
-        Raises
-        ------
-        InputError
-            If a joint stands still where its errors would count.
+        ``logs``: the logs, each of a name of its own; ``start``: first guess of the parameters, and
+        the values of those that are not fitted; ``zeros``: first guess of the encoder's reading in
+        rad of the hand at rest, per added mass; ``choice``: what is fitted.
         """
         start = replace(start, **choice.known.exact)
         first = [first_counted(log, choice.window) for log in logs]
@@ -208,12 +163,7 @@ class FreeRunResiduals:
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent.
 
-        Parameters
-        ----------
-        kept
-            Numbers of the n that are kept.
-        initial
-            (n,) first guesses, scaled.
+        ``kept``: numbers of the n that are kept; ``initial``: (n,) first guesses, scaled.
         """
         absent = {
             self.keys[k][0]: getattr(FrictionTerms, self.keys[k][0], 0.0)
@@ -257,13 +207,7 @@ def _impossible(count: int) -> LogEquations:
 
 
 def _rms_motion(log: Log, first: int) -> float:
-    """Return that of the angle in rad from a sample on, by which its errors are divided.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return that of the angle in rad from a sample on, by which its errors are divided."""
     motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
     if not motion > _STILL:
         found = f"{motion:.1g} rad of motion in what counts"

@@ -44,16 +44,9 @@ def seen(
 ) -> list[Seen]:
     """Simulate logs, and cut the simulations into windows as the logs were cut.
 
-    Parameters
-    ----------
-    logs, windows
-        The logs, and what they were cut into.
-    parameters
-        Of the bare hand.
-    zeros
-        Encoder reading in rad at rest for each added mass, where a log tells none.
-    cut
-        From a log and its zero to windows.
+    ``logs``, ``windows``: the logs, and what they were cut into; ``parameters``: of the bare hand;
+    ``zeros``: encoder reading in rad at rest for each added mass, where a log tells none; ``cut``:
+    from a log and its zero to windows.
     """
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
         return [Seen(each, each) for each in windows]
@@ -109,13 +102,7 @@ def _corrected(
 def _through(
     multiplied: NDArray[np.float64], rows: NDArray[np.float64], target: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Solve equations that are multiplied by instruments.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If these logs do not move what is sought.
-    """
+    """Solve equations that are multiplied by instruments."""
     scale = np.linalg.norm(multiplied, axis=0)
     if not (scale > 0).all():
         raise IdentifiabilityError("these logs do not move all parameters")

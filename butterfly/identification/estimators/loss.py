@@ -24,12 +24,7 @@ class Loss(StrEnum):
     def values(self, residuals: Samples, scale: float) -> Samples:
         """(n,) what residuals count in the place of their squares.
 
-        Parameters
-        ----------
-        residuals
-            (n,).
-        scale
-            Size from which on a residual counts less.
+        ``residuals``: (n,); ``scale``: size from which on a residual counts less.
         """
         squares = (residuals / scale) ** 2
         match self:

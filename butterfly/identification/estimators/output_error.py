@@ -133,29 +133,16 @@ class OutputError(Estimator):
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
-        Parameters
-        ----------
-        logs
-            With increasing stamps.
-        start
-            First guess; a poor one may stall the fit, so take a closed form's.
-        zeros
-            First guess of the encoder's reading in rad of the hand at rest, per added mass.
-        known
-            What is known of the robot.
+        ``logs``: with increasing stamps; ``start``: first guess; a poor one may stall the fit, so
+        take a closed form's; ``zeros``: first guess of the encoder's reading in rad of the hand at
+        rest, per added mass; ``known``: what is known of the robot.
         """
         return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
 
     def of_starts(
         self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
     ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly, from one or more first guesses.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If the logs cannot determine the parameters, or no first guess is a joint's.
-        """
+        """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
             found = replace(self, horizon=horizon).of_starts(logs, first, known)
@@ -284,13 +271,7 @@ class OutputError(Estimator):
         zeros: Mapping[AddedMass, float],
         known: Knowledge = NOTHING,
     ) -> float:
-        """Return the least sum of squares, each log's being its mean square relative error.
-
-        Parameters
-        ----------
-        logs, start, zeros, known
-            As `of_logs` takes them.
-        """
+        """Return the least sum of squares, each log's being its mean square relative error."""
         problem = self.problem(logs, start, zeros, known)
         end = self.descend(problem, problem.initial)
         return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
@@ -305,12 +286,7 @@ class OutputError(Estimator):
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised.
 
-        Parameters
-        ----------
-        logs, start, zeros, known
-            As `of_logs` takes them.
-        variance
-            Of a residual, beside which what is known with an uncertainty is weighed.
+        ``variance``: of a residual, beside which what is known with an uncertainty is weighed.
         """
         horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
         choice = Choice(

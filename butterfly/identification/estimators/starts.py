@@ -20,34 +20,16 @@ _HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Start:
-    """A first guess.
+    """A first guess."""
 
-    Parameters
-    ----------
-    parameters
-        Of the bare hand.
-    zeros
-        The encoder's reading in rad at rest for each added mass.
-    """
-
-    parameters: LumpedParameters
-    zeros: Mapping[AddedMass, float]
+    parameters: LumpedParameters  # of the bare hand
+    zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     """Return the estimates of all closed forms that the logs allow, or else a guess of the scale.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    terms
-        Which they fit, as far as they offer them; those that they choose, if None.
-
-    Raises
-    ------
-    ButterflyError
-        If they allow none.
+    ``terms``: which they fit, as far as they offer them; those that they choose, if None.
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []

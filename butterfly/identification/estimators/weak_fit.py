@@ -69,30 +69,14 @@ class Windows(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class About:
-    """What the equations of windows are about.
+    """What the equations of windows are about."""
 
-    Parameters
-    ----------
-    names
-        Of the parameters to be found.
-    known
-        What is known of the robot; what is known exactly is not among the names.
-    slow
-        Stribeck velocity in rad/s.
-    delay
-        From input to torque, in s.
-    gain
-        p4, as far as it is known.
-    variance
-        Of a row, beside which what is known with an uncertainty is weighed.
-    """
-
-    names: tuple[str, ...]
-    known: Knowledge
-    slow: float
-    delay: float
-    gain: float
-    variance: float = 1.0
+    names: tuple[str, ...]  # of the parameters to be found
+    known: Knowledge  # what is known of the robot; what is known exactly is not among the names
+    slow: float  # Stribeck velocity in rad/s
+    delay: float  # from input to torque, in s
+    gain: float  # p4, as far as it is known
+    variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
     def regression(
         self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_] | None] | None = None
@@ -122,18 +106,10 @@ class About:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeakFit:
-    """A solution, and the equations about it.
+    """A solution, and the equations about it."""
 
-    Parameters
-    ----------
-    about
-        What the equations are about.
-    regression, solved
-        The equations, and the solution.
-    """
-
-    about: About
-    regression: Regression
+    about: About  # what the equations are about
+    regression: Regression  # regression, solved: the equations, and the solution
     solved: Solved
 
     @classmethod

@@ -110,21 +110,9 @@ class WeakForm(Estimator):
 
         What a log tells of its own zero goes before it.
 
-        Parameters
-        ----------
-        logs, zeros
-            The logs, and the readings.
-        known
-            What is known of the robot.
-        uncertain
-            (k, n) standard uncertainties in rad of k independent errors of the zeros of the n logs.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If the logs cannot determine the parameters.
-        InputError
-            If a log is shorter than a test function.
+        ``logs``, ``zeros``: the logs, and the readings; ``known``: what is known of the robot;
+        ``uncertain``: (k, n) standard uncertainties in rad of k independent errors of the zeros of
+        the n logs.
         """
         require_usable(self.method, known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)

@@ -27,26 +27,14 @@ CANDIDATES = ("drag", "load", "bias", "p3_offset")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeakTerms:
-    """Terms for the weak form, and the fit with them.
+    """Terms for the weak form, and the fit with them."""
 
-    Parameters
-    ----------
-    fit
-        With the terms.
-    held
-        What is set, not fitted.
-    rivals
-        (n,) values of fits with other terms that predict as well.
-    said
-        What there is to say of terms that are not fitted.
-    best
-        What would have been chosen from all terms; empty if that was not asked.
-    """
-
-    fit: WeakFit
-    held: dict[str, float]
+    fit: WeakFit  # with the terms
+    held: dict[str, float]  # what is set, not fitted
+    # (n,) values of fits with other terms that predict as well
     rivals: tuple[NDArray[np.float64], ...]
-    said: tuple[Finding, ...]
+    said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
+    # what would have been chosen from all terms; empty if that was not asked
     best: dict[str, float]
 
     @classmethod
@@ -60,17 +48,9 @@ class WeakTerms:
     ) -> WeakTerms:
         """Choose from all terms, or, where they are told, only their Stribeck velocity.
 
-        Parameters
-        ----------
-        windows
-            Of the logs.
-        terms
-            Told, or None.
-        known
-            Of the robot.
-        check
-            Whether to say which terms would help that were not told; Stribeck friction is not
-            looked for then, since its scan costs more than the fit.
+        ``windows``: of the logs; ``terms``: told, or None; ``check``: whether to say which terms
+        would help that were not told; Stribeck friction is not looked for then, since its scan
+        costs more than the fit.
         """
         usual = known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
         always = known.fitted(PARAMETERS)

@@ -23,17 +23,10 @@ def zero_covariance(
 ) -> Samples:
     """(n, n) covariance that uncertain zeros add to n parameters.
 
-    Parameters
-    ----------
-    fit
-        Of the logs' windows through their instruments.
-    pairs
-        The m logs.
-    doubts
-        (k, m) standard uncertainties in rad of k independent errors (see
-        `butterfly.identification.zeros.doubts`).
-    names
-        Of the parameters; those that the fit held are not moved.
+    ``fit``: of the logs' windows through their instruments; ``pairs``: the m logs; ``doubts``: (k,
+    m) standard uncertainties in rad of k independent errors (see
+    `butterfly.identification.zeros.doubts`); ``names``: of the parameters; those that the fit held
+    are not moved.
     """
     added = np.zeros((len(names), len(names)))
     if not doubts.size:
