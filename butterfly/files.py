@@ -1,4 +1,4 @@
-"""Write files so that a reader, or a killed run, never meets half of one."""
+"""Files: the names they may have, those that are shipped, and writing them whole or not at all."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from butterfly.errors import InputError
+
+_PACKAGE = Path(__file__).parent
+_ROOTS = (_PACKAGE / "_shipped", _PACKAGE.parent)  # of what is shipped: in a wheel, in a checkout
 
 DRAFT = ".draft-"
 """How the names of files begin that were not finished."""
@@ -28,15 +31,7 @@ def is_name(text: str) -> bool:
 
 
 def require_path(named: str, source: object, field: str) -> None:
-    """Raise InputError for a text that no file system takes as a path.
-
-    Parameters
-    ----------
-    named
-        The text.
-    source, field
-        Where it stands.
-    """
+    """Raise InputError for a text, standing in a field of a source, that can be no path."""
     parts = [part.encode(errors="surrogatepass") for part in named.replace("\\", "/").split("/")]
     longest = max(map(len, parts))
     if "\0" in named:
@@ -52,12 +47,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
     The temporary name is nobody else's, so that several processes may write one path: the last
     that is done wins. It ends as ``path`` does, for writers that look at it. The file is for the
-    block to make, with the permissions that a new file gets.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or written to.
+    block to make, with the permissions that a new file gets. InputError if it cannot be written.
     """
     draft = path.with_name(f"{DRAFT}{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -71,3 +61,41 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink()
+
+
+def shipped(relative: str | Path) -> Path:
+    """Return the path of a shipped file such as ``models/butterfly_hand/hand.xml``."""
+    for root in _ROOTS:
+        candidate = root / relative
+        if candidate.exists():
+            return candidate
+    raise InputError(
+        relative, "path", "no such shipped file", "a file under models/ or experiments/"
+    )
+
+
+def shipped_experiments() -> list[str]:
+    """List the shipped experiment and data-set files, as ``experiments/.../NAME.yaml``."""
+    root = shipped("experiments")
+    return sorted(
+        f"experiments/{path.relative_to(root).as_posix()}" for path in root.rglob("*.yaml")
+    )
+
+
+def locate(path: Path) -> Path:
+    """Resolve what a user typed: a path as given, else a shipped file of that name.
+
+    ``experiments/quickstart.yaml`` and plain ``quickstart`` both find the shipped file from any
+    working directory; a file of the user's own always comes first. InputError if neither exists.
+    """
+    if path.exists():
+        return path
+    for name in shipped_experiments():
+        if str(path) in {name, Path(name).name, Path(name).stem}:
+            return shipped(name)
+    raise InputError(
+        path,
+        "path",
+        "no such file or folder",
+        f"an existing path, or one of {', '.join(shipped_experiments())}",
+    )

@@ -13,15 +13,7 @@ _PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 def require_room(source: object, field: str, value: object, size: float) -> None:
-    """Raise InputError if what a value asks for is larger than the machine's memory.
-
-    Parameters
-    ----------
-    source, field, value
-        What asks for it.
-    size
-        Bytes that it takes, about.
-    """
+    """Raise InputError if a value asks for more bytes than the machine has memory."""
     there = memory()
     if not size <= there:
         room = f"less: it takes {said(size)} of memory, of which there are {said(there)}"
@@ -29,13 +21,7 @@ def require_room(source: object, field: str, value: object, size: float) -> None
 
 
 def most_in(packed: int) -> int:
-    """Return how many bytes a packed file of logs may hold: what says more is damaged, or worse.
-
-    Parameters
-    ----------
-    packed
-        Bytes of the file.
-    """
+    """Return how many bytes a packed file of so many may hold: more is damage, or worse."""
     return max(_FREE, _PACKED * packed)
 
 

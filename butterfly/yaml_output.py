@@ -11,21 +11,12 @@ from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.representer import SafeRepresenter
 
 _ONE_LINE = 1_000_000  # characters: nothing is wrapped
-_WORDS = re.compile(
-    r"[^\W\d]([\w ./-]*[\w./-])?"
-)  # what needs no quotes, unless it reads as a value
+# What needs no quotes, unless it reads as a value.
+_WORDS = re.compile(r"[^\W\d]([\w ./-]*[\w./-])?")
 
 
 def yaml_text(content: dict[str, Any], *, flow: bool = False) -> str:
-    """Return plain values as YAML, in the order of their keys.
-
-    Parameters
-    ----------
-    content
-        The values.
-    flow
-        Whether to write mappings in braces.
-    """
+    """Return plain values as YAML, in the order of their keys; mappings in braces if ``flow``."""
     writer = YAML(typ="safe", pure=True)
     writer.Representer = _PlainWriter
     writer.default_flow_style = flow

@@ -12,15 +12,15 @@ from hypothesis import HealthCheck, settings
 
 import butterfly.plant
 from butterfly.cli import main, show_progress
-from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
 from butterfly.identification.identification import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.resources import shipped
 
 # Compilation and file systems make the first example slow. The draws are the same every time, so
 # that a change fails only by what it changes; `pytest --hypothesis-profile explore` draws anew.

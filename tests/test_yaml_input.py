@@ -12,8 +12,8 @@ from pydantic import Field
 
 from butterfly.errors import InputError
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
-from butterfly.resources import shipped, shipped_experiments
+from butterfly.experiment.source import Source
+from butterfly.files import shipped, shipped_experiments
 from butterfly.yaml_input import StrictModel, load_yaml, read_yaml
 from butterfly.yaml_output import yaml_text
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.api.identified_plots import IdentifiedPlots
-from butterfly.api.result import Result, aligned, text, texts
+from butterfly.api.result import Result, TextTable, aligned, text, texts
 from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
 from butterfly.errors import InputError
@@ -49,12 +49,20 @@ from butterfly.report.numbers.identification_numbers import (
     told_of_parts,
 )
 from butterfly.report.parameter_rows import rows_of, unit_of
-from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import sentences, summary, verdict_on
+from butterfly.report.physical import HEADERS as PHYSICAL_HEADERS
+from butterfly.report.physical import TITLE as PHYSICAL_TITLE
+from butterfly.report.physical import physical_rows, physical_sentences
+from butterfly.report.words import fit_said, sentences, summary, verdict_on
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     import control
     from plotly.graph_objects import Figure
+
+_HEADERS = (
+    *("", "true", "deviation", "estimate", "std error", "95 % interval", "unit"),
+    "one mass left out",
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -193,6 +201,36 @@ class Identified(Result):
             for row in rows_of(records, InputKind(self.origin["input"]), self._joint)
         ]
 
+    def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
+        """Return parameters beside the true ones if known, physical ones, and FIT of others."""
+        records = ParameterRecord.all_of(self.estimate, truth)
+        kind = InputKind(self.origin["input"])
+        rows = [
+            (
+                *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
+                *(row.unit, row.left_out),
+            )
+            for row in rows_of(records, kind, self._joint)
+        ]
+        name = f"{self.origin['name']}: {self.estimate.method}"
+        tables = [TextTable(name, _HEADERS, rows)]
+        if physical := physical_rows(self._physical()) if self._weighed else []:
+            tables.append(TextTable(PHYSICAL_TITLE, PHYSICAL_HEADERS, physical))
+        if self.estimate.resonances:
+            found = [(str(mass), f"{w:.4f}") for mass, w in self.estimate.resonances.items()]
+            tables.append(TextTable("Resonance, as this method finds it", ("", "rad/s"), found))
+        if self.live is not None and self.live.comparisons:
+            tables.append(_comparisons(self.live))
+        return tables
+
+    def paragraphs(self) -> list[str]:
+        """Return the summary, and what is open of the physical parameters if any are known."""
+        return [*self.summary, *(physical_sentences(self._physical()) if self._weighed else ())]
+
+    @property
+    def _weighed(self) -> bool:
+        return bool(Knowledge.told(self.origin.get("known", {})).physical)
+
     def shown_lines(self) -> list[str]:
         """Return the table of parameters as lines."""
         return aligned(self.shown_rows())
@@ -203,7 +241,7 @@ class Identified(Result):
         return f"<Identified: {self.title}{self._unless_good()}: {values}>"
 
     @property
-    def judged(self) -> SaidVerdict:  # type: ignore[override]
+    def judged(self) -> Verdict:  # type: ignore[override]
         """The verdict on its values."""
         return verdict_on(self.estimate)
 
@@ -350,6 +388,19 @@ class Identified(Result):
             expected = "one whose logs came from one source of files, to be read again"
             raise InputError("a result that was loaded", "logs", "none", expected)
         return simulated(read_data_set(Manifest.model_validate(found)), self.estimate)
+
+
+def _comparisons(found: Identification) -> TextTable:
+    """Return FIT of this identification, and of the parameters that it was compared with."""
+    fits = [(f"{found.estimate.method}, this identification", found.summary)]
+    for other in found.comparisons:
+        gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
+        fits.append((other.name + gain, other.summary))
+    return TextTable(
+        f"FIT in %{found.summary.over} on the same logs",
+        ("parameters", "median", "mean", "worst"),
+        [(name, *map(fit_said, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
+    )
 
 
 def _fits(content: dict[str, Any]) -> dict[str, float]:

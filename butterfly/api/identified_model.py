@@ -124,7 +124,7 @@ class IdentifiedModel:
         InputError
             If no hand of that mass moves so, as a slide does not, or the file cannot be written.
         """
-        from butterfly.experiment.named_robot import export  # noqa: PLC0415 - slow to import
+        from butterfly.plant.stand_alone import export  # noqa: PLC0415 - slow to import
         from butterfly.plant.twin import carrying_twin, command_of  # noqa: PLC0415
 
         if self.joint is JointKind.SLIDE:

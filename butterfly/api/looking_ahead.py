@@ -18,9 +18,10 @@ from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, read, read_experiment
 from butterfly.api.usable import require_possible
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.experiment.named_robot import is_data
-from butterfly.experiment.planned import planned_logs
+from butterfly.experiment.data_source import is_data
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulation import planned_logs
+from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed
 from butterfly.identification.estimate import Estimate
@@ -31,7 +32,6 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import Track, untracked
-from butterfly.resources import locate
 
 
 def predict(

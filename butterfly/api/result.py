@@ -8,19 +8,26 @@ from collections.abc import Sequence
 from html import escape
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from butterfly.errors import ButterflyError
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.report.numbers.document import SCHEMA_NUMBER, Told, write_document
 from butterfly.report.page import Page, Section, Table, write_page
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
     from plotly.graph_objects import Figure
 
 _SIGNIFICANT = 4
+
+
+class TextTable(NamedTuple):
+    """A table as a command prints it; of empty headers, names and what belongs to them."""
+
+    title: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[object]]
 
 
 class Result(ABC):
@@ -38,13 +45,13 @@ class Result(ABC):
     summary: tuple[str, ...]
     """What it says, in plain English, the verdict first, then the most important."""
 
-    judged: SaidVerdict | None
+    judged: Verdict | None
     """The verdict on the estimate that it rests on; None of a result of an older program."""
 
     @property
-    def standing(self) -> Standing | None:
+    def standing(self) -> str | None:
         """What may be done with the estimate that it rests on: good, use with care, do not use."""
-        return None if self.judged is None else self.judged.standing
+        return None if self.judged is None else self.judged.level.verdict
 
     @property
     def verdict(self) -> list[str]:
@@ -62,6 +69,17 @@ class Result(ABC):
     def shown_rows(self) -> list[dict[str, str]]:
         """Return `rows` as a person reads them."""
         return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
+
+    def paragraphs(self) -> list[str]:
+        """Return what a command prints above its tables, the verdict first if there is one."""
+        return list(self.summary)
+
+    def tables(self) -> list[TextTable]:
+        """Return the tables that a command prints below the summary."""
+        rows = self.shown_rows()
+        if not rows:
+            return []
+        return [TextTable(self.title, tuple(rows[0]), [tuple(row.values()) for row in rows])]
 
     def shown_lines(self) -> list[str]:
         """Return what `print` shows of the table, aligned; nothing where it would be long."""
@@ -151,7 +169,7 @@ class Result(ABC):
 
     def _unless_good(self) -> str:
         """Return what a line says of the verdict: nothing if it is good."""
-        return f", {self.standing}" if self.standing not in {None, Standing.GOOD} else ""
+        return f", {self.standing}" if self.standing not in {None, Level.GOOD.verdict} else ""
 
     def _repr_html_(self) -> str:
         return html_of(self.title, self.shown_rows(), self.summary)

@@ -11,8 +11,9 @@ from butterfly.api.identified import Identified
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import named_data
-from butterfly.experiment.reading import read_experiment as experiment_in
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.source import read_experiment as experiment_in
+from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.logs.column_map import ColumnMap
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
@@ -20,7 +21,6 @@ from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import NOTHING, Knowledge, known_of
 from butterfly.model.parameters import JointKind
-from butterfly.resources import locate
 
 _OWN: tuple[dict[str, Any], frozenset[Repair]] = ({}, frozenset())  # of logs that are read already
 

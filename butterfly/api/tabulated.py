@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 
 from plotly.graph_objects import Bar, Figure, Scatter
 
-from butterfly.api.result import Result, text, texts
+from butterfly.api.result import Result, TextTable, text, texts
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
@@ -20,7 +20,7 @@ from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.numbers.document import HEAD, Told
 from butterfly.report.page import Page
 from butterfly.report.three_way import three_way_page
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -37,14 +37,17 @@ class Tabulated(Result):
         The verdict on the estimate that it rests on; None of a result of an older program.
     besides, units
         What else `to_dict` says, and the units of what it says.
+    printed
+        The tables that a command prints; none of a result that was loaded, which prints its rows.
     """
 
     title: str
     summary: tuple[str, ...]
     table: tuple[dict[str, Any], ...]
-    judged: SaidVerdict | None = None
+    judged: Verdict | None = None
     besides: dict[str, Any] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    printed: tuple[TextTable, ...] = ()
 
     @classmethod
     def of_told(cls, told: Told, **more: Any) -> Self:  # noqa: ANN401 - fields of its own
@@ -73,7 +76,7 @@ class Tabulated(Result):
             title=text(content["title"]),
             summary=texts(content["summary"]),
             table=tuple(dict(row) for row in content["rows"]),
-            judged=SaidVerdict.of_numbers(content),
+            judged=Verdict.of_numbers(content),
             besides={key: content[key] for key in content if key not in {*HEAD, "rows"}},
             units={str(key): str(unit) for key, unit in content.get("units", {}).items()},
         )
@@ -92,6 +95,10 @@ class Tabulated(Result):
     def rows(self) -> list[dict[str, Any]]:
         """Return the table."""
         return [dict(row) for row in self.table]
+
+    def tables(self) -> list[TextTable]:
+        """Return the tables that a command prints below the summary."""
+        return list(self.printed) or super().tables()
 
     @property
     def plot(self) -> TablePlots:
@@ -115,6 +122,13 @@ class Designed(Tabulated):
     """Next experiments, the most telling first."""
 
     kind: ClassVar[str] = "design"
+
+    def tables(self) -> list[TextTable]:
+        """Return the candidates with their ranks, two decimals of each number."""
+        rows = self.rows()
+        cells = [[f"{v:.2f}" if isinstance(v, float) else v for v in row.values()] for row in rows]
+        ranked = [(str(rank), *row) for rank, row in enumerate(cells, start=1)]
+        return [TextTable(self.title, ("", *rows[0]), ranked)]
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
@@ -146,7 +160,8 @@ class Compared(Tabulated):
     ) -> Compared:
         """Tabulate logs, each simulated twice with an estimate, and the misfit of the data set."""
         told = told_comparison(data, estimator, compared, misfit, found)
-        return cls.of_told(told, live=three_way_page(data, compared, misfit, told))
+        page = three_way_page(data, compared, misfit, told)
+        return cls.of_told(told, live=page, printed=page_tables(page))
 
     def page(self) -> Page:
         """Put together the page of `report`."""
@@ -155,6 +170,15 @@ class Compared(Tabulated):
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
         return {"fits": self.plot.fits()}
+
+
+def page_tables(page: Page) -> tuple[TextTable, ...]:
+    """Return the tables of a page's sections, as a command prints them."""
+    return tuple(
+        TextTable(section.title, part.headers, [[str(cell) for cell in row] for row in part.rows])
+        for section in page.sections
+        for part in section.tables
+    )
 
 
 @dataclass(frozen=True)

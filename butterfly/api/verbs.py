@@ -1,39 +1,67 @@
-"""What `import butterfly as bf` can do: read, identify, simulate, validate, design, compare."""
+"""Verbs that estimate: identify, select, validate, residual, compare, design."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
+from numbers import Real
 from operator import index
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from butterfly.api.answers import Leaderboard, Residual, Selection
 from butterfly.api.identified import Identified
-from butterfly.api.sources import Data, Named, choice, read, read_experiment
-from butterfly.api.tabulated import Compared, Designed, Validated
+from butterfly.api.result import TextTable
+from butterfly.api.saved import load
+from butterfly.api.sources import Data, choice, read
+from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
 from butterfly.api.usable import require_possible
+from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
-from butterfly.experiment.estimator_spec import make_estimator
-from butterfly.experiment.methods import DEFAULT_METHOD
-from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import data_set_of, write_logs
-from butterfly.experiment.simulation import simulate as simulated_logs
-from butterfly.identification.data import DataSet, read_data_set
+from butterfly.experiment.data_source import RESULT
+from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
+from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
+from butterfly.identification.diagnostics.left_over import LeftOver
 from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
+from butterfly.identification.identification import held_out_fits, judged
 from butterfly.identification.identification import identify as identify_data
-from butterfly.identification.identification import judged
+from butterfly.identification.inference.bootstrap import Bootstrap, bootstrap
 from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.inference.term_selection import select_terms
+from butterfly.identification.inference.validation import HeldOut, hold_out
 from butterfly.identification.other_parameters import told_parameters
-from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import LumpedParameters
-from butterfly.report.numbers.table_numbers import told_design, told_validation
+from butterfly.model.terms import TERMS
+from butterfly.progress import Track, untracked
+from butterfly.report.chosen_terms import selection_page, structures_table
+from butterfly.report.leaderboard import leaderboard_page
+from butterfly.report.misfit import HEADERS, misfit_sentences, misfit_table
+from butterfly.report.numbers.comparison_numbers import told_leaderboard
+from butterfly.report.numbers.table_numbers import (
+    told_design,
+    told_residual,
+    told_selection,
+    told_validation,
+)
+from butterfly.report.parameter_rows import unit_of
+from butterfly.report.residual_page import residual_page
+from butterfly.report.words import verdict_on
 
 Method = str | Estimator
+
+CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
+"""Terms that `select` chooses from if none are named."""
+
+_WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
 
 def identify(
@@ -42,6 +70,7 @@ def identify(
     *,
     against: Mapping[str, Identified | LumpedParameters | Mapping[str, float]] | None = None,
     holdout: Sequence[str] = (),
+    track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Identified:
     """Identify the robot that made the logs.
@@ -56,9 +85,11 @@ def identify(
     against
         Other parameters to simulate the logs with, by name; without p4 the best one is used.
     holdout
-        Names or glob patterns of logs that are not used for the fit, only foretold by it.
+        Names or glob patterns of logs that are not used for the fit, only predicted by it.
+    track
+        Shows progress.
     options
-        Of the method, as `butterfly identify --help` names them: ``terms=("drag",)``, ...
+        Of the method, as `butterfly identify --help-all` names them: ``terms=("drag",)``, ...
 
     Raises
     ------
@@ -67,62 +98,84 @@ def identify(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
-    logs = read(data).holding_out(holdout)
-    estimator = make_estimator(method, options).suited(logs)
     if not isinstance(against, Mapping | None):
         raise InputError("identify", "against", against, "parameters by a name for them")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
-    found = identify_data(logs, estimator, against=others)
+    logs, estimator = _prepared(data, method, options, holdout)
+    found = identify_data(logs, estimator, against=others, track=track)
     return Identified.of(found, estimator.label)
 
 
-def simulate(experiment: Named | Experiment, *, out: Named | None = None) -> DataSet:
-    """Simulate an experiment in MuJoCo, and return its logs.
+def select(
+    data: Data,
+    method: Method = "output-error",
+    *,
+    candidates: Collection[str] = CANDIDATES,
+    holdout: Sequence[str] = (),
+    track: Track = untracked,
+    **options: Any,  # noqa: ANN401 - the fields of the estimator
+) -> Selection:
+    """Choose friction terms by how well they predict what was left out: added masses, or logs.
+
+    Terms are added one by one, the most helpful first, until none helps. The verdict is on the
+    estimate with the terms that were chosen.
 
     Parameters
     ----------
-    experiment
-        A file, the name of a shipped one, or what `read_experiment` returned.
-    out
-        Folder to which the logs are written with their manifest, in the form of the real ones.
+    data, method, holdout, track, options
+        As `identify` takes them; the terms are not among the options.
+    candidates
+        Terms to choose from.
 
     Raises
     ------
     InputError
-        If the experiment is not one, or a simulation diverges.
+        If the logs cannot be used, or an option or a term is not the method's.
+    IdentifiabilityError
+        If they cannot determine the parameters, or nothing can be left out.
     """
-    plan = read_experiment(experiment) if isinstance(experiment, str | PathLike) else experiment
-    if not isinstance(plan, Experiment):
-        expected = "an experiment: its file, its name, or what read_experiment returned"
-        raise InputError("simulate", "experiment", type(plan).__name__, expected)
-    logs = list(simulated_logs(plan))
-    if out is not None:
-        return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
-    return data_set_of(plan, logs)
+    if isinstance(candidates, str) or not isinstance(candidates, Collection):
+        raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
+    logs = read(data).holding_out(holdout)
+    quick = make_estimator(method, options).unchecked()
+    passed = select_terms(logs, quick, tuple(candidates), track=track)
+    chosen = quick.with_terms(passed[-1].terms)
+    found = judged(logs, chosen)
+    told = told_selection(logs, chosen, tuple(candidates), passed, found)
+    table = structures_table(passed)
+    title = f"{logs.name}: FIT in %, in sample and left out"
+    return Selection(
+        content=told,
+        printed=(TextTable(title, table.headers, [[*map(str, row)] for row in table.rows]),),
+        draw=partial(selection_page, logs, passed, told),
+    )
 
 
 def validate(
     data: Data,
-    method: Method = DEFAULT_METHOD,
+    method: Method | Sequence[Method] = DEFAULT_METHOD,
     *,
     split: str = Split.AUTO,
     folds: int | None = None,
     holdout: Sequence[str] = (),
+    bootstrap: int = 0,
+    track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Validated:
+) -> Validated | Leaderboard:
     """Predict logs that an estimator has not seen, and compare with those it has.
 
     Parameters
     ----------
-    data, method, options
-        As `identify` takes them.
+    data, method, holdout, track, options
+        As `identify` takes them; of several methods in a list the best comes first, each with its
+        own defaults.
     split
         What is left out together: ``mass``, ``frequency``, ``log``, ``time``, or ``auto``: the
         first of these that suits the logs.
     folds
         How many parts, of frequency, log and time.
-    holdout
-        Names or glob patterns of logs that are neither used nor left out, only foretold at the end.
+    bootstrap
+        How often to estimate from logs drawn with replacement besides, for intervals.
 
     Raises
     ------
@@ -131,43 +184,112 @@ def validate(
     IdentifiabilityError
         If nothing can be left out, or a part cannot determine the parameters.
     """
-    logs = read(data).holding_out(holdout)
-    estimator = make_estimator(method, options).suited(logs)
+    how = choice(Split, "validate", "split", split)
+    _require_count("folds", folds, 2)
+    _require_count("bootstrap", bootstrap, 0)
+    if not isinstance(method, str | Estimator):
+        for name, value in {"folds": folds, "bootstrap": bootstrap or None, **options}.items():
+            if value is not None:
+                raise InputError("validate", name, value, "none beside several methods")
+        return rank([data], method, split=how, holdout=holdout, track=track)
+    logs, estimator = _prepared(data, method, options, holdout)
     quick = estimator.unchecked()
-    held = hold_out(logs, quick, choice(Split, "validate", "split", split), folds=folds)
-    return Validated.of_told(told_validation(logs, estimator, held, judged(logs, quick)))
+    held = hold_out(logs, quick, how, folds=folds, track=track)
+    whole, drawn = judged(logs, quick), None
+    if bootstrap:
+        drawn = _bootstrap(logs, quick, whole, repetitions=bootstrap, track=track)
+    told = told_validation(logs, estimator, held, whole, drawn)
+    return Validated.of_told(told, printed=_validation_tables(logs, held, whole, drawn))
 
 
-def design(
-    data: Data,
-    method: Method | None = None,
+_bootstrap = bootstrap  # whose name `validate` has for how often it is done
+
+
+def rank(
+    sets: Sequence[Data],
+    methods: Sequence[Method],
     *,
-    swing: float | None = None,
-    **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Designed:
-    """Rank candidate next experiments by how much they would tell.
+    split: str = Split.AUTO,
+    holdout: Sequence[str] = (),
+    track: Track = untracked,
+) -> Leaderboard:
+    """Rank methods by how well they predict what they have not seen, each data set by itself.
 
     Parameters
     ----------
-    data, method, options
-        As `identify` takes them; or its result alone, whose estimate is taken.
-    swing
-        Largest swing allowed, in rad (1 if not given), or on a slide in m (what its logs have
-        shown if not given).
+    sets
+        Data sets, each what `read` takes.
+    methods, split, holdout, track
+        As `validate` takes them.
+
+    Raises
+    ------
+    InputError
+        If logs cannot be used, or there is no such method.
+    """
+    how = choice(Split, "validate", "split", split)
+    estimators = [make_estimator(each, {}) for each in methods]
+    if not estimators:
+        raise InputError("validate", "method", "none", "at least one method")
+    entries = leaderboard(
+        [read(each).holding_out(holdout) for each in sets], estimators, split=how, track=track
+    )
+    page = leaderboard_page(entries)
+    return Leaderboard(
+        content=told_leaderboard(entries), printed=page_tables(page), draw=lambda: page
+    )
+
+
+def residual(
+    data: Data,
+    method: Method | None = None,
+    *,
+    logs: Sequence[int] | None = None,
+    holdout: Sequence[str] = (),
+    **options: Any,  # noqa: ANN401 - the fields of the estimator
+) -> Residual:
+    """Show the residuals of the identified model: errors of free runs, and the torque it misses.
+
+    Errors stand beside what encoder and noise explain, with the missing term that they look like.
+
+    Parameters
+    ----------
+    data, method, holdout, options
+        As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
+    logs
+        Numbers of the logs of which the residual torque is told, too; all errors are if not given.
 
     Raises
     ------
     InputError
         If the logs cannot be used, or an option is not the method's.
     IdentifiabilityError
-        If they cannot determine the parameters, or give no covariance.
-    UnusableError
-        If no joint has the parameters that were found.
+        If they cannot determine the parameters.
     """
-    logs, estimator, found = _estimated(data, method, options)
-    require_possible(found)
-    ranked = next_experiments(logs, found, largest_swing=swing)
-    return Designed.of_told(told_design(logs, estimator, found, ranked))
+    whole, estimator, found = _estimated(data, method, options, holdout, check=False)
+    chosen = numbers_of_logs("residual", logs, len(whole.logs))
+    misfit = judge_misfit(whole, found)
+    sentences = misfit_sentences(misfit)
+    title = f"{whole.name}: what {found.method} leaves over"
+    tables = [TextTable(title, HEADERS, misfit_table([misfit.logs[k] for k in chosen]).rows)]
+    worst = max(chosen, key=lambda k: misfit.logs[k].relative)
+    if logs is not None:
+        torques = residual_torques(whole, found).logs
+        tables += [
+            _torque_table(f"{torques[k].label}: the torque left over", torques[k].left_over)
+            for k in chosen
+        ]
+
+    return Residual(
+        content=told_residual(whole, estimator, found, misfit, sentences),
+        printed=tuple(tables),
+        draw_worst=lambda: residual_page(
+            residual_torques(whole, found).logs[worst],
+            misfit.logs[worst],
+            verdict_on(found),
+            joint=whole.joint,
+        ),
+    )
 
 
 def compare(
@@ -176,14 +298,16 @@ def compare(
     *,
     logs: Sequence[int] | None = None,
     mass: float | None = None,
+    holdout: Sequence[str] = (),
+    track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
 ) -> Compared:
     """Simulate logs in MuJoCo and by the grey-box model, with the parameters identified from them.
 
     Parameters
     ----------
-    data, method, options
-        As `identify` takes them; or its result alone, whose estimate is taken.
+    data, method, holdout, track, options
+        As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
     logs
         Numbers of the logs; all if not given.
     mass
@@ -199,27 +323,136 @@ def compare(
     UnusableError
         If no joint has those that were found.
     """
-    whole, estimator, found = _estimated(data, method, options, check=False)
+    if not isinstance(mass, Real | None):
+        raise InputError("compare", "mass", mass, "a number of kg")
+    whole, estimator, found = _estimated(data, method, options, holdout, check=False)
     require_possible(found)
-    count = len(whole.logs)
-    numbers = list(range(count)) if logs is None else _numbers(logs, count)
-    compared = compare_three(whole, found, numbers, mass=mass)
+    numbers = numbers_of_logs("compare", logs, len(whole.logs))
+    compared = compare_three(whole, found, numbers, mass=mass, track=track)
     return Compared.of(whole, estimator, compared, judge_misfit(whole, found), found)
 
 
-def _estimated(
-    data: Data, method: Method | None, options: Mapping[str, Any], *, check: bool = True
-) -> tuple[DataSet, Estimator | None, Estimate]:
-    """Return logs, an estimator, and its judged estimate; an identification has them already."""
+def design(
+    data: Data,
+    method: Method | None = None,
+    *,
+    swing: float | None = None,
+    holdout: Sequence[str] = (),
+    track: Track = untracked,
+    **options: Any,  # noqa: ANN401 - the fields of the estimator
+) -> Designed:
+    """Rank candidate next experiments by how much they would tell.
+
+    Parameters
+    ----------
+    data, method, holdout, track, options
+        As `identify` takes them; or its result, fresh or saved, whose estimate is taken.
+    swing
+        Largest swing allowed, in rad (1 if not given), or on a slide in m (what its logs have
+        shown if not given).
+
+    Raises
+    ------
+    InputError
+        If the logs cannot be used, or an option is not the method's.
+    IdentifiabilityError
+        If they cannot determine the parameters, or give no covariance.
+    UnusableError
+        If no joint has the parameters that were found.
+    """
+    logs, estimator, found = _estimated(data, method, options, holdout)
+    require_possible(found)
+    ranked = next_experiments(logs, found, largest_swing=swing, track=track)
+    return Designed.of_told(told_design(logs, estimator, found, ranked))
+
+
+def saved_identification(data: Data) -> Identified | None:
+    """Return the result that a file holds, or that data are already; None for other data."""
     if isinstance(data, Identified):
-        if method is not None or options:
-            told = ", ".join(options) if method is None else str(method)
+        return data
+    if isinstance(data, str | PathLike) and Path(data).suffix == RESULT:
+        found = load(data)
+        if isinstance(found, Identified):
+            return found
+        raise InputError(data, "schema", found.kind, "an identification that butterfly saved")
+    return None
+
+
+def _prepared(
+    data: Data, method: Method, options: Mapping[str, Any], holdout: Sequence[str]
+) -> tuple[DataSet, Estimator]:
+    estimator = make_estimator(method, options)  # what it cannot be told is refused first
+    logs = read(data).holding_out(holdout)
+    return logs, estimator.suited(logs)
+
+
+def _estimated(
+    data: Data,
+    method: Method | None,
+    options: Mapping[str, Any],
+    holdout: Sequence[str],
+    *,
+    check: bool = True,
+) -> tuple[DataSet, Estimator | None, Estimate]:
+    """Return logs, an estimator, and its judged estimate; a result, saved or not, has them."""
+    found = saved_identification(data)
+    if found is not None:
+        if method is not None or options or holdout:
+            given = [*options, *(["holdout"] if holdout else [])]
+            told = ", ".join(given) if method is None else str(method)
             expected = "none beside a result, which has its estimate"
             raise InputError("butterfly", "method", told, expected)
-        return data.data, data.made_by, data.estimate
-    logs = read(data)
-    estimator = make_estimator(method or DEFAULT_METHOD, options).suited(logs)
+        return found.data, found.made_by, found.estimate
+    logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
     return logs, estimator, judged(logs, estimator if check else estimator.unchecked())
+
+
+def _validation_tables(
+    data: DataSet, held: HeldOut, whole: Estimate, drawn: Bootstrap | None
+) -> tuple[TextTable, ...]:
+    fits = {"in sample": data.simulations.fits(whole), held.division.left_out: held.fits}
+    if unused := held_out_fits(data, whole):
+        fits["held out by name"] = np.array(list(unused.values()))
+    horizon = data.simulations.horizon(whole)
+    rows = []
+    for name, each in fits.items():
+        fit, counted = FitSummary.of(each, horizon), each[~np.isnan(each)]
+        above = f"{int(np.sum(counted > _WELL))} of {counted.size}"
+        numbers = (f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst))
+        rows.append((name, *numbers, above))
+    headers = ("", "median", "mean", "worst", f"above {_WELL} %")
+    over = FitSummary.of(fits["in sample"], horizon).over
+    estimates = {"nothing": whole, **held.estimates}
+    names = dict.fromkeys(name for each in estimates.values() for name in each.names)
+    found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
+    units = {name: unit_of(name, data.input_kind, data.joint) for name in names}
+    values = [
+        (
+            name,
+            *(f"{own[name]:#.4g}".rstrip(".") if name in own else "–" for own in found),
+            units[name],
+        )
+        for name in names
+    ]
+    tables = [
+        TextTable(f"{data.name}: FIT in %{over}", headers, rows),
+        TextTable("Estimates, by what was left out", ("", *estimates, "unit"), values),
+    ]
+    if drawn is not None:
+        lines = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
+        drawn_rows = [(n, *(f"{each:.4g}" for each in own), units[n]) for n, *own in lines]
+        titles = ("", "estimate", "lower", "upper", "unit")
+        tables.append(TextTable("95 % intervals by bootstrap over logs", titles, drawn_rows))
+    return tuple(tables)
+
+
+def _torque_table(title: str, left_over: LeftOver) -> TextTable:
+    """Return what the torque left over looks like, and the share of each missing term."""
+    rows = [("looks like", left_over.words("the motor's torque"))] + [
+        (TERMS[name].looks_like, f"{100 * share:.1f} % of its variance alone")
+        for name, share in left_over.shares.items()
+    ]
+    return TextTable(title, (), rows)
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given
@@ -231,14 +464,24 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     return told_parameters(given, f"against {name}")
 
 
-def _numbers(logs: Sequence[int], count: int) -> list[int]:
+def _require_count(name: str, value: object, least: int) -> None:
+    if value is None:
+        return
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise InputError("validate", name, value, f"an integer, at least {least}")
+
+
+def numbers_of_logs(verb: str, logs: Sequence[int] | None, count: int) -> list[int]:
+    """Return the numbers of the logs that are meant; all if none are given."""
+    if logs is None:
+        return list(range(count))
     try:
         numbers = [index(number) for number in logs]
     except TypeError:
-        raise InputError("compare", "logs", logs, "numbers of logs") from None
+        raise InputError(verb, "logs", logs, "numbers of logs") from None
     for number in numbers:
         if not 0 <= number < count:
-            raise InputError("compare", "logs", number, f"numbers from 0 to {count - 1}")
+            raise InputError(verb, "logs", number, f"numbers from 0 to {count - 1}")
     if not numbers:
-        raise InputError("compare", "logs", "none", "at least one number")
+        raise InputError(verb, "logs", "none", "at least one number")
     return numbers

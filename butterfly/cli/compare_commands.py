@@ -32,6 +32,7 @@ from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.methods import ESTIMATORS
+from butterfly.files import locate
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import judged
@@ -40,7 +41,6 @@ from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page, write_page
 from butterfly.report.three_way import three_way_page
-from butterfly.resources import locate
 
 
 @answers_in_json("comparison")
@@ -116,7 +116,7 @@ def _show(page: Page, report: Path | None, figures: bool, answer: JsonAnswer) ->
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.write(page.numbers)
-    end_with(None if page.verdict is None else page.verdict.standing)
+    end_with(None if page.verdict is None else page.verdict.level)
 
 
 def _own_root(options: DataOptions, data: Path) -> DataOptions:

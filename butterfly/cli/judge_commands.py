@@ -136,7 +136,7 @@ def validate_command(
         Validated.of_told(tell()).report(report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(tell)
-    end_with(whole.verdict.standing)
+    end_with(whole.level)
 
 
 @answers_in_json("selection")
@@ -182,7 +182,7 @@ def select_command(
         write_page(selection_page(logs, passed, tell()), report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(tell)
-    end_with(found.verdict.standing)
+    end_with(found.level)
 
 
 @answers_in_json("residual")
@@ -238,7 +238,7 @@ def residual_command(
             write_residual(torques[worst], misfit.logs[worst], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")
     answer.give(lambda: told_residual(logs, suited, estimate, misfit, misfit_sentences(misfit)))
-    end_with(verdict.standing)
+    end_with(verdict.level)
 
 
 def _show_shares(left_over: LeftOver) -> None:

@@ -36,14 +36,15 @@ from butterfly.logs.health import DEFAULT_REPAIRS, examine
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import MANIFEST_NAME
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
-from butterfly.logs.remarks import Condition
 from butterfly.report.inspection import (
+    STATES,
     conditions_said,
     health_rows,
     hints,
     inspect_logs,
 )
 from butterfly.report.numbers.other_numbers import told_inspection
+from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -180,7 +181,7 @@ def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
         numbers = ("–", "–", "–")
         if health is not None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        rows.append((each.name, each.condition, *numbers, each.findings))
+        rows.append((each.name, STATES[each.condition], *numbers, each.findings))
     show_table(str(data), ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 
@@ -202,6 +203,6 @@ def _zeros_said(logs: list[Log], manifest: Manifest) -> list[str]:
 
 def _refuse_unusable(data: Path, seen: Sequence[Inspected]) -> None:
     """Raise InputError if there are logs that cannot be used: all were told by now."""
-    refused = sum(each.condition is Condition.UNUSABLE for each in seen)
+    refused = sum(each.condition is Level.WARNING for each in seen)
     if refused:
         raise InputError(data, "logs", f"{refused} that cannot be used", "logs without such faults")

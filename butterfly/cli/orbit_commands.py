@@ -13,10 +13,10 @@ from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import FiguresOption, ResultsOption
 from butterfly.cli.show_progress import show_progress
 from butterfly.experiment.orbit import calibrate_orbit
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
-from butterfly.resources import locate
 
 
 @answers_in_json("orbit")
@@ -47,4 +47,4 @@ def calibrate_orbit_command(
     write_page(page, folder / "report.html", figures=figures)
     typer.echo(f"Report: {folder / 'report.html'}")
     answer.write(page.numbers)
-    end_with(study.estimate.verdict.standing)
+    end_with(study.estimate.level)

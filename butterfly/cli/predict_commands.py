@@ -16,11 +16,11 @@ from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import DATA, FiguresOption, ReportOption, parse_pairs, require_report
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
-from butterfly.experiment.named_robot import is_data
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.data_source import is_data
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.identification.draws import COUNT, LEAST
 from butterfly.report.page import write_page
-from butterfly.resources import locate
 
 
 @answers_in_json("prediction")
@@ -97,7 +97,7 @@ def predict_command(
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(found.told)
-    end_with(found.standing)
+    end_with(found.judged.level if found.judged else None)
 
 
 def _result(given: str) -> Path | dict[str, str]:

@@ -25,9 +25,8 @@ from butterfly.cli.shown_rows import show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
 from butterfly.experiment.estimate_record import or_nan
-from butterfly.experiment.kept import EXPERIMENT
-from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.record import OK
+from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
 from butterfly.logs.log import InputKind

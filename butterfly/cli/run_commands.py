@@ -24,17 +24,16 @@ from butterfly.cli.show_identification import show_estimates, show_identificatio
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.kept import keep_experiment
 from butterfly.experiment.perform import outcome_of, perform
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import file_of, simulate, write_logs
+from butterfly.experiment.source import Source, keep_experiment, read_experiment
 from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
 from butterfly.experiment.workers import DaskEngine, LocalEngine
-from butterfly.files import replacing
+from butterfly.files import locate, replacing
 from butterfly.logs.manifest import Manifest
 from butterfly.report.identification import write_report
 from butterfly.report.numbers.document import write_document
@@ -42,7 +41,6 @@ from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.sweep import sweep_page
-from butterfly.resources import locate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -184,7 +182,7 @@ def _run_here(
             raise ButterflyError(record.reason)
         if asked.answer.wanted:
             asked.answer.write(json.loads((folder / RESULT).read_text(encoding="utf-8")))
-        end_with(record.standing)
+        end_with(record.level)
         return
     kept = keep_experiment(asked.source, folder)
     store.begin()
@@ -212,7 +210,7 @@ def _run_here(
     if result.error is not None:
         raise result.error
     asked.answer.write(told)
-    end_with(result.record.standing)
+    end_with(result.record.level)
 
 
 def _report_names() -> Iterator[str]:

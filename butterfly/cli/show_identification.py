@@ -57,7 +57,7 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
     """Print what is kept of a run that was done before."""
     for estimate in record.estimates:
         values = {row.parameter: row.value for row in estimate.parameters}
-        said = sentences_of(estimate.verdict, estimate.findings, values)
+        said = sentences_of(estimate.ending, estimate.findings, values)
         if estimate.parameters:
             say_verdict(said[0])
         if estimate.fit is not None:

@@ -10,7 +10,7 @@ import typer
 from butterfly.cli.console import say, show_table
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.errors import InputError
-from butterfly.experiment.thesis_robot import thesis_robot
+from butterfly.experiment.source import thesis_robot
 from butterfly.report.numbers.other_numbers import told_reproduction
 from butterfly.thesis.figure_data import write_figure_data
 from butterfly.thesis.tables import has_real_logs, reproduce

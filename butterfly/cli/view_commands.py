@@ -11,10 +11,10 @@ import typer
 from butterfly.cli.options import ExperimentArgument
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.watch.show import film, watch
-from butterfly.resources import locate
 
 if TYPE_CHECKING:
     import numpy as np

@@ -66,7 +66,7 @@ _RUN: dict[str, Column[RunRecord | None]] = {
     "status": Column(_TEXT, lambda record: record.status if record else MISSING),
     "error": Column(_TEXT, lambda record: record.reason if record else "not run"),
     "logs": Column(_COUNT, lambda record: record.logs if record else None),
-    "verdict": Column(_TEXT, lambda record: record.standing if record else None),
+    "verdict": Column(_TEXT, lambda record: record.verdict if record else None),
     "unconverged": Column(_COUNT, lambda record: record.unconverged if record else None),
     "orbit_rounds": _of_orbit("rounds", _COUNT),
     "orbit_target": _of_orbit("target_rad"),
@@ -77,7 +77,7 @@ _RUN: dict[str, Column[RunRecord | None]] = {
 
 _ESTIMATE: dict[str, Column[Found]] = {
     "estimator": Column(_TEXT, lambda row: row.estimate.estimator),
-    "verdict": Column(_TEXT, lambda row: row.estimate.standing),
+    "verdict": Column(_TEXT, lambda row: row.estimate.verdict),
     "ending": Column(_TEXT, lambda row: row.estimate.ending),
     "findings": Column(_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
     "parameter": Column(_TEXT, lambda row: row.parameter.parameter),

@@ -7,13 +7,12 @@ from typing import Annotated
 
 from pydantic import Field
 
-from butterfly.experiment.oneof import OneOf
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import Plan, Schedule
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.velocity import FilteredDifference, Observer, VelocityEstimator
-from butterfly.yaml_input import StrictModel
+from butterfly.yaml_input import OneOf, StrictModel
 
 
 class StateSpec(StrictModel):

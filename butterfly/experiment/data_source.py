@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError, require_number
+from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.column_map import ColumnMap
 from butterfly.logs.drafted import manifest_from_names, manifest_of_files, manifest_of_log
@@ -20,8 +21,7 @@ from butterfly.logs.units import Units
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.model.parameters import JointKind
 from butterfly.progress import Track, untracked
-from butterfly.resources import locate
-from butterfly.yaml_document import load_yaml
+from butterfly.yaml_input import load_yaml
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 
@@ -204,3 +204,13 @@ def root_of(path: Path, said: str, root: Path | None = None) -> Path:
         Where they lie instead, if they were moved.
     """
     return (path.parent / said).resolve() if root is None else root.absolute()
+
+
+def is_data(path: Path) -> bool:
+    """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
+    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT}:
+        return True
+    try:
+        return "logs" in load_yaml(path).content
+    except InputError:
+        return False

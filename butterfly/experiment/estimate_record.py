@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from pydantic import computed_field
 
-from butterfly.identification.diagnostics.findings import Ending, Finding
-from butterfly.identification.diagnostics.verdict import Standing, Verdict
+from butterfly.identification.diagnostics.findings import Ending, Finding, grade
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.model.parameters import LumpedParameters
+from butterfly.verdict import Level
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,16 +153,16 @@ class EstimateRecord:
         """Whether the values are where the estimator wanted to be."""
         return self.ending is Ending.CONVERGED
 
-    @computed_field(alias="verdict")  # type: ignore[prop-decorator]
     @property
-    def standing(self) -> Standing:
-        """What may be done with the values; in its JSON the key ``verdict``."""
-        return self.verdict.standing
+    def level(self) -> Level:
+        """How much speaks against the values."""
+        return grade(self.ending, self.findings)[0]
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
-    def verdict(self) -> Verdict:
-        """What may be done with the values, and why not more."""
-        return Verdict.of(self.ending, self.findings)
+    def verdict(self) -> str:
+        """What may be done with the values: good, use with care, or do not use."""
+        return self.level.verdict
 
 
 def or_none(value: float) -> float | None:

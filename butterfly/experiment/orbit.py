@@ -10,7 +10,6 @@ from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, simulate, write_logs
-from butterfly.experiment.streams import of_orbit
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import judged
@@ -105,7 +104,7 @@ def hold_orbit(
         small_swings = found or judged(data, first.unchecked())
         believed = small_swings.parameters
         zero = _zero(control, data)
-    rng = np.random.default_rng(of_orbit(experiment.seed))
+    rng = np.random.default_rng(experiment.orbit_seed)
     return study_orbit(
         simulated_rig(experiment.plant.setup, rng),
         believed,

@@ -8,7 +8,6 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from butterfly.experiment.estimate_record import ParameterRecord, or_none
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.orbit.study import OrbitStudy
 
 
@@ -51,7 +50,7 @@ class OrbitRecord:
     parameters: tuple[ParameterRecord, ...]
     free_run_rms_rad: dict[str, float]
     cross_orbit: CrossRecord
-    verdict: Standing | None = None
+    verdict: str | None = None
 
     @classmethod
     def of(cls, study: OrbitStudy) -> OrbitRecord:
@@ -64,7 +63,7 @@ class OrbitRecord:
             ending=study.calibration.ending,
             absolute=last.is_absolute,
             parameters=ParameterRecord.all_of(study.estimate),
-            verdict=study.estimate.verdict.standing,
+            verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,

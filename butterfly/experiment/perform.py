@@ -14,11 +14,11 @@ from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.experiment.plan import Task
+from butterfly.experiment.provenance import versions
 from butterfly.experiment.record import FAILED, OK, REFUSED, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.signal_tables import filled
 from butterfly.experiment.simulation import data_set_of, packed, simulate
-from butterfly.experiment.versions import versions
+from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import Estimator, OutputError

@@ -9,13 +9,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.experiment.fingerprint import fingerprint
-from butterfly.experiment.reading import Source
+from butterfly.experiment.provenance import fingerprint, versions
 from butterfly.experiment.record import FAILED, SCHEMA, Outcome, PlannedRun, RunRecord
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.signal_tables import digest_of
+from butterfly.experiment.source import Source, digest_of
 from butterfly.experiment.sweeps import Overrides, apply
-from butterfly.experiment.versions import versions
 from butterfly.identification.estimators import Estimator
 from butterfly.plant.excitations import Table
 

@@ -18,7 +18,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit_record import OrbitRecord
-from butterfly.identification.diagnostics.verdict import Standing
+from butterfly.verdict import Level
 
 SCHEMA = 3
 """Of the records; one with another number counts as none."""
@@ -85,12 +85,17 @@ class RunRecord:
         return sum(bool(each.parameters) and not each.converged for each in self.estimates)
 
     @property
-    def standing(self) -> Standing | None:
+    def level(self) -> Level | None:
         """The worst verdict on its estimates, the orbit's among them; None if it has none."""
-        found = [each.standing for each in self.estimates if each.parameters]
+        found = [each.level for each in self.estimates if each.parameters]
         if self.orbit is not None and self.orbit.verdict is not None:
-            found.append(self.orbit.verdict)
-        return Standing.worst(found)
+            found.append(Level.of_verdict(self.orbit.verdict))
+        return Level.worst(found) if found else None
+
+    @property
+    def verdict(self) -> str | None:
+        """The same in words."""
+        return None if self.level is None else self.level.verdict
 
     def to_json(self) -> str:
         """Return the content of its file."""

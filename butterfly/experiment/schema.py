@@ -1,4 +1,4 @@
-"""What an experiment file may say."""
+"""What an experiment file may say: the robot, its inputs, estimators, and what varies."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from pydantic import (
 
 from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
-from butterfly.experiment.estimator_spec import AnyEstimator, MethodName
-from butterfly.experiment.methods import DEFAULT_OF_EXPERIMENTS, ESTIMATORS
-from butterfly.experiment.oneof import OneOf
-from butterfly.experiment.streams import of_runs
+from butterfly.experiment.methods import (
+    DEFAULT_OF_EXPERIMENTS,
+    ESTIMATORS,
+    AnyEstimator,
+    MethodName,
+)
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
@@ -51,7 +53,9 @@ from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.plant.setup import Setup
 from butterfly.plant.twin import twin
-from butterfly.yaml_input import StrictModel
+from butterfly.yaml_input import OneOf, StrictModel
+
+_ORBIT_STREAM = 2**32 - 1  # a number that no run has
 
 SMALL_SWING = 1.0
 """Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
@@ -65,25 +69,13 @@ class DriveSpec(OneOf):
 
 
 class PlantSpec(StrictModel):
-    """The simulated robot with its controller's clock and encoder.
-
-    Parameters
-    ----------
-    hand, drive, friction, clutch
-        The robot by its physical parameters.
-    lumped
-        In their place p1..p4 and friction terms, as an identification gives them; a torque drive.
-    simulator
-        MuJoCo, or the grey-box equation.
-    clock, encoder, path, faults
-        Of the controller.
-    """
+    """The simulated robot with its controller's clock and encoder."""
 
     hand: Hand | None = None
     drive: DriveSpec | None = None
     friction: Friction = Friction()
     clutch: Clutch | None = None
-    lumped: LumpedParameters | None = None
+    lumped: LumpedParameters | None = None  # in place of the four above; with a torque drive
     simulator: Simulator = Simulator.MUJOCO
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
@@ -149,18 +141,10 @@ class SignalSpec(OneOf):
 
 
 class ValidationSpec(StrictModel):
-    """What is left out, to be predicted by what is kept.
-
-    Parameters
-    ----------
-    split
-        What is left out together (see `butterfly.identification.inference.splits.divide`).
-    folds
-        How many, of frequency, log and time.
-    """
+    """What is left out together, to be predicted by the rest."""
 
     split: Split = Split.AUTO
-    folds: Annotated[int, Field(ge=2)] | None = None
+    folds: Annotated[int, Field(ge=2)] | None = None  # of frequency, log and time
 
 
 class ReportSpec(StrictModel):
@@ -170,65 +154,27 @@ class ReportSpec(StrictModel):
 
 
 class Experiment(StrictModel):
-    """One experiment file: every added mass is driven with every excitation.
-
-    Parameters
-    ----------
-    name, description
-        For the report and the results folder.
-    seed
-        Fixes everything random.
-    plant
-        The simulated robot.
-    added_masses
-        What the hand carries, one after another.
-    excitations, signals
-        Sines, and other inputs, which the methods weak-form and output-error take.
-    duration
-        Of each run in s.
-    method, terms
-        The estimator, and what it fits besides p1..p4, Coulomb torque and delay; its own choice if
-        not given.
-    estimators
-        Several of them, in place of ``method`` and ``terms``, for a sweep or `butterfly
-        leaderboard`.
-    known
-        What the estimators are told of the robot, as a data set's manifest tells it.
-    holdout
-        Names or glob patterns of logs that are not used for a fit, only to be foretold by it.
-    validation
-        Of each run of a sweep, by data left out; none if not given.
-    report
-        Of a sweep.
-    control
-        An orbit to hold, for `butterfly calibrate-orbit`.
-    sweep
-        Variations of this experiment, for `butterfly run`.
-    keep_signals
-        Whether the runs of a sweep keep their logs, as Parquet.
-    extends
-        Another experiment file, beside this one or shipped, which this one changes.
-    """
+    """One experiment file: every added mass is driven with every excitation and signal."""
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     description: str = ""
-    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0  # of everything random
     plant: PlantSpec
     added_masses: Annotated[list[AddedMass], Field(min_length=1)]
     excitations: tuple[Sine, ...] = ()
-    signals: tuple[SignalSpec, ...] = ()
-    duration: Annotated[float, Field(gt=0)]
+    signals: tuple[SignalSpec, ...] = ()  # other inputs, for weak-form and output-error
+    duration: Annotated[float, Field(gt=0)]  # of each run in s
     method: MethodName = DEFAULT_OF_EXPERIMENTS
-    terms: tuple[str, ...] | None = None
-    estimators: tuple[AnyEstimator, ...] = ()
-    known: dict[str, Told] = Field(default_factory=dict)
-    holdout: tuple[str, ...] = ()
-    validation: ValidationSpec | None = None
+    terms: tuple[str, ...] | None = None  # that it fits besides p1..p4, Coulomb torque and delay
+    estimators: tuple[AnyEstimator, ...] = ()  # in place of method and terms
+    known: dict[str, Told] = Field(default_factory=dict)  # of the robot, as in a manifest
+    holdout: tuple[str, ...] = ()  # names or patterns of logs that no fit sees
+    validation: ValidationSpec | None = None  # of each run
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None
     sweep: SweepSpec | None = None
-    keep_signals: bool = False
-    extends: str | None = None
+    keep_signals: bool = False  # of each run of a sweep, as Parquet
+    extends: str | None = None  # another file, beside this one or shipped, which this one changes
 
     @field_validator("name")
     @classmethod
@@ -288,7 +234,12 @@ class Experiment(StrictModel):
 
     def seeds(self) -> list[np.random.SeedSequence]:
         """Return the source of everything random in each run, which its place and the seed fix."""
-        return of_runs(self.seed, len(self.runs()))
+        return np.random.SeedSequence(self.seed).spawn(len(self.runs()))
+
+    @property
+    def orbit_seed(self) -> np.random.SeedSequence:
+        """The source of everything random in the orbit that is held, which no run draws from."""
+        return np.random.SeedSequence(self.seed, spawn_key=(_ORBIT_STREAM,))
 
     def wide_swings(self) -> list[tuple[AddedMass, Sine, float]]:
         """List the runs whose sine is predicted to swing the hand beyond `SMALL_SWING`, in rad."""

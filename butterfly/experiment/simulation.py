@@ -6,6 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import Intersample, Log
@@ -19,7 +21,10 @@ from butterfly.logs.manifest import (
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.known import Knowledge, Known
+from butterfly.plant.excitations import initial_angle
+from butterfly.plant.joints import Simulator
 from butterfly.plant.rollout import simulate_runs
+from butterfly.plant.sensors import Faults
 from butterfly.progress import Track, untracked
 
 
@@ -64,6 +69,32 @@ def data_set_of(experiment: Experiment, logs: Sequence[Log], track: Track = untr
         track=track,
     )
     return data.holding_out(experiment.holdout)
+
+
+def planned_logs(experiment: Experiment) -> list[Log]:
+    """Return a log for each run: stamps, the input as it would be set, and the angle at the start.
+
+    The robot of the experiment does not count: nothing is fed back, so that its inputs are what
+    they are with any other.
+
+    Parameters
+    ----------
+    experiment
+        With excitations or signals.
+    """
+    plain = replace(
+        experiment.plant.setup,
+        robot=replace(experiment.plant.robot, clutch=None),
+        simulator=Simulator.GREY_BOX,
+        faults=Faults(),
+    )
+    runs = experiment.runs()
+    starts = [initial_angle(excitation) for _, excitation in runs]
+    logs = simulate_runs(plain, runs, experiment.duration, experiment.seeds())
+    return [
+        replace(log, angle=np.full(log.time.size, start), velocity=None, source=log.name)
+        for log, start in zip(logs, starts, strict=True)
+    ]
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:

@@ -10,9 +10,9 @@ from pathlib import Path
 from butterfly.errors import InputError, StoppedError
 from butterfly.experiment.perform import execute
 from butterfly.experiment.plan import SweepPlan, Task
+from butterfly.experiment.provenance import versions
 from butterfly.experiment.record import FAILED, OK, SweepRecord
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.versions import versions
 from butterfly.experiment.workers import Engine
 from butterfly.progress import Track, untracked
 

@@ -14,9 +14,8 @@ from pydantic import ConfigDict, Field, model_validator
 from scipy.special import ndtri
 
 from butterfly.errors import InputError
-from butterfly.experiment.oneof import OneOf
 from butterfly.sizes import require_room
-from butterfly.yaml_input import StrictModel
+from butterfly.yaml_input import OneOf, StrictModel
 
 Overrides = dict[str, Any]
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
 from butterfly.identification.diagnostics.knowledge import (
     disagreements,
     moved_by_masses,
     scale_apart,
 )
-from butterfly.identification.diagnostics.verdict import Verdict
 from butterfly.identification.inference.covariance import cluster_covariance, robust
 from butterfly.identification.inference.identifiability import Conditioning, sort_by_precision
 from butterfly.identification.inference.intervals import honest_limits
@@ -24,6 +23,7 @@ from butterfly.logs.log import Log
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
+from butterfly.verdict import Level
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -209,9 +209,14 @@ class Estimate:
         return frozenset(name for each in told for name in each.parameters)
 
     @property
-    def verdict(self) -> Verdict:
-        """What may be done with the values."""
-        return Verdict.of(self.ending, self.findings)
+    def level(self) -> Level:
+        """How much speaks against the values."""
+        return grade(self.ending, self.findings)[0]
+
+    @property
+    def reasons(self) -> tuple[Finding, ...]:
+        """The findings for which the verdict is no better."""
+        return grade(self.ending, self.findings)[1]
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:
@@ -263,8 +268,8 @@ class Estimate:
 def _of_bounds(on_bound: tuple[str, ...], pulled: set[str]) -> list[Finding]:
     """Say what a bound holds; it needs care only where the data would go far beyond."""
     groups = {
-        Severity.CARE: tuple(name for name in on_bound if name in pulled),
-        Severity.NOTE: tuple(name for name in on_bound if name not in pulled),
+        Level.CARE: tuple(name for name in on_bound if name in pulled),
+        Level.NOTE: tuple(name for name in on_bound if name not in pulled),
     }
     return [
         Finding(kind=FindingKind.ON_BOUND, parameters=names, severity=severity)
@@ -277,4 +282,4 @@ def _of_signs(names: Sequence[str]) -> list[Finding]:
     unknown = tuple(name for name in names if not TERMS[name].sign_observable)
     if not unknown:
         return []
-    return [Finding(kind=FindingKind.SIGN_UNKNOWN, parameters=unknown, severity=Severity.CARE)]
+    return [Finding(kind=FindingKind.SIGN_UNKNOWN, parameters=unknown, severity=Level.CARE)]

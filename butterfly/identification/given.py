@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.following import judge_fit
 from butterfly.identification.diagnostics.physics import is_possible, judge_physics
 from butterfly.identification.estimate import Estimate
@@ -20,6 +20,7 @@ from butterfly.identification.other_parameters import best_gain, told_parameters
 from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
+from butterfly.verdict import Level
 
 METHOD = "given parameters"
 
@@ -131,7 +132,7 @@ def outdone(
     left, given = 100 - reached, 100 - float(np.median(fits))
     if given <= max(_FAR_MORE * left, _NOTABLE):
         return []
-    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Severity.CARE)]
+    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
 def _angle(value: object, source: str) -> float:

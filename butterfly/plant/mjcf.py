@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import mujoco
 
 from butterfly.errors import InputError
+from butterfly.files import shipped
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
@@ -20,7 +21,6 @@ from butterfly.model.parameters import (
 )
 from butterfly.plant.looks import dress, undress
 from butterfly.plant.robot import Assistance, Clutch, Robot
-from butterfly.resources import shipped
 
 MODEL = "models/butterfly_hand/hand.xml"
 """The shipped mechanism."""

@@ -8,12 +8,15 @@ all that itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.files import replacing
 from butterfly.model.kernel import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.plant.mjcf import mjcf
@@ -233,3 +236,11 @@ def _polygon(knots: NDArray[np.float64]) -> NDArray[np.float64]:
     hats = np.array([np.interp(points, knots, hat) for hat in inner])
     rest = 1.0 - np.exp(-(points**2)) - np.interp(points, knots, last)
     return np.asarray(last + np.linalg.lstsq(hats.T, rest, rcond=None)[0] @ np.array(inner))
+
+
+def export(robot: Robot, added: AddedMass, path: Path, command: Mapping[str, float]) -> StandAlone:
+    """Write a robot, and what it carries, as a file (see `stand_alone`, also of ``command``)."""
+    written = stand_alone(robot, added, **command)
+    with replacing(path) as draft:
+        draft.write_text(written.text, encoding="utf-8")
+    return written

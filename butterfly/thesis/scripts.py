@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
+from butterfly.verdict import Level
 
 METHOD = "thesis"
 
@@ -160,7 +161,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
 def _findings(
     count: int, conditioning: Conditioning, on_bound: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    care = Severity.CARE
+    care = Level.CARE
     found = [
         Finding(
             kind=FindingKind.NOT_ESTIMATED, parameters=("coulomb", "delay", "p4"), severity=care
@@ -174,6 +175,6 @@ def _findings(
         *conditioning.findings,
     ]
     if on_bound:
-        warning = Severity.WARNING
+        warning = Level.WARNING
         found.append(Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=warning))
     return tuple(found)

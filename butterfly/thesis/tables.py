@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.logs.log import Log
@@ -17,7 +18,6 @@ from butterfly.logs.thesis_logs import found_folder
 from butterfly.model.discrete import HeldSystem
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.resources import shipped
 from butterfly.signals.frequency_response import response_point
 from butterfly.thesis.resonance import complex_fit
 from butterfly.thesis.scripts import ScriptedAmplitude, fit_resonances, fit_thesis

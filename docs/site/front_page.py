@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import butterfly as bf
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import locate
 from butterfly.plant.watch.picture import render
-from butterfly.resources import locate
 
 ADDED = bf.AddedMass(mass=0.12, arm=0.104)
 PAPER, INK, MEASURED, MODEL = "#f5f5f6", "#33383f", "#8fa3b8", "#c2710c"

@@ -8,8 +8,8 @@ import os
 import pytest
 from scipy.io import loadmat
 
-from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.source import read_experiment
 from butterfly.identification.data import read_data_set
 from butterfly.identification.identification import identify
 from tests.benchmarks.bars import SHORT, at_most

@@ -7,10 +7,10 @@ import pytest
 
 from butterfly.experiment.perform import execute
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
 from butterfly.experiment.record import OK
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate as simulated_logs
+from butterfly.experiment.source import Source
 from butterfly.model.greybox import simulate
 from tests.benchmarks.bars import at_least, at_most
 from tests.benchmarks.cpu_time import least_seconds

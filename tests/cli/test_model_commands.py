@@ -8,11 +8,11 @@ import pytest
 import yaml
 from PIL import Image
 
-from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.plant.twin import MASS, twin
 from butterfly.plant.watch.picture import Painter, RenderingError
-from butterfly.resources import shipped
 from tests.cli.one_line import assert_one_line_error
 from tests.conftest import MASSES, ROBOT
 

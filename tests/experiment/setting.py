@@ -4,7 +4,7 @@ import yaml
 
 from butterfly.experiment.columns import TABLES
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
+from butterfly.experiment.source import Source
 
 SWEEP = {
     "name": "small",

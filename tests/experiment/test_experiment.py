@@ -6,14 +6,14 @@ import yaml
 
 from butterfly.errors import InputError
 from butterfly.experiment.perform import perform
-from butterfly.experiment.reading import read_experiment
 from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.identification.data import DataSet
 from butterfly.identification.identification import identify
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.plant.sensors import Faults
 from butterfly.report.identification import write_report
-from butterfly.resources import shipped
 
 QUICKSTART = shipped("experiments/quickstart.yaml")
 

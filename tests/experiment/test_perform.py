@@ -11,11 +11,10 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import orbit
 from butterfly.experiment.perform import execute, perform
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.source import Source, read_experiment
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.streams import of_orbit
 from butterfly.experiment.sweep_runner import run_sweep
 from tests.experiment.setting import SWEEP, HereEngine, small_plan
 
@@ -168,9 +167,10 @@ def test_the_orbit_draws_from_a_stream_of_its_own(monkeypatch):
     monkeypatch.setattr(orbit, "study_orbit", stop)
     control = {"target": {"amplitude": 0.9}, "starts": [0.9]}
     control["believed"] = {"p1": 0.003, "p2": 0.0012, "p3": 0.045, "p4": 9.0}
-    perform(Experiment.model_validate(SINGLE | {"control": control, "duration": 2.0}))
+    experiment = Experiment.model_validate(SINGLE | {"control": control, "duration": 2.0})
+    perform(experiment)
     runs = np.random.SeedSequence(3).spawn(4)
-    assert drawn == [np.random.default_rng(of_orbit(3)).random(8).tolist()]
+    assert drawn == [np.random.default_rng(experiment.orbit_seed).random(8).tolist()]
     assert drawn[0] not in [np.random.default_rng(each).random(8).tolist() for each in runs]
 
 

@@ -7,17 +7,15 @@ import pytest
 import yaml
 
 from butterfly.errors import InputError
-from butterfly.experiment import reading
-from butterfly.experiment.fingerprint import computing_sources, fingerprint, hash_of
+from butterfly.experiment import source as reading
 from butterfly.experiment.plan import address, plan_sweep
-from butterfly.experiment.reading import Source
+from butterfly.experiment.provenance import computing_sources, fingerprint, hash_of, versions
 from butterfly.experiment.record import OK
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.streams import of_orbit, of_runs
 from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.sweeps import SweepSpec
-from butterfly.experiment.versions import versions
 from tests.experiment.setting import SWEEP, HereEngine
 
 ONE = "identification/estimators/output_error.py"
@@ -161,7 +159,10 @@ def test_a_seed_that_no_column_holds_is_refused(tmp_path):
 
 
 def test_the_orbit_and_the_runs_draw_different_numbers_and_the_runs_those_they_always_drew():
-    runs = of_runs(7, 30)
-    assert [r.spawn_key for r in runs] == [s.spawn_key for s in np.random.SeedSequence(7).spawn(30)]
-    states = {tuple(s.generate_state(4)) for s in [*runs, of_orbit(7)]}
-    assert len(states) == 31
+    masses = [{"mass": 0.01 * k, "arm": 0.1} for k in range(30)]
+    experiment = Experiment.model_validate(SINGLE | {"seed": 7, "added_masses": masses})
+    seeds = [*experiment.seeds(), experiment.orbit_seed]
+    drawn = [tuple(seed.generate_state(4)) for seed in seeds]
+    always = [tuple(s.generate_state(4)) for s in np.random.SeedSequence(7).spawn(30)]
+    assert drawn[:30] == always
+    assert len(set(drawn)) == 31

@@ -10,15 +10,14 @@ from hypothesis import strategies as st
 from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
 from butterfly.experiment.record import PlannedRun, RunRecord, SweepRecord
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.free_run import FitSummary
+from butterfly.verdict import Level
 
 PARAMETER = ParameterRecord(
     parameter="p3", value=0.05, standard_error=1e-4, lower=0.0498, upper=0.0502, true=0.04
 )
-ON_BOUND = Finding(
-    kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Severity.CARE
-)
+ON_BOUND = Finding(kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Level.CARE)
 ESTIMATE = EstimateRecord(
     estimator="output-error(drag)",
     ending=Ending.STOPPED,

@@ -12,8 +12,8 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS, Columns
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
 from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
 from tests.experiment.setting import HereEngine, small_plan

@@ -13,10 +13,9 @@ import pytest
 import yaml
 
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.kept import EXPERIMENT
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
 from butterfly.experiment.record import OK, REFUSED
+from butterfly.experiment.source import EXPERIMENT, Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import run_sweep
 from butterfly.experiment.workers import LocalEngine

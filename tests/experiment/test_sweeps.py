@@ -11,15 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.experiment.kept import keep_experiment
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source, read_experiment
 from butterfly.experiment.schema import Experiment
+from butterfly.experiment.source import Source, keep_experiment, read_experiment
 from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
+from butterfly.files import shipped, shipped_experiments
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.plant.joints import Simulator
 from butterfly.plant.rollout import simulate_runs
-from butterfly.resources import shipped, shipped_experiments
 from butterfly.thesis.method import Thesis
 
 

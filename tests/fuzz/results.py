@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
 from butterfly.experiment.record import RunRecord
+from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_runner import kept_status, run_sweep
 from tests.fuzz.command import escape_of_command

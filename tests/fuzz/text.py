@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.reading import Source
+from butterfly.experiment.source import Source
+from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
 from butterfly.logs.csv import read_csv
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.parameters import AddedMass
-from butterfly.resources import shipped
 from tests.fuzz.escape import escape_of
 
 if TYPE_CHECKING:

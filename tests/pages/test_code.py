@@ -11,7 +11,7 @@ import pytest
 
 import butterfly as bf
 from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
-from butterfly.resources import shipped
+from butterfly.files import shipped
 from tests.pages.blocks import PAGES, QUOTATION, blocks_of, commands_of
 
 GROUPS = {"model": MODEL_COMMANDS, "results": RESULTS_COMMANDS}

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from butterfly.files import shipped
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.looks import disc_radius, dress, undress
-from butterfly.resources import shipped
 
 
 def _shipped():

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 
 from butterfly.errors import InputError
+from butterfly.files import shipped
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
@@ -16,7 +17,6 @@ from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder
 from butterfly.plant.setup import Setup
 from butterfly.plant.watch.picture import Painter, RenderingError, render
-from butterfly.resources import shipped
 
 ROBOT = Robot(
     hand=Hand(mass=0.1 + 1e-13, com_distance=1 / 30, inertia=0.003 * (1 + 1e-12)),

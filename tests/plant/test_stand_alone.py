@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from butterfly.api.identified_model import IdentifiedModel
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, VoltageDrive
@@ -16,7 +17,6 @@ from butterfly.plant.replay import replay_input
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.stand_alone import AIM, stand_alone
 from butterfly.plant.twin import command_of, twin
-from butterfly.resources import shipped
 from butterfly.signals import hold
 
 MASS = 2.0  # kg, which carries all that is drawn

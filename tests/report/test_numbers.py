@@ -5,12 +5,11 @@ import math
 
 import numpy as np
 
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.report.numbers.document import HEAD, Told, json_text, write_document
 from butterfly.report.numbers.estimate_numbers import left_out_numbers, without_root
 from butterfly.report.numbers.misfit_numbers import misfit_units
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Level, Verdict
 
 
 def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tmp_path):
@@ -24,7 +23,7 @@ def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tm
 
 
 def test_a_document_begins_alike_with_and_without_a_verdict():
-    verdict = SaidVerdict(Standing.CARE, ("Few logs.",))
+    verdict = Verdict(Level.CARE, ("Few logs.",))
     judged = Told(kind="x", title="t", verdict=verdict).document()
     plain = Told(kind="x", title="t").document()
     assert list(judged) == list(plain) == list(HEAD)

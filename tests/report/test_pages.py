@@ -191,7 +191,7 @@ def test_a_page_that_rests_on_an_estimate_says_its_verdict(pages):
     for kind, page in pages.items():
         assert (page.verdict is None) == (kind == "sweep")
         if page.verdict is not None:
-            assert page.numbers["verdict"] == page.verdict.standing
+            assert page.numbers["verdict"] == page.verdict.level.verdict
             assert page.verdict.sentence not in page.summary
 
 

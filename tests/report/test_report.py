@@ -12,7 +12,8 @@ import pytest
 
 from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.experiment.perform import perform
-from butterfly.experiment.reading import read_experiment
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identification import identify
 from butterfly.logs.health import examine
@@ -38,7 +39,6 @@ from butterfly.report.series import packable
 from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.whisker import Whisker
 from butterfly.report.words import summary, verdict_on
-from butterfly.resources import shipped
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
@@ -82,7 +82,7 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
         for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
             assert cell in text
     said = verdict_on(result.estimate)
-    assert f'<div class="verdict {str(said.standing).replace(" ", "-")}">' in text
+    assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.paragraphs, *summary(result)[1:]):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24

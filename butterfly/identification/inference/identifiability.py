@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.verdict import Level
 
 WEAK_CONDITION = 1e3
 """Above this condition number of the scaled regression one combination is poorly known."""
@@ -84,7 +85,7 @@ class Conditioning:
                 kind=FindingKind.COMBINATION,
                 parameters=self.weakest,
                 number=self.number,
-                severity=Severity.CARE,
+                severity=Level.CARE,
             )
         ]
 

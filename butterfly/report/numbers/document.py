@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from butterfly.experiment.versions import versions
+from butterfly.experiment.provenance import versions
 from butterfly.files import replacing
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 SCHEMA_NUMBER = 1
 """Of a document; raised when an older program could no longer read it."""
@@ -45,7 +45,7 @@ class Told:
 
     kind: str
     title: str
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     summary: tuple[str, ...] = ()
     content: Mapping[str, Any] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import TERMS
+from butterfly.verdict import Level
 
 _LARGEST = 1e60  # of any number: squares of such are numbers too
 
@@ -109,7 +110,7 @@ def _finding(
         kind=FindingKind(kind),
         parameters=tuple(parameters),
         number=number,
-        severity=Severity(severity),
+        severity=Level(severity),
         logs=tuple(map(str, logs)),
     )
 

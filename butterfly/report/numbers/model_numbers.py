@@ -14,7 +14,7 @@ from butterfly.plant.robot import Robot
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import lumped_numbers
 from butterfly.report.parameter_rows import unit_of
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 _UNITS = {
     "hand": {
@@ -41,7 +41,7 @@ def told_model(
     carried: AddedMass,
     kind: InputKind,
     *,
-    verdict: SaidVerdict | None = None,
+    verdict: Verdict | None = None,
     besides: Mapping[str, Any],
 ) -> Told:
     """Tell the robot of an experiment, or the identified twin of data.

@@ -17,8 +17,8 @@ from butterfly.report.numbers.estimate_numbers import finding_numbers, lumped_nu
 from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.numbers.orbit_numbers import told_orbit
 from butterfly.report.parameter_rows import unit_of
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import verdict_of
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -143,15 +143,15 @@ def told_table(
     return Told(kind=kind, title=title, content={"count": count, "rows": list(rows)}, units=known)
 
 
-def verdict_of_run(record: RunRecord) -> SaidVerdict | None:
+def verdict_of_run(record: RunRecord) -> Verdict | None:
     """Say the worst verdict on the estimates of a run; None if there is none."""
-    standing = record.standing
-    if standing is None:
+    level = record.level
+    if level is None:
         return None
     told = [each for each in record.estimates if each.parameters]
     reasons = [(each.estimator, reason) for each in told for reason in verdict_of(each).reasons]
     named = (f"{name}: {reason}" if len(told) > 1 else reason for name, reason in reasons)
-    return SaidVerdict(standing, tuple(named))
+    return Verdict(level, tuple(named))
 
 
 def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult) -> Told:

@@ -104,7 +104,7 @@ def _intervals(whole: Estimate, drawn: Bootstrap) -> dict[str, Any]:
 
 def told_residual(
     data: DataSet,
-    estimator: Estimator,
+    estimator: Estimator | None,
     found: Estimate,
     misfit: Misfit,
     said: Sequence[str],

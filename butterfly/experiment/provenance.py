@@ -1,17 +1,34 @@
-"""What code a result was made by."""
+"""What a result was made with: the code that computes, and the versions of what it rests on."""
 
 from __future__ import annotations
 
 import hashlib
+import platform
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
-from butterfly.resources import shipped
+import numpy as np
+
+from butterfly import __version__
+from butterfly.files import shipped
 
 COMPUTING = ("model", "plant", "signals", "logs", "identification", "thesis", "orbit", "experiment")
 """The subpackages that a run computes with."""
 
 _PACKAGE = Path(__file__).parents[1]
+_OTHERS = ("mujoco", "numba", "scipy")  # not imported for that: a simulator is slow to
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return what the result was made with."""
+    return {
+        "butterfly": __version__,
+        "numpy": np.__version__,
+        **{name: version(name) for name in _OTHERS},
+        "python": platform.python_version(),
+    }
 
 
 @cache

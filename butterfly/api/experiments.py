@@ -1,0 +1,362 @@
+"""Verbs of experiments: simulate their logs, or run them whole and keep what came of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import count, islice
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar
+
+from butterfly.api.answers import Answer
+from butterfly.api.identified import Identified
+from butterfly.api.result import TextTable
+from butterfly.api.sources import Named
+from butterfly.api.tabulated import page_tables
+from butterfly.errors import ButterflyError, InputError
+from butterfly.experiment.columns import ESTIMATES, RUNS
+from butterfly.experiment.perform import RunResult, outcome_of, perform
+from butterfly.experiment.plan import SweepPlan, plan_sweep
+from butterfly.experiment.record import FAILED, OK, RunRecord
+from butterfly.experiment.schema import Experiment
+from butterfly.experiment.simulation import data_set_of, file_of, write_logs
+from butterfly.experiment.simulation import simulate as simulated_logs
+from butterfly.experiment.source import Source, keep_experiment
+from butterfly.experiment.source import read_experiment as experiment_in
+from butterfly.experiment.store import ResultStore, digests
+from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
+from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
+from butterfly.files import locate
+from butterfly.identification.data import DataSet, read_data_set
+from butterfly.logs.manifest import read_manifest
+from butterfly.logs.mat import write_mat
+from butterfly.progress import Track, untracked
+from butterfly.report.identification import write_report
+from butterfly.report.numbers.document import HEAD, Told, write_document
+from butterfly.report.numbers.record_numbers import told_run
+from butterfly.report.orbit import orbit_page
+from butterfly.report.page import Page, write_page
+from butterfly.report.sweep import sweep_page
+from butterfly.report.words import fit_said, verdict_on
+from butterfly.verdict import Verdict
+
+RESULT = "result.json"
+"""File of a single run's results: what its `to_dict` returns."""
+
+_ORBIT_REPORT = "orbit.html"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Run(Answer):
+    """What an experiment gave: the logs' identifications beside the truth, and its orbit.
+
+    Parameters
+    ----------
+    record
+        What is kept of it.
+    sentences
+        What was found, in words.
+    reports
+        The pages that were written.
+    identifications
+        By estimator; none of a run that was found done.
+    """
+
+    kind: ClassVar[str] = "run"
+
+    record: RunRecord
+    sentences: tuple[str, ...] = ()
+    reports: tuple[Path, ...] = ()
+    identifications: Mapping[str, Identified]
+
+    def paragraphs(self) -> list[str]:
+        """Return what was found, the verdicts first."""
+        return list(self.sentences)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Sweep(Answer):
+    """What the runs of a sweep gave, and how many gave nothing.
+
+    Parameters
+    ----------
+    unsuccessful
+        Number of runs without a result.
+    sentences
+        What was found, in words.
+    reports
+        The page that was written.
+    """
+
+    kind: ClassVar[str] = "sweep"
+
+    unsuccessful: int
+    sentences: tuple[str, ...] = ()
+    reports: tuple[Path, ...] = ()
+
+    def paragraphs(self) -> list[str]:
+        """Return what was found, and how many runs were done."""
+        return list(self.sentences)
+
+
+def simulate(
+    experiment: Named | Experiment, *, out: Named | None = None, track: Track = untracked
+) -> DataSet:
+    """Simulate an experiment, and return its logs.
+
+    Parameters
+    ----------
+    experiment
+        A file, the name of a shipped one, or what `read_experiment` returned.
+    out
+        Folder to which the logs are written with their manifest, in the form of the real ones.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If the experiment is not one, or a simulation diverges.
+    """
+    plan = _planned(experiment)
+    logs = list(simulated_logs(plan, track=track))
+    if out is not None:
+        return read_data_set(read_manifest(write_logs(plan, logs, Path(out))))
+    return data_set_of(plan, logs)
+
+
+def run(
+    experiment: Named,
+    *,
+    out: Named | None = None,
+    figures: bool = False,
+    jobs: int | None = None,
+    force: bool = False,
+    only: str | None = None,
+    engine: str = "local",
+    scheduler: str | None = None,
+    track: Track = untracked,
+) -> Run | Sweep:
+    """Simulate an experiment, identify the robot from its logs, hold its orbit, and report it all.
+
+    An experiment with ``sweep`` is run for each of its variations. Results are kept by what they
+    depend on, the code of butterfly included: what is done is not done again.
+
+    Parameters
+    ----------
+    experiment
+        A file, or the name of a shipped one.
+    out
+        Folder for results and report; ``results/NAME`` if not given.
+    figures
+        Whether to write the reports' figures as PNG and SVG too.
+    jobs
+        Worker processes of a sweep, or threads of a single run; one per core if not given.
+    force
+        Whether to do runs again that are done.
+    only
+        Runs of a sweep to do, by number, as ``0,3,10-19``; all if not given.
+    engine
+        Where the runs of a sweep are done: ``local``, or ``dask`` (needs the extra of that name).
+    scheduler
+        Address of a Dask scheduler; a cluster on this machine if not given.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If the experiment is not one, or a folder cannot be written.
+    IdentifiabilityError
+        If the logs of a single run cannot determine the parameters.
+    StoppedError
+        If a sweep is interrupted: what is done is kept.
+    """
+    if engine not in {"local", "dask"}:
+        raise InputError("run", "engine", engine, "local or dask")
+    if scheduler is not None and engine != "dask":
+        raise InputError("run", "scheduler", scheduler, "the engine dask (--engine dask) beside it")
+    source = Source(locate(Path(experiment)))
+    plan = plan_sweep(source)
+    folder = Path("results") / plan.experiment.name if out is None else Path(out)
+    tasks = chosen_of(plan.tasks, only)  # what cannot be done leaves nothing behind
+    if plan.experiment.sweep is None and engine == "local":
+        kept = None if force else ResultStore(folder).latest(tasks[0].key)
+        if kept is not None and kept.status != FAILED:
+            return _found_done(folder, kept)
+        return _run_once(plan, source, folder, jobs=jobs, figures=figures, track=track)
+    workers: Engine = LocalEngine(jobs) if engine == "local" else DaskEngine(scheduler, jobs)
+    keep_experiment(source, folder)
+    summary = run_sweep(plan, folder, workers, force=force, only=only, track=track)
+    store = ResultStore(folder)
+    page = sweep_page(store.sweep(), store.table(RUNS), store.table(ESTIMATES))
+    write_page(page, folder / "report.html", figures=figures)
+    counts = (
+        f"{summary.runs} runs: {summary.done} done now, {summary.reused} found done, "
+        f"{summary.unsuccessful} without a result."
+    )
+    return Sweep(
+        content=_told(page.numbers),
+        printed=page_tables(page),
+        draw=lambda: page,
+        unsuccessful=summary.unsuccessful,
+        sentences=(*page.summary, counts),
+        reports=(folder / "report.html",),
+    )
+
+
+def _run_once(
+    plan: SweepPlan,
+    source: Source,
+    folder: Path,
+    *,
+    jobs: int | None,
+    figures: bool,
+    track: Track,
+) -> Run:
+    """Do an experiment's one run in this process, with all cores, and write all of it."""
+    store, experiment, (task,) = ResultStore(folder), plan.experiment, plan.tasks
+    kept = keep_experiment(source, folder)
+    store.begin()
+    result = perform(experiment, threads=jobs, track=track)
+    written = _write_logs(experiment, result, folder)
+    outcome = outcome_of(task, experiment, result)
+    store.write(outcome)
+    truth = experiment.plant.robot.lumped
+    for name, found in zip(_report_names(), result.identifications.values(), strict=False):
+        write_report(found, folder / name, truth, figures=figures)
+    page = _orbit_page(experiment, result)
+    if page is not None:
+        write_page(page, folder / _ORBIT_REPORT, figures=figures)
+    result = replace(result, record=outcome.record)
+    told = told_run(experiment, source.content, result)
+    if result.orbit is not None and not result.identifications:
+        told = replace(told, verdict=verdict_on(result.orbit.estimate))
+    write_document(told.document(), folder / RESULT)
+    reports = _reports(result.record)
+    beside = digests(folder, [*kept, RESULT, *written, *reports])
+    store.end_sweep(replace(sweep_record(plan), beside=beside))
+    if result.error is not None:
+        raise result.error
+    answers = {name: Identified.of(each, name) for name, each in result.identifications.items()}
+    tables = [table for each in answers.values() for table in each.tables(truth)]
+    paragraphs = [text for each in answers.values() for text in each.paragraphs()]
+    if page is not None:
+        verdict = [] if page.verdict is None else [page.verdict.sentence]
+        paragraphs += [*verdict, *page.summary]
+        tables += page_tables(page)
+    return Run(
+        content=told,
+        record=result.record,
+        sentences=(*paragraphs, *_of_record(result.record)),
+        printed=tuple(tables),
+        reports=tuple(folder / name for name in reports),
+        identifications=answers,
+    )
+
+
+def _found_done(folder: Path, record: RunRecord) -> Run:
+    """Return what is kept of a run that was done before."""
+    if record.status != OK:
+        raise ButterflyError(record.reason)
+    told = _told(json.loads((folder / RESULT).read_text(encoding="utf-8")))
+    said: list[str] = []
+    tables: list[TextTable] = []
+    for each in told.content["estimates"]:
+        said += each["summary"]
+        rows = [
+            (name, _number(row["true"]), *map(_number, _of_parameter(row)), row["unit"])
+            for name, row in each["parameters"].items()
+        ]
+        headers = ("", "true", "estimate", "std error", "lower", "upper", "unit")
+        tables.append(TextTable(each["title"], headers, rows))
+    if told.content["orbit"] is not None:
+        said += told.content["orbit"]["summary"]
+    return Run(
+        content=told,
+        record=record,
+        sentences=(*said, *_of_record(record), "1 run: found done; --force does it again."),
+        printed=tuple(tables),
+        reports=tuple(folder / name for name in _reports(record)),
+        identifications={},
+    )
+
+
+def _of_parameter(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return row["value"], row["standard_error"], row["lower"], row["upper"]
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.5g}"
+
+
+def _told(document: Mapping[str, Any]) -> Told:
+    """Return a document as it was before it was one."""
+    return Told(
+        kind=document["schema"].removeprefix("butterfly."),
+        title=document["title"],
+        verdict=Verdict.of_numbers(document),
+        summary=tuple(document["summary"]),
+        content={key: value for key, value in document.items() if key not in HEAD},
+        units=document["units"],
+    )
+
+
+def _of_record(record: RunRecord) -> list[str]:
+    """Say which estimators refused the logs, and how well logs are predicted that were left out."""
+    said = []
+    for each in record.estimates:
+        if each.error:
+            said.append(f"{each.estimator}: {each.error}")
+        if each.held_out is not None:
+            fit = each.held_out
+            said.append(
+                f"{each.estimator}: logs that were left out are followed with a median "
+                f"FIT{fit.over} of {fit_said(fit.median)} % (worst {fit_said(fit.worst)} %)."
+            )
+    return said
+
+
+def _orbit_page(experiment: Experiment, result: RunResult) -> Page | None:
+    if result.orbit is None:
+        return None
+    carried = result.orbit.calibration.rounds[0].logs[0].added_mass
+    return orbit_page(result.orbit, experiment.plant.robot.lumped.with_added_mass(carried))
+
+
+def _write_logs(experiment: Experiment, result: RunResult, folder: Path) -> list[str]:
+    """Write logs and their manifest, and those of an orbit; return the names of their files."""
+    written = []
+    if result.logs:
+        manifest = write_logs(experiment, result.logs, folder)
+        written += [*map(file_of, result.logs), manifest.name]
+    rounds = () if result.orbit is None else result.orbit.calibration.rounds
+    for number, each in enumerate(rounds):
+        for part, log in enumerate(each.logs):
+            written.append(f"round{number}_run{part}.mat")
+            write_mat(log, folder / written[-1])
+    return written
+
+
+def _report_names() -> Iterator[str]:
+    """Yield the names of the reports of an experiment's estimators, in order."""
+    yield "report.html"
+    yield from (f"report-{number}.html" for number in count(2))
+
+
+def _reports(record: RunRecord) -> list[str]:
+    """Return the names of the reports of a run."""
+    written = sum(bool(estimate.parameters) for estimate in record.estimates)
+    names = list(islice(_report_names(), written))
+    return names if record.orbit is None else [*names, _ORBIT_REPORT]
+
+
+def _planned(experiment: Any) -> Experiment:  # noqa: ANN401 - whatever was given
+    if isinstance(experiment, str | PathLike):
+        return experiment_in(locate(Path(experiment)))
+    if isinstance(experiment, Experiment):
+        return experiment
+    expected = "an experiment: its file, its name, or what read_experiment returned"
+    raise InputError("simulate", "experiment", type(experiment).__name__, expected)

@@ -1,0 +1,257 @@
+"""An experiment file with what it extends and the files that it names: read, and kept with results.
+
+A signal's file is read once, however many runs of a sweep are driven with it: in an experiment's
+content the digest of its table stands for it; what is long travels apart, once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from butterfly.errors import InputError
+from butterfly.experiment.schema import Experiment, TableFile
+from butterfly.files import locate, replacing, require_path, shipped
+from butterfly.logs.csv import read_columns
+from butterfly.plant.excitations import Table
+from butterfly.thesis.synthetic import Synthetic
+from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
+from butterfly.yaml_output import yaml_text
+
+EXPERIMENT = "experiment.yaml"
+"""File beside results that says what was done."""
+
+_DEEPEST = 10  # files that may extend each other
+_OF_SIGNALS = re.compile(r"\bfile\.(choice\.)?path\.")  # in the place of a path, as a sweep says it
+_STORED = "sha256:"
+
+_HEAD = """\
+# What was asked for these results: the experiment file with all that it extends.
+# `butterfly run` of this file does it again.
+"""
+
+
+class _Signals(StrictModel):
+    """The part of an experiment that names files."""
+
+    file: TableFile
+
+
+class Source:
+    """An experiment file and what it extends, merged.
+
+    A file may name others in its own folder and below, and shipped experiments; InputError if one
+    lies elsewhere, cannot be read, or is not YAML.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._documents = _chain(path)
+        content: dict[str, Any] = {}
+        for document in reversed(self._documents):
+            content = _merged(content, _seen_from(path.parent, document))
+        content.pop("extends", None)
+        self.content = content
+        """The merged mapping; files of signals are named as they lie from the file's folder on."""
+        self.tables: dict[str, Table] = {}
+        """Signals that were read from files so far, by their digests."""
+        self.signals: dict[TableFile, Path] = {}
+        """These files."""
+        self._digests: dict[TableFile, str] = {}
+
+    @property
+    def paths(self) -> list[Path]:
+        """The file, and those that it extends."""
+        return [document.path for document in self._documents]
+
+    def experiment(self, content: dict[str, Any] | None = None) -> Experiment:
+        """Validate the merged content, or a variation of it, its files of signals included."""
+        read = self.with_digests(content or self.content)
+        return validate(self._documents, filled(read, self.tables), Experiment)
+
+    def with_digests(self, content: dict[str, Any]) -> dict[str, Any]:
+        """Read the files of signals that a content names, and put their digests in their places."""
+        signals = content.get("signals")
+        if not isinstance(signals, list):
+            return content
+        return {**content, "signals": [self._with_digest(signal) for signal in signals]}
+
+    def _with_digest(self, signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
+        if not (isinstance(signal, dict) and set(signal) == {"file"}):
+            return signal
+        named = validate(self._documents, signal, _Signals).file
+        if named not in self._digests:
+            path = _allowed(self.path.parent, named.path, self.path)
+            digest, table = read_table(path, named.time, named.values)
+            self.tables[digest] = table
+            self._digests[named] = digest
+            self.signals[named] = path
+        return {"table": self._digests[named]}
+
+
+def read_experiment(path: Path) -> Experiment:
+    """Read an experiment file; InputError on the first slip in it or in a file that it names."""
+    return Source(path).experiment()
+
+
+def thesis_robot() -> Synthetic:
+    """Return what Tables 1 and 2 and Figures 3 to 8 rest on."""
+    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
+    return Synthetic(
+        setup=experiment.plant.setup,
+        added_masses=experiment.added_masses,
+        sines=experiment.excitations,
+        duration=experiment.duration,
+    )
+
+
+def keep_experiment(source: Source, folder: Path) -> list[str]:
+    """Write an experiment as it was given, what it extends put in, and the signals that it names.
+
+    Read again, it is the same experiment: its runs have the same addresses. Returns the names of
+    the files below the folder of results. The source was planned if it is a sweep, so that all its
+    signals are known. InputError if a file would take the place of one that was read.
+    """
+    signals = {str(named.path): path for named, path in source.signals.items()}
+    within = {name: _below(path, source.path.parent) for name, path in signals.items()}
+    text = yaml_text(_with_paths(source.content, lambda path: within.get(path, path)))
+    contents = {EXPERIMENT: (_HEAD + text).encode()}
+    contents |= {within[name]: path.read_bytes() for name, path in signals.items()}
+    read = [path.resolve() for path in (*source.paths, *signals.values())]
+    written = []
+    for name, content in contents.items():
+        place = folder / name
+        written.append(name)
+        if place.resolve() in read and place.read_bytes() == content:
+            continue
+        if place.resolve() in read:
+            expected = "a folder for results that is not the experiment's own (--out)"
+            raise InputError(place, "path", "the file of the experiment", expected)
+        with replacing(place) as draft:
+            draft.write_bytes(content)
+    return written
+
+
+def read_table(path: Path, time: str, values: str) -> tuple[str, Table]:
+    """Read a signal from two columns of a CSV file; return its digest, and the table."""
+    columns = read_columns(path, [time, values])
+    try:
+        table = Table(time=tuple(columns[0].tolist()), values=tuple(columns[1].tolist()))
+    except InputError as error:
+        raise InputError(path, error.field, error.value, error.expected) from None
+    content = np.ascontiguousarray(columns, dtype="<f8").tobytes()
+    return _STORED + hashlib.sha256(content).hexdigest(), table
+
+
+def filled(content: Mapping[str, Any], tables: Mapping[str, Table]) -> dict[str, Any]:
+    """Return an experiment's content with tables in the places of their digests."""
+    signals = content.get("signals")
+    if not isinstance(signals, list):
+        return dict(content)
+    return {**content, "signals": [_filled(signal, tables) for signal in signals]}
+
+
+def digest_of(signal: Any) -> str | None:  # noqa: ANN401 - whatever stands in the file
+    """Return the digest that stands for a signal's table; None if none does."""
+    named = signal.get("table") if isinstance(signal, dict) else None
+    return named if isinstance(named, str) and named.startswith(_STORED) else None
+
+
+def _filled(signal: Any, tables: Mapping[str, Table]) -> Any:  # noqa: ANN401
+    digest = digest_of(signal)
+    return signal if digest is None or digest not in tables else {"table": tables[digest]}
+
+
+def _inside(folder: Path, named: Path, source: Path) -> Path:
+    """Resolve a path named in a file against its folder; InputError if it leads out of that."""
+    require_path(str(named), source, "path")
+    path = (folder / named).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise InputError(source, "path", named, f"a path below {folder.resolve()}")
+    return path
+
+
+def _chain(path: Path) -> list[Document]:
+    """Return a file and the files that it extends, in turn."""
+    documents = [load_yaml(path)]
+    while "extends" in documents[-1].content:
+        document = documents[-1]
+        named = document.content["extends"]
+        if not isinstance(named, str):
+            raise InputError(document.path, "extends", named, "the path of an experiment file")
+        base = _base(document.path, named)
+        if base in [each.path.resolve() for each in documents] or len(documents) == _DEEPEST:
+            raise InputError(document.path, "extends", named, "a file that does not lead back here")
+        documents.append(load_yaml(base))
+    return documents
+
+
+def _seen_from(folder: Path, document: Document) -> dict[str, Any]:
+    """Return what a file says, its paths of signals, which start from its own, from ``folder``."""
+    own = document.path.parent
+    if own.resolve() == folder.resolve():
+        return document.content
+    content: dict[str, Any] = _with_paths(
+        document.content,
+        lambda path: _below(_inside(own, Path(path), document.path), folder, elsewhere=True),
+    )
+    return content
+
+
+def _below(path: Path, folder: Path, *, elsewhere: bool = False) -> str:
+    """Return how a resolved path is named in a folder: one that lies ``elsewhere`` by all of it."""
+    if path.is_relative_to(folder.resolve()):
+        path = path.relative_to(folder.resolve())
+    elif not elsewhere:
+        path = Path(path.name)
+    return path.as_posix()
+
+
+def _with_paths(value: Any, named: Callable[[str], str], place: str = "") -> Any:  # noqa: ANN401 - any YAML
+    """Return a content with other paths of signals, those that a sweep sets by their place too."""
+    if isinstance(value, dict):
+        return {key: _with_paths(each, named, f"{place}{key}.") for key, each in value.items()}
+    if isinstance(value, list):
+        return [_with_paths(each, named, place) for each in value]
+    return named(value) if isinstance(value, str) and _OF_SIGNALS.search(place) else value
+
+
+def _allowed(folder: Path, named: Path, source: Path) -> Path:
+    """Return the place of a file of signals: below a folder, or shipped beside an experiment."""
+    require_path(str(named), source, "path")
+    path = named.resolve()
+    if named.is_absolute() and path.is_relative_to(shipped("experiments").resolve()):
+        return path
+    return _inside(folder, named, source)
+
+
+def _base(path: Path, named: str) -> Path:
+    require_path(named, path, "extends")
+    beside = path.parent / named
+    if beside.exists():
+        if beside.resolve().is_relative_to(shipped("experiments").resolve()):
+            return beside.resolve()
+        return _inside(path.parent, Path(named), path)
+    if Path(named).is_absolute() or ".." in Path(named).parts:
+        raise InputError(path, "extends", named, "a file beside this one, or a shipped experiment")
+    return locate(Path(named)).resolve()
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``changes``: mappings merged key by key, everything else replaced."""
+    result = dict(base)
+    for key, value in changes.items():
+        old = result.get(key)
+        if isinstance(old, dict) and isinstance(value, dict) and key not in _REPLACED:
+            value = _merged(old, value)  # noqa: PLW2901 - the same key, completed
+        result[key] = value
+    return result
+
+
+_REPLACED = frozenset({"drive", "target", "velocity", "sweep"})
+"""Mappings that name one of several kinds, or belong together: replaced as a whole."""
