@@ -18,7 +18,7 @@ from butterfly.identification.inference.covariance import cluster_covariance, ro
 from butterfly.identification.inference.identifiability import Conditioning, sort_by_precision
 from butterfly.identification.inference.intervals import honest_limits
 from butterfly.identification.inference.mass_consistency import Correction, corrections
-from butterfly.identification.solved import Solved, pulled_below
+from butterfly.identification.normal_equations import SolvedEquations, pulled_below
 from butterfly.logs.log import Log
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -98,7 +98,7 @@ class Estimate:
     @classmethod
     def from_rows(
         cls,
-        solved: Solved,
+        solved: SolvedEquations,
         *,
         method: str,
         left_out: Mapping[Hashable, NDArray[np.float64]],

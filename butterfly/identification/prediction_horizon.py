@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.diagnostics.sensor_errors import encoder_step
+from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.segments import simulation_of
-from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.spectrum import uniform_grid

@@ -2,7 +2,7 @@
 
 The equation of motion (or its product with the velocity, the balance of energy) against test
 functions is linear in the parameters, whatever controller made the input; see
-`butterfly.identification.weak_signals`. One robot without a known mass gives the ratios p_i/p1
+`butterfly.identification.test_functions`. One robot without a known mass gives the ratios p_i/p1
 alone, which is all that a controller needs; logs with another known mass set the scale.
 """
 
@@ -18,8 +18,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.regression import Solution
-from butterfly.identification.solved import Solved
+from butterfly.identification.normal_equations import Solution, SolvedEquations
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS
@@ -170,7 +169,7 @@ def estimate_of(
     IdentifiabilityError
         If the equations are singular for every practical purpose.
     """
-    solved = Solved.of(equations.regression, solution)
+    solved = SolvedEquations.of(equations.regression, solution)
     left_out = _without_each_run(equations)
     return Estimate.from_rows(solved, method=method, left_out=left_out, findings=findings)
 

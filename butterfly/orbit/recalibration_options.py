@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.identification.weak_signals import HALF_WIDTH, Balance, Known
+from butterfly.identification.test_functions import HALF_WIDTH, AveragingSettings, Balance
 from butterfly.model.terms import FrictionTerms, offered
 
 METHOD = "re-calibration"
@@ -54,7 +54,7 @@ class RecalibrationOptions:
         require_number("recalibration", positive=True, half_width=self.half_width)
         require_number("recalibration", delay=self.delay)
 
-    def known(self, zero: float) -> Known:
+    def known(self, zero: float) -> AveragingSettings:
         """Return what is known of the joint, its encoder reading ``zero`` rad at angle 0."""
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
-        return Known(zero=zero, delay=self.delay, settings=settings)
+        return AveragingSettings(zero=zero, delay=self.delay, settings=settings)

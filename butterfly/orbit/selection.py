@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.regression import Regression, Solution
-from butterfly.identification.weak_signals import Averaging
+from butterfly.identification.normal_equations import Regression, Solution
+from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
 from butterfly.orbit.recalibration_options import LEAST, RecalibrationOptions
 

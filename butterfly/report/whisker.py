@@ -31,7 +31,7 @@ class Whisker:
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Ends of an axis that holds all of it."""
+        """Multistart of an axis that holds all of it."""
         known = [self.value, *(self.limits or ()), *(self.left_out or ())]
         known += [] if self.true is None else [self.true]
         least, most = min(known), max(known)

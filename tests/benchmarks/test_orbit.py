@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 from butterfly.experiment.orbit import simulated_rig
-from butterfly.identification.weak_signals import Balance
+from butterfly.identification.test_functions import Balance
 from butterfly.orbit.loop import calibrate
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions

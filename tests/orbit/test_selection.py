@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.regression import Regression
+from butterfly.identification.normal_equations import Regression
 from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions
 from butterfly.orbit.selection import FOLDS, SEGMENT, Selection
 from tests.conftest import MASSES

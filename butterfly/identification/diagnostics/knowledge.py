@@ -11,8 +11,8 @@ from scipy.special import stdtrit
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.solved import Solved
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind, rounded
@@ -69,7 +69,7 @@ def disagreements(
 
 
 def scale_apart(
-    solved: Solved,
+    solved: SolvedEquations,
     rows: Samples,
     residuals: Samples,
     known: Knowledge,

@@ -50,7 +50,7 @@ class FreeRunTerms:
             name if whose is None else f"{name} of {whose}" for name, whose in problem.keys
         )
         optional = {name for name in CANDIDATES if name not in always}
-        masses = [each.log.added_mass for each in problem.trajectories]
+        masses = [each.log.added_mass for each in problem.simulations]
         stretches = stretches_of(len(masses))
         at = at if stretches == 1 else at.cut(stretches)
         nested = Nested(

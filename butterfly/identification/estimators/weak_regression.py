@@ -18,10 +18,9 @@ from butterfly.identification.inference.term_choice import (
     SLACK_OF_STRETCHES,
     stretches_of,
 )
+from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.regression import Regression, Solution
-from butterfly.identification.solved import Solved
-from butterfly.identification.weak_signals import Averaging
+from butterfly.identification.test_functions import Averaging
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.verdict import Level
@@ -111,7 +110,7 @@ class WeakFit:
 
     about: About  # what the equations are about
     regression: Regression  # regression, solved: the equations, and the solution
-    solved: Solved
+    solved: SolvedEquations
 
     @classmethod
     def of(
@@ -152,7 +151,7 @@ class WeakFit:
             if settled:
                 break
         rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
-        solved = Solved.of(regression, solution, unsettled=None if settled else rounds)
+        solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
         return cls(about=about, regression=regression, solved=solved)
 
     @property
@@ -164,7 +163,7 @@ class WeakFit:
     def solved_by(self, regression: Regression, through: Regression, solution: Solution) -> WeakFit:
         """Return a fit of some equations through instruments, whose rows stand for its own."""
         solved = replace(
-            Solved.of(regression, solution),
+            SolvedEquations.of(regression, solution),
             jacobian=through.jacobian(solution.values),
             ending=self.solved.ending,
             findings=self.solved.findings,
