@@ -89,7 +89,7 @@ class Predicted(Tabulated):
             table=tuple(_row(each, measured=measured) for each in predictions),
             besides={
                 "data": {"name": name, "input": str(log.input_kind), "logs": len(predictions)},
-                **estimate_numbers(estimate, log.input_kind, log.added_mass.joint),
+                **estimate_numbers(estimate),
             },
             predictions=tuple(predictions),
             drawn=drawn,

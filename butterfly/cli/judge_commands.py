@@ -27,23 +27,21 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.identification.diagnostics.left_over import LeftOver
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
+from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.inference.bootstrap import bootstrap
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.term_selection import select_terms
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.parameter import unit_of
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import bootstrap, hold_out, select_terms
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.recommendations import chosen_said
 from butterfly.report.words import held_out_sentences, verdict_on
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from butterfly.api.sources import is_data
 from butterfly.api.usable import require_possible
 from butterfly.cli.console import say, say_verdict, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
@@ -15,11 +16,11 @@ from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import DATA, HandMassOption
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import is_data
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
 from butterfly.identification.identification import judged
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
@@ -28,7 +29,6 @@ from butterfly.plant.twin import MASS, carrying_twin, command_of
 from butterfly.plant.watch.picture import render
 from butterfly.report.field_names import unit_of_field
 from butterfly.report.numbers.table_numbers import rests_on
-from butterfly.report.parameter_rows import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

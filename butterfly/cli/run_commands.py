@@ -175,7 +175,7 @@ def _run_here(
     _warn_of_wide_swings(experiment)
     record = None if force else store.latest(task.key)
     if record is not None and record.status != FAILED:
-        show_record(record, experiment.input_kind)
+        show_record(record)
         say("1 run: found done; --force does it again.")
         _show_reports(folder, record)
         if record.status != OK:

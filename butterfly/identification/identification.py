@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.contradictions import judge_knowledge
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.following import judge_fit, judge_held_out
-from butterfly.identification.diagnostics.input_kind import judge_input
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit, judge_held_out
 from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
-from butterfly.identification.diagnostics.physics import judge_physics
+from butterfly.identification.diagnostics.physics import judge_input, judge_knowledge, judge_physics
 from butterfly.identification.diagnostics.unit_errors.names import with_slips
 from butterfly.identification.diagnostics.unit_errors.search import (
     find_slips,
@@ -201,7 +199,7 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
         raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
     try:
-        found = estimator(data)
+        found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
         _refuse_not_finite(found)
     except ButterflyError as error:
         raise with_slips(error, find_slips_of_refused(data, estimator)) from None

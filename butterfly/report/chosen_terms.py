@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.inference.term_selection import Structure
+from butterfly.identification.validate import Structure
 from butterfly.report.figures import look
 from butterfly.report.numbers.document import Told
 from butterfly.report.page import Page, Section, Table

@@ -32,7 +32,7 @@ from butterfly.report.page import (
     Table,
     write_page,
 )
-from butterfly.report.parameter_rows import ParameterRow, parameter_rows
+from butterfly.report.parameter_table import ParameterRow, parameter_rows
 from butterfly.report.physical import (
     HEADERS,
     TITLE,
@@ -89,7 +89,7 @@ def identification_page(
     """Put together the report of an identification (see `write_report`)."""
     data, misfit = identification.data, identification.misfit
     told = told_identification(identification, truth)
-    rows = parameter_rows(identification, truth)
+    rows = parameter_rows(identification.estimate.table(truth))
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     chosen = middle(identification.fits)
     states = [health.condition for health in data.health]

@@ -51,7 +51,7 @@ def _table(entries: Sequence[Entry]) -> Table:
         if entry.estimate is not None:
             found = entry.estimate
             chip = Chip(found.level.verdict, found.level)
-            estimated = {*found.names, *found.held} - found.unestimated
+            estimated = {*found.names, *found.held} - {*found.unestimated}
             values = [
                 f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
                 for name in names

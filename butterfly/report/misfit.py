@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from butterfly.identification.diagnostics.left_over import LeftOver
-from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
-from butterfly.identification.diagnostics.whiteness import LEVELS, Curve
+from butterfly.identification.diagnostics.misfit import LEVELS, Curve, LogMisfit, Misfit
+from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.report.figures import GREY, PALETTE, add
 from butterfly.report.page import Table
 from butterfly.report.series import Series, packable

@@ -15,8 +15,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from butterfly import __version__
 from butterfly.files import replacing
 from butterfly.report.numbers.document import write_document
+from butterfly.report.parameter_table import Whisker
 from butterfly.report.series import Series
-from butterfly.report.whisker import Whisker
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 
-from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
 from butterfly.identification.diagnostics.unit_errors.names import listed, slip_in_words
@@ -122,12 +121,6 @@ def sentences(estimate: Estimate) -> list[str]:
 def verdict_on(estimate: Estimate) -> Verdict:
     """Say what may be done with an estimate, and why not more."""
     return verdict_in_words(estimate.ending, estimate.findings, values_of(estimate))
-
-
-def verdict_of(record: EstimateRecord) -> Verdict:
-    """Say what may be done with an estimate of which there is a record."""
-    values = {row.parameter: row.value for row in record.parameters}
-    return verdict_in_words(record.ending, record.findings, values)
 
 
 def sentences_of(ending: Ending, findings: Sequence[Finding], values: Values) -> list[str]:

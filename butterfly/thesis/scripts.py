@@ -119,6 +119,9 @@ def fit_resonances(
     return values, best.jac / bounds
 
 
+_UNESTIMATED = ("coulomb", "delay", "p4")
+
+
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     """Resonance of each added mass by (100), then p1, p2, p3 by (102).
 
@@ -155,6 +158,7 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         ending=Ending.CONVERGED,
         findings=_findings(len(resonances), conditioning, on_bound),
         resonances=resonances,
+        unestimated=_UNESTIMATED,
     )
 
 
@@ -163,9 +167,7 @@ def _findings(
 ) -> tuple[Finding, ...]:
     care = Level.CARE
     found = [
-        Finding(
-            kind=FindingKind.NOT_ESTIMATED, parameters=("coulomb", "delay", "p4"), severity=care
-        ),
+        Finding(kind=FindingKind.NOT_ESTIMATED, parameters=_UNESTIMATED, severity=care),
         Finding(
             kind=FindingKind.NO_UNCERTAINTY,
             parameters=("p1", "p2", "p3"),

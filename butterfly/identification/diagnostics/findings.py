@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from butterfly.verdict import Level
 
@@ -77,6 +78,18 @@ class Finding:
     number: float | None = None
     severity: Level = Level.NOTE
     logs: tuple[str, ...] = ()
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Finding:
+        """Return the finding of which its fields tell; other keys are not looked at."""
+        number = content["number"]
+        return cls(
+            kind=FindingKind(content["kind"]),
+            parameters=tuple(map(str, content["parameters"])),
+            number=None if number is None else float(number),
+            severity=Level(content["severity"]),
+            logs=tuple(map(str, content.get("logs", ()))),
+        )
 
 
 def grade(ending: Ending, findings: Sequence[Finding]) -> tuple[Level, tuple[Finding, ...]]:

@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.harmonic_balance_regression import (
@@ -45,10 +44,12 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
+from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.intervals import without_each_mass
-from butterfly.identification.inference.scanned_terms import SCANNED, ScannedTerms
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
+    SCANNED,
+    ScannedTerms,
     candidates,
     folds_of,
     missing_terms,

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.equations import Equations, Loss, outlying
@@ -31,6 +30,7 @@ from butterfly.identification.estimators.gauss_newton import MOST, Minimum, mini
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Multistart, Start, starts
 from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
 from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from butterfly.errors import require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.encoder_offset import offset_errors, reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
@@ -36,10 +35,11 @@ from butterfly.identification.estimators.instrumental_variables import (
 )
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.inference.covariance import blocks_of, split
+from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
-from butterfly.identification.inference.scanned_terms import ScannedTerms
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
+    ScannedTerms,
     candidates,
     folds_of,
     missing_terms,

@@ -22,7 +22,7 @@ from butterfly.report.numbers.misfit_numbers import (
     misfit_units,
 )
 from butterfly.report.numbers.table_numbers import about, rests_on
-from butterfly.report.words import verdict_on
+from butterfly.report.words import values_of, verdict_on
 from butterfly.verdict import Level, Verdict
 
 
@@ -61,7 +61,7 @@ def told_comparison(
             **rests_on(data, found, estimator),
             "rows": rows,
             "logs": [_of_log(each) for each in compared],
-            "misfit": misfit_numbers(misfit),
+            "misfit": misfit_numbers(misfit, values_of(found)),
         },
         units={
             "logs.fit": "%",
@@ -147,7 +147,7 @@ def _entry(entry: Entry) -> dict[str, Any]:
     fits = {"held_out": entry.held_out, "in_sample": entry.in_sample}
     said: dict[str, Any] = {"verdict": None, "reasons": []}
     if entry.estimate is not None:
-        known = estimate_numbers(entry.estimate, entry.input_kind, entry.joint)
+        known = estimate_numbers(entry.estimate)
         said = verdict_on(entry.estimate).numbers() | known
     return {
         **said,
