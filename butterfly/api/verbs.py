@@ -42,7 +42,6 @@ from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
 from butterfly.report.chosen_terms import selection_page, structures_table
 from butterfly.report.leaderboard import leaderboard_page
-from butterfly.report.misfit import HEADERS, misfit_sentences, misfit_table
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
@@ -50,7 +49,7 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
-from butterfly.report.residual_page import residual_page
+from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
 from butterfly.report.words import verdict_on
 
 Method = str | Estimator

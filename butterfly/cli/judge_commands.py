@@ -204,7 +204,7 @@ def residual_command(
 
     Example: `butterfly residual results/quickstart --method output-error --log 2 --plot left.html`
     """
-    from butterfly.report.misfit import (  # noqa: PLC0415 - slow to import
+    from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
         HEADERS,
         misfit_sentences,
         misfit_table,
@@ -231,9 +231,11 @@ def residual_command(
             say(f"{torques[k].label}: the torque left over looks like {looks}.")
             _show_shares(torques[k].left_over)
         if plot is not None:
-            from butterfly.report.residual_page import write_residual  # noqa: PLC0415 - slow
+            from butterfly.report.page import write_html  # noqa: PLC0415 - slow to import
+            from butterfly.report.residual import residual_page  # noqa: PLC0415 - slow to import
 
-            write_residual(torques[worst], misfit.logs[worst], verdict, plot, joint=logs.joint)
+            left = torques[worst], misfit.logs[worst]
+            write_html(residual_page(*left, verdict, joint=logs.joint), plot)
             typer.echo(f"Plot: {plot}")
     answer.give(lambda: told_residual(logs, suited, estimate, misfit, misfit_sentences(misfit)))
     end_with(verdict.level)
