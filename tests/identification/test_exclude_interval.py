@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.identification.inference.splits import excluding_interval
+from butterfly.identification.splits import excluding_interval
 from butterfly.logs.log import Log, Sine
 
 
