@@ -27,10 +27,9 @@ from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
-from butterfly.plant.joints import Simulator
+from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
-from butterfly.plant.setup import Setup
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.orbit import orbit_page
@@ -61,8 +60,8 @@ def data():
     runs = [(mass, sine) for mass in masses for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
     bench = {"encoder": ROUGH.encoder, "clock": Clock(step=0.004)}
-    setup = Setup(robot=ROUGH.robot, simulator=Simulator.GREY_BOX, **bench)
-    return DataSet.of(list(simulate_runs(setup, runs, 40.0, seeds)), name="six sines")
+    rig = Rig(robot=ROUGH.robot, simulator=Simulator.GREY_BOX, **bench)
+    return DataSet.of(list(simulate_runs(rig, runs, 40.0, seeds)), name="six sines")
 
 
 @pytest.fixture(scope="module")
