@@ -124,6 +124,9 @@ def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
     estimator = OutputError(terms=(), per_log=("bias",), check=False, workers=1)
     found = estimator.of_logs(logs, ROBOT, ZEROS)
     assert [found.local[f"log {k}"]["bias"] for k in range(3)] == pytest.approx(biases, abs=2e-5)
+    assert [found.applied(log)[0].bias for log in logs] == pytest.approx(biases, abs=2e-5)
+    other = replace(logs[0], name="another")
+    assert found.applied(other)[0].bias == found.parameters.bias == 0.0
     assert found.local[None]["zero"] == pytest.approx(0.0, abs=1e-4)
     assert DataSet.of(logs).simulations.fits(found).min() > 99.5
 
