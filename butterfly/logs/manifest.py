@@ -285,6 +285,7 @@ class Manifest(StrictModel):
 _SELDOM = ("sign", "joint", "gravity", "known", "zeros", "units", "holdout")
 """Fields that are not written where they are as usual."""
 
+
 @cache
 def _options() -> type[StrictModel]:
     """Return the model of some fields of a manifest, and of ``begin`` and ``end``; slow to make."""
