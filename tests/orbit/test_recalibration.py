@@ -18,11 +18,8 @@ from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.motor import CommandPath
-<<<<<<< HEAD
-from butterfly.report.finding_texts import estimate_sentences
-=======
 from butterfly.plant.rig import Simulator
->>>>>>> house
+from butterfly.report.finding_texts import estimate_sentences
 from tests.orbit.setting import (
     AGAINST_COULOMB,
     EFFECTS,
