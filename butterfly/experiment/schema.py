@@ -22,7 +22,7 @@ from butterfly.experiment.methods import (
     AnyEstimator,
     MethodName,
 )
-from butterfly.experiment.sweeps import SEEDS, SweepSpec
+from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.splits import Split

@@ -14,7 +14,7 @@ from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.record import EstimateRecord, Outcome, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.record import EstimateRecord, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.store import ResultStore
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
@@ -99,7 +99,7 @@ def _sweep_page(folder):
         values = (0.1 + 0.01 * number, 10 ** rng.uniform(-5, -2), "ab"[number % 2])
         place = {"key": f"{number:024d}", "repetition": 0, "seed": number}
         place["overrides"] = dict(zip(fields, values, strict=True))
-        runs.append(PlannedRun(number=number, **place))
+        runs.append(SweepRun(number=number, **place))
         status = {7: "refused", 8: "failed"}.get(number, "ok")
         names = ("p1", "p3")
         values = np.array([rng.normal(1, 0.05) for _ in (*names, "p4")])

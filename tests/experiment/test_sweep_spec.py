@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, keep_experiment, read_experiment
-from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
+from butterfly.experiment.sweep import plan_sweep
+from butterfly.experiment.sweep_spec import Distribution, SweepSpec, apply
 from butterfly.files import shipped, shipped_experiments
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
 from butterfly.plant.rig import Simulator
