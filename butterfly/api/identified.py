@@ -39,7 +39,7 @@ from butterfly.model.parameters import (
 )
 from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.format import fit_text
-from butterfly.report.identification import write_report
+from butterfly.report.identification_page import write_report
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import chosen_numbers
 from butterfly.report.numbers.identification_numbers import (

@@ -19,7 +19,7 @@ from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.numbers.document import HEAD, Told
 from butterfly.report.page import Page
-from butterfly.report.three_way import three_way_page
+from butterfly.report.three_way_page import three_way_page
 from butterfly.verdict import Verdict
 
 
