@@ -253,7 +253,7 @@ class DataSet:
         return self.manifest.model_copy(update={"logs": entries, "holdout": names})
 
     def holding_out(self, names: Sequence[str]) -> DataSet:
-        """Return the data set with some logs, by name or glob pattern, not to be used (`test_logs`).
+        """Return the data set with some logs, by name or glob pattern, as `test_logs`.
 
         Raises
         ------
@@ -263,7 +263,7 @@ class DataSet:
         return self.holding(numbers_named(self.logs, names, self.name)) if names else self
 
     def holding(self, rows: Sequence[int]) -> DataSet:
-        """Return the data set with some logs, by their numbers, not to be used (see `test_logs`).
+        """Return the data set with some logs, by their numbers, as `test_logs`.
 
         Raises
         ------
