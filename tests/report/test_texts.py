@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.report.page import Page, Section, Table, rendered, write_page
-from butterfly.report.pictures import draw, write_stills
+from butterfly.report.pictures import draw, write_pictures
 from butterfly.report.sweep_figures import Estimates, axis_figure
 from butterfly.verdict import Level, Verdict
 
@@ -35,7 +35,7 @@ def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):
     FigureCanvasAgg(still).draw()
     shown = [label.get_text().replace(r"\$", "$") for label in still.axes[0].get_xticklabels()]
     assert shown == list(ODD)
-    write_stills({"axis": figure}, tmp_path)
+    write_pictures({"axis": figure}, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"axis.png", "axis.svg"}
 
 
@@ -50,7 +50,7 @@ def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):
 def test_a_dollar_is_no_formula_wherever_it_stands(trace, tmp_path):
     figure = Figure([trace])
     figure.update_layout(xaxis_title="$x", yaxis_title=ODD[1])
-    write_stills({"f": figure}, tmp_path)
+    write_pictures({"f": figure}, tmp_path)
 
 
 def test_a_page_runs_no_text(tmp_path):
