@@ -7,9 +7,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
+from butterfly.experiment.recovery import Estimates
 from butterfly.report.page import Page, Section, Table, rendered, write_page
 from butterfly.report.pictures import draw, write_pictures
-from butterfly.report.sweep_figures import Estimates, axis_figure
+from butterfly.report.sweep_figures import axis_figure
 from butterfly.verdict import Level, Verdict
 
 ODD = ("a$b", r"$\frac{$ <b>bold</b>", "<script>alert(1)</script>")
@@ -106,7 +107,7 @@ def test_estimates_without_intervals_have_no_coverage():
     bounds = {"lower": [0.0, 2.0, np.nan], "upper": [2.0, 3.0, np.nan], "true": [1.0, 1.0, 1.0]}
     columns = {name: np.array(values) for name, values in bounds.items()}
     assert Estimates(columns).coverage == 0.5
-    assert Estimates({name: values[2:] for name, values in columns.items()}).coverage is None
+    assert np.isnan(Estimates({name: values[2:] for name, values in columns.items()}).coverage)
 
 
 def test_lines_across_a_figure_are_in_its_picture():
