@@ -10,7 +10,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.verdict import Level
 
-LARGEST_SWING = 1.6
+LARGEST_SINE = 1.6
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 
 _UNSETTLED = 0.5  # of the swing: what a sine, its harmonics and a transient leave over
@@ -47,8 +47,8 @@ def _is_steady(data: DataSet, number: int) -> bool:
     away = math.remainder(point.angle.offset - data.zero_of(log), 2 * math.pi)
     widest = float(np.ptp(log.angle)) / 2
     return (
-        0 < swing <= LARGEST_SWING
-        and widest <= math.pi / 2 + LARGEST_SWING
+        0 < swing <= LARGEST_SINE
+        and widest <= math.pi / 2 + LARGEST_SINE
         and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
         and not abs(point.drift) > _CHANGED
         and (abs(away) < _ELSEWHERE or not data.hangs)

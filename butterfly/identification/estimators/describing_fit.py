@@ -20,7 +20,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS, lower_bounds
 from butterfly.verdict import Level
 
-_MAX_ITERATIONS = 60
+_MAX_ITERATIONS = 60  # of reweighting, before the fit counts as one that did not settle
 _TOLERANCE = 1e-10  # relative change of the predicted angles
 
 

@@ -17,15 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.goodness_of_fit import LEAST_FIT
 from butterfly.identification.estimators.weak_fit import WeakFit, Windows
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.regression import Regression, Solution
 from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
-
-LEAST_FIT = 50.0
-"""FIT in per cent of a free run below which its motion is not that of the log."""
 
 
 class Seen(NamedTuple):

@@ -19,7 +19,7 @@ SETTLED = 0.1
 ROUGHLY = 2.0
 """The same, of a fit that tells which terms help."""
 
-_ROUNDS, _ROUNDS_OF_BIAS = 3, 8
+_ROUNDS, _ROUNDS_OF_BIAS = 3, 8  # of correcting phasors by what simulations leave over
 _ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not foretold
 _FEW = 0.5  # share of a mass's logs
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
