@@ -7,7 +7,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from butterfly.api.identified import Identified
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.experiment.data_source import named_data
@@ -15,6 +14,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
+from butterfly.identification.identification import Identification
 from butterfly.logs.column_map import ColumnMap
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Log
@@ -27,7 +27,7 @@ _OWN: tuple[dict[str, Any], frozenset[Repair]] = ({}, frozenset())  # of logs th
 Named: TypeAlias = str | PathLike[str]
 """A path, or the name of something shipped."""
 
-One: TypeAlias = DataSet | Identified | Log | Named | Table
+One: TypeAlias = DataSet | Identification | Log | Named | Table
 """Whatever holds logs by itself."""
 
 _CHOICES = (("input_kind", InputKind), ("intersample", Intersample), ("joint", JointKind))
@@ -60,7 +60,7 @@ def read(
     ----------
     source
         A manifest; a folder with one, or with logs named like Data_52__8__002.mat; a log file; a
-        saved result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identified`; a
+        saved result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identification`; a
         pandas frame, a mapping of arrays, or an array with named columns or of the columns t, u,
         q[, dq]; or several of these, whose files are then not remembered.
     root
@@ -120,7 +120,7 @@ def read(
 def _read(source: Data, about: Mapping[str, Any], repairs: frozenset[Repair], name: str) -> DataSet:
     """Read a source, or several, about which something is told (see `read`)."""
     told = {key: value for key, value in about.items() if value is not None}
-    if isinstance(source, DataSet | Identified | Log):
+    if isinstance(source, DataSet | Identification | Log):
         if told:
             expected = "none beside logs that are read already"
             raise InputError("read", next(iter(told)), next(iter(told.values())), expected)
@@ -163,7 +163,9 @@ def _repairs(told: Collection[str] | None) -> frozenset[Repair]:
     return frozenset(choice(Repair, "read", "repair", each) for each in told)
 
 
-def _repaired(source: DataSet | Identified | Log, repairs: frozenset[Repair], name: str) -> DataSet:
+def _repaired(
+    source: DataSet | Identification | Log, repairs: frozenset[Repair], name: str
+) -> DataSet:
     """Return the data set of what is read already, with more repairs."""
     if isinstance(source, Log):
         return DataSet.of([source], name=source.name or name, repairs=DEFAULT_REPAIRS | repairs)
@@ -204,7 +206,7 @@ def _together(
 
 
 def _is_read(source: object) -> bool:
-    return isinstance(source, DataSet | Identified)
+    return isinstance(source, DataSet | Identification)
 
 
 def read_experiment(path: Named) -> Experiment:

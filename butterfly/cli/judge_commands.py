@@ -32,7 +32,7 @@ from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import held_out_fits, judged
+from butterfly.identification.identify import held_out_fits, judged
 from butterfly.identification.inference.bootstrap import bootstrap
 from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.term_selection import select_terms

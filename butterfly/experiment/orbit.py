@@ -12,7 +12,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, simulate, write_logs
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.logs.log import Log
 from butterfly.logs.mat import write_mat
 from butterfly.model.parameters import AddedMass

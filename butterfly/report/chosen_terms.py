@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from plotly.graph_objects import Figure, Scatter
 
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.inference.term_selection import Structure
 from butterfly.report.figures import look
-from butterfly.report.numbers.document import Told
 from butterfly.report.page import Page, Section, Table
 from butterfly.report.words import fit_said
 

@@ -11,6 +11,7 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.report.figures import grams, look, middle, rank_by_fit
@@ -19,7 +20,6 @@ from butterfly.report.misfit import (
     correlation_series,
     misfit_table,
 )
-from butterfly.report.numbers.document import Told
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.series import Series
 from butterfly.report.three_way_figures import (

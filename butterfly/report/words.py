@@ -26,7 +26,7 @@ _LEAST_MASSES = 3  # of which one can be left out
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
-    fit, data, estimate = identification.summary, identification.data, identification.estimate
+    fit, data, estimate = identification.fit, identification.data, identification.estimate
     voltage = data.input_kind == "voltage"
     verdict, *others = sentences(estimate)
     return [

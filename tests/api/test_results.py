@@ -65,7 +65,8 @@ def test_a_result_is_one_line_a_table_and_sentences(result):
     assert frame.loc["p4", "unit"] == "N m/V"
     lower, upper = frame.loc["p1", ["lower", "upper"]]
     assert lower < 0.00325 < upper
-    html = replace(result, summary=("<b>",))._repr_html_()
+    loaded = replace(result, logs=None, saved={"summary": ["<b>"]})
+    html = loaded._repr_html_()
     assert "<td>p₁</td>" in html
     assert "<p>&lt;b&gt;</p>" in html
 

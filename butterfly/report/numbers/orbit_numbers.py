@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from butterfly.document import Told
 from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.study import OrbitStudy
-from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers, lumped_numbers
 from butterfly.report.words import sentences, verdict_on
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class IdentifiedPlots:
+class IdentificationPlots:
     """Figures of an identification.
 
     Parameters
