@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.answers import Inspection, RobotModel
-from butterfly.api.sources import Named, read
+from butterfly.api.sources import RESULT, Named, is_data, manifest_of, read
 from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT, is_data, manifest_of
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
@@ -21,8 +20,7 @@ from butterfly.identification.parameter import unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.logs.pieces import Cut, read_pieces, with_parts
-from butterfly.model.known import Knowledge, known_of
+from butterfly.logs.pieces import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import Robot
@@ -94,7 +92,7 @@ def inspect(
             path, hand_mass=hand_mass, added_mass=added_mass, arm=description.get("arm")
         )
         return _robot_model(named)
-    manifest = with_parts(_described(path, **description))
+    manifest = with_parts(manifest_of(path, massless=True, **description))
     numbers = numbers_of_logs("inspect", logs, len(manifest.logs))
     part = manifest.model_copy(update={"logs": [manifest.logs[k] for k in numbers]})
     seen = inspect_logs(part, track)
@@ -214,27 +212,6 @@ def _numbers_of(part: object) -> str:
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
     )
-
-
-def _described(
-    source: Path,
-    *,
-    known: Mapping[str, Any] | None = None,
-    zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
-    joint: str | None = None,
-    gravity: float | None = None,
-    piece: tuple[float | None, float | None] | None = None,
-    restarts: bool = False,
-    **about: Any,  # noqa: ANN401 - what `manifest_of` takes
-) -> Manifest:
-    """Return the manifest of data of which more is said; loose folders may hold any logs."""
-    manifest = manifest_of(source, loose=True, **about)
-    manifest = manifest.moving(None if joint is None else JointKind(joint), gravity)
-    manifest = manifest.knowing(Knowledge.told(known or {}, "data"))
-    if zero is not None:
-        manifest = manifest.with_zero(known_of(zero, "data", "zero"))
-    begin, end = piece or (None, None)
-    return Cut(begin=begin, end=end, restarts=restarts).of(manifest)
 
 
 def _one_log(manifest: Manifest, seen: Inspected) -> TextTable:

@@ -11,9 +11,9 @@ from butterfly.api.changed import Changed
 from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
 from butterfly.api.separated import Separated
+from butterfly.api.sources import root_of
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import root_of
 from butterfly.identification.identification import Identification
 
 _SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)

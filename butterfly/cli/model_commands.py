@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from butterfly.api.sources import is_data
 from butterfly.api.usable import require_possible
 from butterfly.cli.console import say, say_verdict, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
@@ -15,7 +16,6 @@ from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import DATA, HandMassOption
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import is_data
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable

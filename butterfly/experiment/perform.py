@@ -23,7 +23,7 @@ from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy
 from butterfly.plant.excitations import Table

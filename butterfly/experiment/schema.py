@@ -25,9 +25,9 @@ from butterfly.experiment.methods import (
 from butterfly.experiment.sweeps import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.inference.splits import Split
+from butterfly.identification.splits import Split
 from butterfly.logs.log import InputKind, Sine
-from butterfly.logs.manifest import Told
+from butterfly.logs.manifest import Uncertain
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
 from butterfly.model.known import Knowledge
@@ -174,7 +174,7 @@ class Experiment(StrictModel):
     """Fitted besides p1..p4, Coulomb torque and delay; the method's own choice if not given."""
     estimators: tuple[AnyEstimator, ...] = ()
     """Several, each with its options, in place of method and terms."""
-    known: dict[str, Told] = Field(default_factory=dict)
+    known: dict[str, Uncertain] = Field(default_factory=dict)
     """What the estimators know of the robot, as in a manifest."""
     holdout: tuple[str, ...] = ()
     """Names or glob patterns of logs that no fit sees, only a test."""

@@ -8,7 +8,7 @@ from plotly.graph_objects import Figure, Scatter
 
 from butterfly.document import Told
 from butterfly.identification.data import DataSet
-from butterfly.identification.inference.term_selection import Structure
+from butterfly.identification.validate import Structure
 from butterfly.report.figures import look
 from butterfly.report.page import Page, Section, Table
 from butterfly.report.words import fit_said

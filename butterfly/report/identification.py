@@ -12,15 +12,21 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.identification import Identification
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
-from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
+from butterfly.report.estimate_figures import (
+    correlation_map,
+    frequency_response_figure,
+    parameter_figure,
+    ranked_figure,
+)
 from butterfly.report.figures import middle
-from butterfly.report.frequency_figure import frequency_response_figure
 from butterfly.report.inspection import STATES, conditions_said
-from butterfly.report.misfit import (
+from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
-    misfit_sentences,
-    misfit_table,
+    spectrum_figure,
+    spectrum_series,
+    time_figure,
+    time_series,
 )
 from butterfly.report.page import (
     Chip,
@@ -38,8 +44,10 @@ from butterfly.report.physical import (
     physical_rows,
     physical_sentences,
 )
-from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
-from butterfly.report.time_figure import time_figure, time_series
+from butterfly.report.residual import (
+    misfit_sentences,
+    misfit_table,
+)
 from butterfly.report.words import counted, fit_said
 
 _RESPONSE = (

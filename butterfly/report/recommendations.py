@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from butterfly.identification.design import Candidate
-from butterfly.identification.inference.term_selection import Structure
+from butterfly.identification.validate import Structure
 
 
 def most_telling(best: Candidate) -> str:

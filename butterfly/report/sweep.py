@@ -16,8 +16,14 @@ from butterfly.model.terms import TERMS
 from butterfly.report.field_names import said_field, said_name
 from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Fact, Link, Page, Section, Table
-from butterfly.report.parallel_figure import parallel_figure
-from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
+from butterfly.report.sweep_figures import (
+    Estimates,
+    axis_figure,
+    column,
+    heat_maps,
+    parallel_figure,
+    short,
+)
 from butterfly.verdict import VERDICTS
 
 if TYPE_CHECKING:

@@ -55,7 +55,7 @@ def _health(data: DataSet) -> str:
 
 def _stretch(fit: FitSummary, data: DataSet) -> str:
     if fit.horizon is None:
-        moving = any(log.beginning.velocity for log in data.logs)
+        moving = any(log.initial_state.velocity for log in data.logs)
         fitted = " (where a log begins in motion, from a start that was fitted to it)"
         return f"from the first sample on{fitted if moving else ''}"
     return f"over segments of {fit.horizon:g} s, each from a start that was fitted to it,"

@@ -35,7 +35,7 @@ from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
-from butterfly.report.still import draw
+from butterfly.report.pictures import draw
 from butterfly.report.sweep import sweep_page
 from butterfly.report.three_way import three_way_page
 from butterfly.thesis.method import Thesis

@@ -20,21 +20,28 @@ from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.plant.joints import Simulator
-from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
-from butterfly.report.figures import seen_samples
-from butterfly.report.frequency_figure import frequency_response_figure, swings_between
+from butterfly.report.estimate_figures import (
+    correlation_map,
+    frequency_response_figure,
+    parameter_figure,
+    ranked_figure,
+    swings_between,
+)
+from butterfly.report.figures import packable, seen_samples
 from butterfly.report.identification import identification_page, write_report
 from butterfly.report.inspection import health_rows
 from butterfly.report.inspection_page import write_inspection
-from butterfly.report.misfit import (
+from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
+    time_figure,
+    time_series,
+)
+from butterfly.report.parameter_table import Whisker, interval, parameter_rows, with_error
+from butterfly.report.residual import (
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.parameter_table import Whisker, interval, parameter_rows, with_error
-from butterfly.report.series import packable
-from butterfly.report.time_figure import time_figure, time_series
 from butterfly.report.words import summary, verdict_on
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -164,9 +171,7 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
     row = re.search(r"<tr>\s*<td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]
     cells = re.findall(r"<td>(.*?)</td>", row)
     assert cells[4] == "–"
-    assert cells[5:] == [
-        f"{v:.1f}" for v in (linear.fit.median, linear.fit.mean, linear.fit.worst)
-    ]
+    assert cells[5:] == [f"{v:.1f}" for v in (linear.fit.median, linear.fit.mean, linear.fit.worst)]
 
 
 def test_the_lines_of_the_frequency_response_are_the_model_at_the_measured_swing(simulated):

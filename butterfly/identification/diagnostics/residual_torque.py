@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.left_over import (
+from butterfly.identification.diagnostics.residuals import (
     Balance,
     LeftOver,
     missing_terms,

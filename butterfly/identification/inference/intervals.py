@@ -10,8 +10,8 @@ from scipy.special import ndtri, stdtrit
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import refuse_without_scale
 from butterfly.identification.inference.covariance import FEW
+from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.verdict import Level

@@ -14,7 +14,6 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.report.misfit import misfit_sentences
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.misfit_numbers import (
     left_over_numbers,
@@ -22,6 +21,7 @@ from butterfly.report.numbers.misfit_numbers import (
     misfit_units,
 )
 from butterfly.report.numbers.table_numbers import about, rests_on
+from butterfly.report.residual import misfit_sentences
 from butterfly.report.words import values_of, verdict_on
 from butterfly.verdict import Level, Verdict
 

@@ -17,9 +17,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import about_data, chosen_options
 from butterfly.identification.identify import held_out_fits
-from butterfly.identification.inference.bootstrap import Bootstrap
-from butterfly.identification.inference.term_selection import Structure
-from butterfly.identification.inference.validation import HeldOut
+from butterfly.identification.validate import Bootstrap, HeldOut, Structure
 from butterfly.logs.log import Log
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units

@@ -11,7 +11,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.input_kind import judge_input
+from butterfly.identification.diagnostics.physics import judge_input
 from butterfly.identification.estimators import (
     Estimator,
     HarmonicBalance,
@@ -19,7 +19,7 @@ from butterfly.identification.estimators import (
     OutputError,
     WeakForm,
 )
-from butterfly.identification.inference.bootstrap import bootstrap
+from butterfly.identification.validate import bootstrap
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters

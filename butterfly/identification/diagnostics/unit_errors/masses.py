@@ -11,7 +11,6 @@ from scipy.optimize import minimize_scalar
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.hypotheses import carrying
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.identification.diagnostics.unit_errors.trial import (
     FOLLOWED,
@@ -19,6 +18,7 @@ from butterfly.identification.diagnostics.unit_errors.trial import (
     Explanation,
     Trial,
     attempt_roughly,
+    carrying,
     judged,
     thinned,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.left_over import Balance, name_left_over
+from butterfly.identification.diagnostics.residuals import Balance, name_left_over
 
 COUNT = 4000
 LEAST = 5e-3

@@ -8,8 +8,8 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
-from butterfly.identification.inference.splits import Split, divide, remedy
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.splits import Split, divide, remedy
+from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass

@@ -19,7 +19,7 @@ _SETTLED = 0.3  # share by which half as many samples may tell another velocity
 _NOTABLE = 0.1  # share of the rms velocity, from which on a beginning is in motion
 
 
-class Beginning(NamedTuple):
+class InitialState(NamedTuple):
     """Angle in rad, from the encoder's zero, and velocity in rad/s at the first sample of a log."""
 
     angle: float
@@ -33,7 +33,7 @@ def rms_speed(time: Samples, angle: Samples) -> float:
     return float(np.std(np.diff(angle[::every]) / np.diff(time[::every])))
 
 
-def beginning(time: Samples, angle: Samples, speed: float, *, cut: bool) -> Beginning:
+def initial_state(time: Samples, angle: Samples, speed: float, *, cut: bool) -> InitialState:
     """Return how a log begins.
 
     A piece of a longer recording begins in motion: angle and velocity are those of the cubic that
@@ -50,7 +50,7 @@ def beginning(time: Samples, angle: Samples, speed: float, *, cut: bool) -> Begi
     cut
         Whether it is a piece of a longer recording.
     """
-    rest = Beginning(float(angle[0]), 0.0)
+    rest = InitialState(float(angle[0]), 0.0)
     if not speed > 0:
         return rest
     span = _REACH * min(float(np.std(angle)), _WIDE) / speed
@@ -68,7 +68,7 @@ def beginning(time: Samples, angle: Samples, speed: float, *, cut: bool) -> Begi
     return _fitted(time[:count], angle[:count], 3)[0]
 
 
-def _fitted(time: Samples, angle: Samples, order: int) -> tuple[Beginning, float]:
+def _fitted(time: Samples, angle: Samples, order: int) -> tuple[InitialState, float]:
     """Fit a polynomial to (n,) first samples; return its beginning, and its velocity's error."""
     span = float(time[-1] - time[0])
     columns = polynomial.polyvander((time - time[0]) / span, order)
@@ -77,4 +77,4 @@ def _fitted(time: Samples, angle: Samples, order: int) -> tuple[Beginning, float
     variance = float(left @ left) / max(angle.size - order - 1, 1)
     spread = np.linalg.inv(columns.T @ columns)[1, 1]
     value, slope = coefficients[:2].tolist()
-    return Beginning(value, slope / span), float(np.sqrt(variance * spread)) / span
+    return InitialState(value, slope / span), float(np.sqrt(variance * spread)) / span

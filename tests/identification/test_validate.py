@@ -7,9 +7,8 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.term_selection import select_terms
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import hold_out, select_terms
 from tests.identification.simulated import ROBOT, SLOW, steady
 
 BALANCE = HarmonicBalance(check=False)
