@@ -23,8 +23,8 @@ from butterfly.logs.manifest import Manifest
 from butterfly.logs.pieces import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
-from butterfly.plant.robot import Robot
-from butterfly.plant.twin import MASS, carrying_twin, command_of
+from butterfly.plant.robot import HAND_MASS, Robot
+from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
 from butterfly.report.field_names import unit_of_field
 from butterfly.report.inspection import Inspected, conditions_said, health_rows, hints, inspect_logs
@@ -151,12 +151,12 @@ def _twin(result: Identification, carried: AddedMass, mass: float | None) -> Nam
         raise InputError(about["name"], "joint", joint, "a hinge, which the model in MuJoCo has")
     verdict = require_possible(found)
     carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
-    robot, rest = carrying_twin(found.parameters, carried, mass)
+    robot, rest = Robot.of_loaded(found.parameters, carried, mass)
     document, note = result.to_dict(), ""
-    if mass is None and robot.hand.mass > MASS + carried.mass:
+    if mass is None and robot.hand.mass > HAND_MASS:
         note = (
-            f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of {MASS:g} kg "
-            "can have its p1 and p3, and the motion does not depend on it."
+            f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
+            f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it."
         )
     return NamedRobot(
         name=about["name"],

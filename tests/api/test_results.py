@@ -259,7 +259,7 @@ def test_slips_are_one_typed_error(result, data, tmp_path):
         (lambda: bf.identify(data, OutputError(), terms=()), "beside an estimator"),
         (lambda: bf.identify(data, against={"x": {"p1": 1}}), "against"),
         (lambda: bf.read(tmp_path / "nowhere"), "no such file or folder"),
-        (lambda: bf.read([]), "at least one log"),
+        (lambda: bf.read([]), "at least one"),
         (lambda: bf.read(None), "NoneType"),
         (lambda: bf.read(""), "an empty text"),
         (lambda: bf.read([3]), "int"),

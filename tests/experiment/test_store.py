@@ -11,11 +11,10 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS, Columns
-from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.sweep import plan_sweep, run_sweep
 from tests.experiment.setting import HereEngine, small_plan
 
 
@@ -125,7 +124,7 @@ MIXED = [1.0, "a", True, None, {"x": 1}, {"x": {"y": 2}}, [1, 2], 10**400, 2**60
 )
 def test_a_field_may_be_set_to_anything(values, kind):
     runs = [
-        PlannedRun(number=k, key=str(k), repetition=0, seed=2**63 - 1, overrides={"f": value})
+        SweepRun(number=k, key=str(k), repetition=0, seed=2**63 - 1, overrides={"f": value})
         for k, value in enumerate(values)
     ]
     columns = Columns(("f",), runs)
@@ -144,7 +143,7 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
         "sweep: {grid: {plant.encoder.noise: [1e-4, 2.0e-4], duration: [20, 3e1]}}\n"
     )
     plan = plan_sweep(Source(path))
-    runs = [task.planned for task in plan.tasks]
+    runs = [task.run for task in plan.tasks]
     columns = Columns(plan.fields, runs)
     schema = columns.schema(RUNS)
     assert {schema.field(name).type for name in plan.fields} == {pa.float64()}
@@ -188,7 +187,7 @@ def end_often(folder, name):
     """End a sweep of one's own in a folder, again and again."""
     store = ResultStore(Path(folder))
     key = name * 24
-    run = PlannedRun(number=0, key=key, repetition=0, seed=0, overrides={})
+    run = SweepRun(number=0, key=key, repetition=0, seed=0, overrides={})
     about = {"name": name, "description": "", "seed": 0, "worst": 1, "versions": {}}
     sweep = SweepRecord(**about, fields=(), runs=(run,))
     store.write(Outcome(record=RunRecord(key=key, status="ok", seed=0)))

@@ -10,7 +10,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.splits import Split, divide, remedy
 from butterfly.identification.validate import hold_out
-from butterfly.logs.log import Log
+from butterfly.logs.log import Log, Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from tests.identification.simulated import ROBOT, SLOW, steady, wild
@@ -114,3 +114,16 @@ def test_folds_that_cannot_be_are_refused(sines):
     ):
         with pytest.raises(InputError, match=expected):
             divide(sines, split, folds)
+
+
+def test_neighbouring_frequencies_are_in_different_folds_whatever_the_order_of_the_logs():
+    time = np.arange(4000) * 0.01
+    omegas = np.random.default_rng(0).permutation(np.arange(1.0, 11.0))
+    data = DataSet.of(
+        [
+            Log(time, np.sin(w * time), np.sin(w * time), excitation=Sine(omega=w, amplitude=1.0))
+            for w in omegas.tolist()
+        ]
+    )
+    for part in divide(data, Split.FREQUENCY, folds=4).parts.values():
+        assert (np.diff(np.sort(omegas[list(part)])) >= 4).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from butterfly.document import Told
-from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.experiment.record import OrbitRecord
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.study import OrbitStudy

@@ -36,3 +36,9 @@ def test_single_logs_that_are_not_followed_are_named():
     assert (said.kind, said.severity) == (FindingKind.UNFOLLOWED, Level.CARE)
     assert said.logs == ("b", "d")
     assert said.number == -5.0
+
+
+def test_a_log_that_is_followed_well_below_the_others_is_named():
+    (found,) = judge_fit(np.array([99.0] * 9 + [70.0]), [f"log {k}" for k in range(10)])
+    assert (found.kind, found.logs) == (FindingKind.UNFOLLOWED, ("log 9",))
+    assert judge_fit(np.array([99.0] * 9 + [86.0]), [f"log {k}" for k in range(10)]) == []

@@ -8,14 +8,13 @@ import yaml
 
 from butterfly.errors import InputError
 from butterfly.experiment import source as reading
-from butterfly.experiment.plan import address, plan_sweep
 from butterfly.experiment.provenance import computing_sources, fingerprint, hash_of, versions
 from butterfly.experiment.record import OK
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import run_sweep
-from butterfly.experiment.sweeps import SweepSpec
+from butterfly.experiment.sweep import address, plan_sweep, run_sweep
+from butterfly.experiment.sweep_spec import SweepSpec
 from tests.experiment.setting import SWEEP, HereEngine
 
 ONE = "identification/estimators/output_error.py"
@@ -39,7 +38,7 @@ def test_another_default_gives_another_address():
 
 def test_other_code_gives_another_address(tmp_path, monkeypatch):
     (before,) = _plan(tmp_path, SINGLE).tasks
-    monkeypatch.setattr("butterfly.experiment.plan.fingerprint", lambda: "other")
+    monkeypatch.setattr("butterfly.experiment.sweep.fingerprint", lambda: "other")
     (after,) = _plan(tmp_path, SINGLE).tasks
     assert before.key != after.key
 
@@ -49,7 +48,7 @@ def test_another_version_of_what_computes_gives_another_address(tmp_path, monkey
     (before,) = _plan(tmp_path, SINGLE).tasks
     other = versions() | {library: "0.0.1"}
     assert other.keys() == versions().keys()
-    monkeypatch.setattr("butterfly.experiment.plan.versions", lambda: other)
+    monkeypatch.setattr("butterfly.experiment.sweep.versions", lambda: other)
     (after,) = _plan(tmp_path, SINGLE).tasks
     assert before.key != after.key
 

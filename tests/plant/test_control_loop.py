@@ -12,7 +12,7 @@ from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
-from butterfly.plant.bench import Bench
+from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, ReplayMotor, SimulatedMotor
 from butterfly.plant.robot import Robot
@@ -33,8 +33,8 @@ def _spring(reading):
 
 
 def _run(joint, law=_spring, duration=5.0, **parts):
-    with Bench(SimulatedMotor(joint, encoder=FINE, **parts), clock=Clock(step=0.002)) as bench:
-        return bench.run(law, duration)
+    with ControlLoop(SimulatedMotor(joint, encoder=FINE, **parts), clock=Clock(step=0.002)) as loop:
+        return loop.run(law, duration)
 
 
 def test_under_feedback_mujoco_and_grey_box_give_the_same_log():
@@ -90,16 +90,19 @@ def test_the_current_is_that_of_the_armature_and_unknown_for_a_torque_drive():
 
 
 def test_a_replayed_log_comes_back_sample_by_sample(sine_log):
-    with Bench(ReplayMotor(sine_log), clock=Clock(step=1e-3)) as bench:
-        again = bench.run(lambda reading: reading.angle, 39.999)
+    with ControlLoop(ReplayMotor(sine_log), clock=Clock(step=1e-3)) as loop:
+        again = loop.run(lambda reading: reading.angle, 39.999)
     np.testing.assert_allclose(again.angle, sine_log.angle, atol=1e-9)
     np.testing.assert_array_equal(again.input, again.angle)
     assert again.input_kind is sine_log.input_kind
 
 
 def test_a_replay_beyond_the_log_s_end_is_refused(sine_log):
-    with Bench(ReplayMotor(sine_log)) as bench, pytest.raises(InputError, match="a longer log"):
-        bench.run(_spring, 41.0)
+    with (
+        ControlLoop(ReplayMotor(sine_log)) as loop,
+        pytest.raises(InputError, match="a longer log"),
+    ):
+        loop.run(_spring, 41.0)
 
 
 class _Recorder(SimulatedMotor):
@@ -113,8 +116,8 @@ class _Recorder(SimulatedMotor):
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_command_that_is_not_finite_stops_the_motor_and_names_the_law(value):
     motor = _Recorder(GreyBoxJoint(ROBOT))
-    with pytest.raises(InputError, match="control law: command"), Bench(motor) as bench:
-        bench.run(lambda reading: value if reading.time > 0.1 else 0.1, 1.0)
+    with pytest.raises(InputError, match="control law: command"), ControlLoop(motor) as loop:
+        loop.run(lambda reading: value if reading.time > 0.1 else 0.1, 1.0)
     assert motor.stopped
 
 
@@ -124,8 +127,8 @@ def test_an_error_in_the_law_stops_the_motor():
     def law(_):
         raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError), Bench(motor) as bench:
-        bench.run(law, 1.0)
+    with pytest.raises(ZeroDivisionError), ControlLoop(motor) as loop:
+        loop.run(law, 1.0)
     assert motor.stopped
 
 

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from butterfly.errors import InputError
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.source import EXPERIMENT, Source, keep_experiment, read_experiment
+from butterfly.experiment.sweep import plan_sweep
 from tests.cli.one_line import assert_one_line_error
 
 CHANGES = {

@@ -18,7 +18,7 @@ Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
 
 
-class Bench:
+class ControlLoop:
     """A motor under control: starts it on entering, stops it on leaving, come what may.
 
     Parameters
@@ -26,7 +26,7 @@ class Bench:
     motor
         Real or simulated.
     clock
-        Of the control loop.
+        Of the loop.
     rng
         Source of the clock's jitter.
     """
@@ -38,7 +38,7 @@ class Bench:
         self._clock = clock
         self._rng = rng or np.random.default_rng(0)
 
-    def __enter__(self) -> Bench:
+    def __enter__(self) -> ControlLoop:
         self._motor.start()
         return self
 
@@ -55,8 +55,7 @@ class Bench:
         duration
             In s.
         about
-            What the log is to say about the run: its fields ``added_mass``, ``excitation`` and
-            ``source``.
+            Fields of the log that describe the run: ``added_mass``, ``excitation``, ``source``.
 
         Returns
         -------
@@ -72,14 +71,9 @@ class Bench:
         return self._recorded(self._samples(law, self._clock.cycles(duration, self._rng)), about)
 
     def play(self, signal: Signal, duration: float, **about: Any) -> Log:  # noqa: ANN401
-        """Command a signal of time, sampled at the cycles' planned stamps (see `run`).
+        """Command a signal, from (n,) stamps in s to (n,) commands, at the cycles' planned stamps.
 
-        Parameters
-        ----------
-        signal
-            From (n,) stamps in s to (n,) commands.
-        duration, about
-            As in `run`.
+        The rest is as in `run`.
         """
         return self._recorded(self.samples(signal, duration), about)
 
@@ -115,13 +109,7 @@ def recorded(
     source: str = "bench",
     **about: Any,  # noqa: ANN401 - the other fields of Log
 ) -> Log:
-    """Make the log of a controller that held each input until the next (zero-order hold).
-
-    Raises
-    ------
-    InputError
-        If an angle is not finite, or beyond any that a hand turns to.
-    """
+    """Make the log of a controller that held each input until the next (zero-order hold)."""
     if not (np.abs(angle) < LARGEST_ANGLE).all():
         raise InputError(source, "angle", "a joint that diverged", "smaller commands")
     return Log(

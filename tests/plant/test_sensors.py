@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.plant.sensors import Encoder, Faults
-from butterfly.plant.simulink_noise import BandLimitedNoise
+from butterfly.plant.sensors import BandLimitedNoise, Encoder, Faults
 
 
 def test_the_noise_is_held_white_and_of_the_power_asked_for():

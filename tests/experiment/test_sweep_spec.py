@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, keep_experiment, read_experiment
-from butterfly.experiment.sweeps import Distribution, SweepSpec, apply
+from butterfly.experiment.sweep import plan_sweep
+from butterfly.experiment.sweep_spec import Distribution, SweepSpec, apply
 from butterfly.files import shipped, shipped_experiments
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
-from butterfly.plant.joints import Simulator
+from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.thesis.method import Thesis
 
@@ -281,7 +281,7 @@ def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
         assert experiment.plant.robot.lumped.p3 == pytest.approx(0.05)
         seeds = np.random.SeedSequence(0).spawn(1)
         (logs[simulator],) = simulate_runs(
-            experiment.plant.setup, experiment.runs(), experiment.duration, seeds
+            experiment.plant.rig, experiment.runs(), experiment.duration, seeds
         )
     both = [log.angle for log in logs.values()]
     assert np.abs(both[0] - both[1]).max() < 2e-3
