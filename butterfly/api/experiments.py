@@ -32,12 +32,13 @@ from butterfly.identification.identification import Identification
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import fit_text
 from butterfly.report.identification import write_report
 from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Page, write_page
 from butterfly.report.sweep import sweep_page
-from butterfly.report.words import fit_said, verdict_on
 from butterfly.result import TextTable
 from butterfly.verdict import Verdict
 
@@ -232,7 +233,7 @@ def _run_once(
     result = replace(result, record=outcome.record)
     told = told_run(experiment, source.content, result)
     if result.orbit is not None and not result.identifications:
-        told = replace(told, verdict=verdict_on(result.orbit.estimate))
+        told = replace(told, verdict=estimate_verdict(result.orbit.estimate))
     write_document(told.document(), folder / RESULT)
     reports = _reports(result.record)
     beside = digests(folder, [*kept, RESULT, *written, *reports])
@@ -313,7 +314,7 @@ def _of_record(record: RunRecord) -> list[str]:
             fit = each.held_out
             said.append(
                 f"{each.estimator}: logs that were left out are followed with a median "
-                f"FIT{fit.over} of {fit_said(fit.median)} % (worst {fit_said(fit.worst)} %)."
+                f"FIT{fit.over} of {fit_text(fit.median)} % (worst {fit_text(fit.worst)} %)."
             )
     return said
 

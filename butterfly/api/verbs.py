@@ -40,6 +40,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
 from butterfly.report.chosen_terms import selection_page, structures_table
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
@@ -49,7 +50,6 @@ from butterfly.report.numbers.table_numbers import (
     told_validation,
 )
 from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
-from butterfly.report.words import verdict_on
 from butterfly.result import TextTable
 
 Method = str | Estimator
@@ -281,7 +281,7 @@ def residual(
         draw_worst=lambda: residual_page(
             residual_torques(whole, found).logs[worst],
             misfit.logs[worst],
-            verdict_on(found),
+            estimate_verdict(found),
             joint=whole.joint,
         ),
     )

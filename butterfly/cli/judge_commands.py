@@ -37,13 +37,13 @@ from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap, hold_out, select_terms
 from butterfly.model.terms import TERMS
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.numbers.table_numbers import (
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.recommendations import chosen_said
-from butterfly.report.words import held_out_sentences, verdict_on
+from butterfly.report.summary import chosen_terms_text, held_out_sentences
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -89,7 +89,7 @@ def validate_command(
     chosen = estimator.suited(logs)
     quick = chosen.unchecked()
     whole = judged(logs, quick)
-    say_verdict(verdict_on(whole).sentence)
+    say_verdict(estimate_verdict(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
     say(held.division.said)
     predictor = logs.simulations
@@ -169,8 +169,8 @@ def select_command(
     passed = select_terms(logs, quick, terms, track=show_progress)
     chosen = quick.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
-    say_verdict(verdict_on(found).sentence)
-    say(chosen_said(passed))
+    say_verdict(estimate_verdict(found).sentence)
+    say(chosen_terms_text(passed))
     table = structures_table(passed)
     show_table(f"{logs.name}: FIT in %, in sample and left out", table.headers, table.rows)
     tell = cache(partial(told_selection, logs, chosen, terms, passed, found))
@@ -214,7 +214,7 @@ def residual_command(
     chosen = picked(which, len(logs.logs))
     suited = estimator.suited(logs)
     estimate = judged(logs, suited.unchecked())
-    verdict = verdict_on(estimate)
+    verdict = estimate_verdict(estimate)
     say_verdict(verdict.sentence)
     misfit = judge_misfit(logs, estimate)
     shown = [misfit.logs[k] for k in chosen]

@@ -27,7 +27,7 @@ from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.stand_alone import command_of, stand_alone
 from butterfly.plant.watch.picture import render
-from butterfly.report.field_names import unit_of_field
+from butterfly.report.format import field_unit
 from butterfly.report.numbers.table_numbers import rests_on
 
 if TYPE_CHECKING:
@@ -85,9 +85,7 @@ def show_command(
 def _numbers(part: object) -> str:
     """Name the numbers of one part that are not at their defaults, with their units."""
     return ", ".join(
-        f"{each.name} {getattr(part, each.name):.6g} {unit_of_field(f'part.{each.name}')}".rstrip(
-            " –"
-        )
+        f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
     )

@@ -147,9 +147,9 @@ class Identification(Result):
 
     def _of_logs(self) -> dict[str, Any]:
         """Return what is told that needs the logs, or was saved with them."""
+        from butterfly.report.finding_texts import values_of  # noqa: PLC0415 - a view
         from butterfly.report.numbers.estimate_numbers import lumped_numbers  # noqa: PLC0415 - a view
         from butterfly.report.numbers.misfit_numbers import misfit_numbers  # noqa: PLC0415 - a view
-        from butterfly.report.words import values_of  # noqa: PLC0415 - a view
 
         chosen = chosen_options(self.made_by, self.estimate, self.estimator)
         if self.logs is None:
@@ -184,16 +184,16 @@ class Identification(Result):
     @property
     def title(self) -> str:  # type: ignore[override]
         """Method, data, and the FIT."""
-        from butterfly.report.words import fit_said  # noqa: PLC0415 - a view
+        from butterfly.report.format import fit_text  # noqa: PLC0415 - a view
 
         fit = self.fit
         name = self.origin["name"]
-        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_said(fit.median)} %"
+        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_text(fit.median)} %"
 
     @cached_property
     def summary(self) -> tuple[str, ...]:  # type: ignore[override]
         """What was found, in words: the verdict, what it rests on, then the numbers."""
-        from butterfly.report.words import summary  # noqa: PLC0415 - a view
+        from butterfly.report.summary import summary  # noqa: PLC0415 - a view
 
         return tuple(self.saved["summary"] if self.logs is None else summary(self))
 
@@ -245,7 +245,7 @@ class Identification(Result):
 
     def _against(self) -> TextTable:
         """Return FIT of this identification, and of the parameters that it was compared with."""
-        from butterfly.report.words import fit_said  # noqa: PLC0415 - a view
+        from butterfly.report.format import fit_text  # noqa: PLC0415 - a view
 
         fits = [(f"{self.estimate.method}, this identification", self.fit)]
         for other in self.comparisons:
@@ -254,7 +254,7 @@ class Identification(Result):
         return TextTable(
             f"FIT in %{self.fit.over} on the same logs",
             ("parameters", "median", "mean", "worst"),
-            [(name, *map(fit_said, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
+            [(name, *map(fit_text, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
         )
 
     def paragraphs(self) -> list[str]:
@@ -279,16 +279,16 @@ class Identification(Result):
     @property
     def judged(self) -> Verdict:  # type: ignore[override]
         """The verdict on its values."""
-        from butterfly.report.words import verdict_on  # noqa: PLC0415 - a view
+        from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415 - a view
 
-        return verdict_on(self.estimate)
+        return estimate_verdict(self.estimate)
 
     @property
     def verdict(self) -> list[str]:
         """How far to trust the values, in words: first what may be done with them."""
-        from butterfly.report.words import sentences  # noqa: PLC0415 - a view
+        from butterfly.report.finding_texts import estimate_sentences  # noqa: PLC0415 - a view
 
-        return sentences(self.estimate)
+        return estimate_sentences(self.estimate)
 
     @property
     def _joint(self) -> JointKind:

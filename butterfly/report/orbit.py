@@ -11,14 +11,13 @@ from plotly.graph_objects import Figure, Heatmap, Scatter
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.analysis import invariant
 from butterfly.orbit.loop import Round
 from butterfly.orbit.study import PERIODS, OrbitStudy
 from butterfly.report.figures import PALETTE
+from butterfly.report.finding_texts import estimate_sentences
 from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.parameter_table import Whisker, interval, with_error
-from butterfly.report.words import sentences
 
 _RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
 _EVERY = 0.01  # s between drawn points
@@ -58,7 +57,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         Section(
             title="Parameters",
             tables=(_parameters_table(study, truth),),
-            text="\n".join(sentences(study.estimate)[1:]),
+            text="\n".join(estimate_sentences(study.estimate)[1:]),
         ),
         Section(
             title="Free-run prediction next to the orbit",
@@ -211,7 +210,7 @@ def _invariant_figure(study: OrbitStudy) -> Figure:
     for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
         each = rounds[number]
         time, angle, velocity = _motion(study, each)
-        values = invariant(model, orbit, angle, velocity) / depth
+        values = (energy(model, angle, velocity) - orbit.energy) / depth
         area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2 * np.diff(time))])
         predicted = values[0] * np.exp(-each.believed.p4 * each.gamma * area)
         every = max(1, round(_EVERY / float(np.mean(np.diff(time)))))

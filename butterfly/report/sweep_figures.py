@@ -13,8 +13,8 @@ from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.model.terms import TERMS
-from butterfly.report.field_names import said_field
 from butterfly.report.figures import PALETTE
+from butterfly.report.format import field_label
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -109,7 +109,7 @@ def axis_figure(table: Estimates, field: str) -> Figure | None:
                 col=1,
             )
             figure.update_yaxes(title=f"{TERMS[name].symbol} in %", row=row)
-    figure.update_xaxes(title=escape(said_field(field)), row=len(names))
+    figure.update_xaxes(title=escape(field_label(field)), row=len(names))
     if spans_decades(table[field]):
         figure.update_xaxes(type="log")
     figure.update_layout(height=_ROW * len(names) + 90)
@@ -170,8 +170,8 @@ def _heat_map(group: Estimates, across: str, up: str) -> Figure:
             colorbar={"title": {"text": "%"}},
         )
     )
-    figure.update_xaxes(title=escape(said_field(across)), type="category")
-    figure.update_yaxes(title=escape(said_field(up)), type="category")
+    figure.update_xaxes(title=escape(field_label(across)), type="category")
+    figure.update_yaxes(title=escape(field_label(up)), type="category")
     figure.update_layout(height=420)
     return figure
 
@@ -215,7 +215,7 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
     varying = [field for field in fields if len(rows.distinct(field)) >= _FEWEST]
     if len(varying) < _FEWEST:
         return None
-    axes = [_axis(said_field(field).replace(", ", "\nin "), rows[field]) for field in varying]
+    axes = [_axis(field_label(field).replace(", ", "\nin "), rows[field]) for field in varying]
     axes.append(_axis("largest deviation\nin %", 100 * worst))
     axes.append(_axis("median FIT\nin %", rows["fit_median"]))
     rank = np.argsort(np.argsort(worst, kind="stable"), kind="stable")

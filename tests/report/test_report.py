@@ -28,6 +28,7 @@ from butterfly.report.estimate_figures import (
     swings_between,
 )
 from butterfly.report.figures import packable, seen_samples
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.identification import identification_page, write_report
 from butterfly.report.inspection import health_rows
 from butterfly.report.inspection_page import write_inspection
@@ -42,7 +43,7 @@ from butterfly.report.residual import (
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.words import summary, verdict_on
+from butterfly.report.summary import summary
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
@@ -85,7 +86,7 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
     for row in parameter_rows(result.estimate.table(truth)):
         for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
             assert cell in text
-    said = verdict_on(result.estimate)
+    said = estimate_verdict(result.estimate)
     assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.paragraphs, *summary(result)[1:]):
         assert sentence in text

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.report.inspection import conditions_said
-from butterfly.report.words import sentences
+from butterfly.report.finding_texts import estimate_sentences
+from butterfly.report.inspection import conditions_text
 from butterfly.verdict import Level
 
 NUMBERS = {
@@ -68,7 +68,7 @@ def _verdict_and_more(*findings, ending=Ending.CONVERGED):
         findings=findings,
         ending=ending,
     )
-    return sentences(estimate)
+    return estimate_sentences(estimate)
 
 
 def _said(*findings):
@@ -157,7 +157,7 @@ def test_how_well_parameters_are_known_comes_first_and_in_one_sentence():
 )
 def test_health_is_told_by_severity(counts, said):
     conditions = [each for each, n in zip(Level, counts, strict=True) for _ in range(n)]
-    assert conditions_said(conditions) == said
+    assert conditions_text(conditions) == said
 
 
 def test_a_fit_that_did_not_converge_is_not_to_be_trusted():
