@@ -34,11 +34,11 @@ from butterfly.logs.mat import write_mat
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
-from butterfly.report.identification import write_report
+from butterfly.report.identification_page import write_report
 from butterfly.report.numbers.record_numbers import told_run
-from butterfly.report.orbit import orbit_page
+from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import Page, write_page
-from butterfly.report.sweep import sweep_page
+from butterfly.report.sweep_page import sweep_page
 from butterfly.result import TextTable
 from butterfly.verdict import Verdict
 

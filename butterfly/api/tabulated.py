@@ -18,7 +18,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page
-from butterfly.report.three_way import three_way_page
+from butterfly.report.three_way_page import three_way_page
 from butterfly.result import Result, TextTable, text, texts
 from butterfly.verdict import Verdict
 

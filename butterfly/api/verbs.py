@@ -39,9 +39,7 @@ from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hol
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
-from butterfly.report.chosen_terms import selection_page, structures_table
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
@@ -49,6 +47,7 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
+from butterfly.report.ranking_pages import leaderboard_page, selection_page, structures_table
 from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
 from butterfly.result import TextTable
 

@@ -77,7 +77,7 @@ def identify_command(
     result = identify(logs, chosen, against=others, track=show_progress)
     show_identification(result)
     if report is not None:
-        from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import
+        from butterfly.report.identification_page import write_report  # noqa: PLC0415 - slow to import
 
         write_report(result, report, figures=figures)
         typer.echo(f"Report: {report}")

@@ -158,7 +158,7 @@ def select_command(
     Terms are added one by one, the most helpful first, until none helps. With output-error and
     forty logs this takes minutes. The verdict is on the estimate with the terms chosen.
     """
-    from butterfly.report.chosen_terms import (  # noqa: PLC0415 - slow to import
+    from butterfly.report.ranking_pages import (  # noqa: PLC0415 - slow to import
         selection_page,
         structures_table,
     )

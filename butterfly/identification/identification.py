@@ -444,7 +444,7 @@ class Identification(Result):
         InputError
             If a file cannot be written, or the logs of a loaded result cannot be read.
         """
-        from butterfly.report.identification import write_report  # noqa: PLC0415 - a view
+        from butterfly.report.identification_page import write_report  # noqa: PLC0415 - a view
 
         write_report(self, Path(path), truth, figures=figures)
 

@@ -197,11 +197,6 @@ def swings_between(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], ND
 
     The swing is that of the logs at their frequencies (their geometric mean where several share
     one), and between them on straight lines over logarithms.
-
-    Parameters
-    ----------
-    points
-        At least one.
     """
     measured = np.unique([p.omega for p in points])
     swing = [np.mean([np.log(p.amplitude) for p in points if p.omega == w]) for w in measured]

@@ -13,7 +13,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.identify import identify
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.plant.sensors import Faults
-from butterfly.report.identification import write_report
+from butterfly.report.identification_page import write_report
 
 QUICKSTART = shipped("experiments/quickstart.yaml")
 

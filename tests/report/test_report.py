@@ -29,7 +29,7 @@ from butterfly.report.estimate_figures import (
 )
 from butterfly.report.figures import packable, seen_samples
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.identification import identification_page, write_report
+from butterfly.report.identification_page import identification_page, write_report
 from butterfly.report.inspection import health_rows
 from butterfly.report.inspection_page import write_inspection
 from butterfly.report.log_figures import (

@@ -27,12 +27,7 @@ _SMOOTH = 0.02  # s over which the drawn velocity is averaged
 def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page:
     """Put together the report of an orbit's re-calibration.
 
-    Parameters
-    ----------
-    study
-        The result.
-    truth
-        True parameters of the hand with what it carries, where they are known.
+    `truth` are parameters of the hand with what it carries, where they are known.
     """
     rounds, told = study.calibration.rounds, told_orbit(study, truth)
     sections = [

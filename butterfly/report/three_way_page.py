@@ -38,16 +38,7 @@ _MARKS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol, size
 def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, told: Told) -> Page:
     """Put together the report of a comparison.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    compared
-        Its logs, each simulated twice.
-    misfit
-        Of the whole data set, with the same parameters.
-    told
-        All this for programs (see `told_comparison`).
+    Each log is simulated twice; `misfit` is of the whole data set, with the same parameters.
     """
     judged = {log.name: log for log in misfit.logs}
     own = [judged[each.log.name] for each in compared]

@@ -71,21 +71,7 @@ def write_report(
 ) -> None:
     """Write the report of an identification: one HTML file, and its numbers as JSON beside it.
 
-    Parameters
-    ----------
-    identification
-        The result.
-    path
-        The file; its folder is made if need be.
-    truth
-        True parameters, where they are known.
-    figures
-        Whether to write the figures as PNG and SVG too.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Figures, if wanted, go beside it as PNG and SVG; truth is where it is known.
     """
     write_page(identification_page(identification, truth), path, figures=figures)
 

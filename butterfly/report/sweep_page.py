@@ -39,12 +39,7 @@ _WANTED = (*_TOLD, *_NUMBERS, "parameter", "known", "verdict")
 def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     """Put together the report of a sweep.
 
-    Parameters
-    ----------
-    sweep
-        What was asked.
-    runs, estimates
-        The tables of a result store.
+    `runs` and `estimates` are the tables of its result store.
     """
     wanted = {*_WANTED, *sweep.fields} & {*estimates.column_names}
     every = Estimates({name: column(estimates, name) for name in wanted})
