@@ -88,7 +88,7 @@ def hold_orbit(
         partial(experiment.plant.rig.run, rng=rng),
         believed,
         zero,
-        control.plan(zero),
+        control,
         control.recalibration,
         amplitudes=control.cross_check,
         small_swings=small_swings,

@@ -36,21 +36,11 @@ class Split(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Division:
-    """Logs divided into parts, of which one is left out at a time.
+    """Logs divided into parts, of which one is left out at a time."""
 
-    Parameters
-    ----------
-    split
-        What the samples of a part have in common; never `Split.AUTO`.
-    why
-        Why this split was taken, in words.
-    parts
-        The samples that each part leaves out, by its name.
-    """
-
-    split: Split
-    why: str
-    parts: dict[str, Samples]
+    split: Split  # What the samples of a part have in common; never `Split.AUTO`
+    why: str  # Why this split was taken, in words
+    parts: dict[str, Samples]  # The samples that each part leaves out, by its name
 
     @property
     def said(self) -> str:
@@ -65,13 +55,7 @@ class Division:
         return _LEFT_OUT[self.split]
 
     def kept(self, data: DataSet, name: str) -> DataSet:
-        """Return the data set without one part.
-
-        Raises
-        ------
-        InputError
-            If nothing is left, or what is left cannot be used.
-        """
+        """Return the data set without one part; InputError if what is left cannot be used."""
         samples = self.parts[name]
         whole = [k for k in range(len(data.logs)) if k not in samples]
         if self.split is not Split.TIME:
@@ -86,26 +70,14 @@ class Division:
 def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -> Division:
     """Divide logs into parts.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    split
-        ``mass``: one part for each added mass. ``frequency``: the drive frequencies of sines are
-        dealt into folds, neighbours into different ones; other logs are always kept. ``log``: logs
-        are dealt into folds in their order. ``time``: every log is cut into as many stretches of
-        equal length, and each part is one stretch of all. ``auto``: the first of these that suits
-        the logs.
-    folds
-        How many, of frequency, log and time; `FOLDS` if not given, or fewer where there are fewer
-        frequencies or logs.
+    ``mass``: one part for each added mass. ``frequency``: the drive frequencies of sines are dealt
+    into folds, neighbours into different ones; other logs are always kept. ``log``: logs are dealt
+    into folds in their order. ``time``: every log is cut into as many stretches of equal length,
+    and each part is one stretch of all. ``auto``: the first of these that suits the logs. There are
+    `FOLDS` folds if not given, or fewer where there are fewer frequencies or logs.
 
-    Raises
-    ------
-    InputError
-        If there cannot be so many folds.
-    IdentifiabilityError
-        If the logs are all of one part; the message names a split that suits them.
+    InputError if there cannot be so many folds; IdentifiabilityError if the logs are all of one
+    part, which names a split that suits them.
     """
     counted = isinstance(folds, Integral) and folds >= 2  # noqa: PLR2004 - to leave one out
     if folds is not None and (split is Split.MASS or not counted):

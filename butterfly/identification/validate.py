@@ -23,25 +23,14 @@ Fitter = Callable[[DataSet], Estimate]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldOut:
-    """Prediction of what was left out.
+    """Prediction of what was left out."""
 
-    Parameters
-    ----------
-    division
-        What was left out together.
-    fits
-        (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated
-        with the estimate from the others; NaN of logs that were never left out.
-    estimates
-        One for each part left out, by its name.
-    horizon
-        Longest stretch in s that was simulated at a time.
-    """
-
-    division: Division
+    division: Division  # What was left out together
+    # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
+    # the estimate from the others; NaN of logs that were never left out
     fits: NDArray[np.float64]
-    estimates: dict[str, Estimate]
-    horizon: float = math.inf
+    estimates: dict[str, Estimate]  # One for each part left out, by its name
+    horizon: float = math.inf  # Longest stretch in s that was simulated at a time
 
     @property
     def summary(self) -> FitSummary:
@@ -63,23 +52,8 @@ def hold_out(
     FIT alone counts. Where the estimator finds no zero of the encoder, that of a left-out added
     mass is the mean angle of its own logs.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    estimator
-        Estimates from a part of them.
-    split, folds
-        See `butterfly.identification.splits.divide`.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    InputError
-        If there cannot be so many folds.
-    IdentifiabilityError
-        If there are fewer than two parts, or the rest cannot determine the parameters.
+    InputError if there cannot be so many folds (see `divide`); IdentifiabilityError if there are
+    fewer than two parts, or the rest cannot determine the parameters.
     """
     division = divide(data, split, folds)
     errors, estimates, predictor = _Errors(data), {}, data.simulations
@@ -150,18 +124,9 @@ def select_terms(
 ) -> list[Structure]:
     """Add terms greedily, each time the one that most raises the mean FIT of what is left out.
 
-    That is one added mass at a time, or what `divide` finds to suit the logs.
-
-    Stops when no term raises it by a tenth of a per cent.
-
-    Returns
-    -------
-    The structures passed through, the last being the one selected.
-
-    Raises
-    ------
-    InputError
-        If the estimator offers no terms, or not one of these.
+    That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
+    raises it by a tenth of a per cent. Returns the structures passed through, the last being the
+    one selected; InputError if the estimator does not offer such terms.
     """
 
     def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
@@ -199,18 +164,10 @@ _LEAST_REPETITIONS = 20
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bootstrap:
-    """Estimates from resampled logs.
+    """Estimates from resampled logs."""
 
-    Parameters
-    ----------
-    values
-        (repetitions, n) estimates.
-    lower, upper
-        (n,) limits of the percentile intervals at `CONFIDENCE`.
-    """
-
-    values: NDArray[np.float64]
-    lower: NDArray[np.float64]
+    values: NDArray[np.float64]  # (repetitions, n) estimates
+    lower: NDArray[np.float64]  # (n,) limits of the percentile intervals at `CONFIDENCE`
     upper: NDArray[np.float64]
 
 
@@ -227,23 +184,7 @@ def bootstrap(
 
     Logs are the blocks: within one, errors are correlated. (Efron & Tibshirani, An Introduction to
     the Bootstrap, 1993, ch. 8.) The terms are those of the estimate from all logs. Draws that
-    cannot determine them are drawn again.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    estimator, estimate
-        What is asked about: an estimator, and its estimate from all logs.
-    repetitions, seed
-        How often logs are drawn, and of the draws.
-
-    Raises
-    ------
-    InputError
-        If fewer than 20 repetitions are asked for.
-    IdentifiabilityError
-        If hardly any draw determines the parameters.
+    cannot determine them are drawn again; IdentifiabilityError if hardly any does.
     """
     if repetitions < _LEAST_REPETITIONS:
         raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
@@ -270,13 +211,7 @@ def bootstrap(
 
 
 def _of_draw(drawn: DataSet, held: Estimator, names: tuple[str, ...]) -> NDArray[np.float64]:
-    """Estimate parameters from drawn logs.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the logs cannot determine all of them.
-    """
+    """Estimate parameters from drawn logs; IdentifiabilityError if they cannot determine all."""
     found = held(drawn)
     if lost := [name for name in names if name not in found.names]:
         raise IdentifiabilityError(f"draws of these logs cannot tell {', '.join(lost)}")

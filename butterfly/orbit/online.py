@@ -17,9 +17,15 @@ from butterfly.identification.weak_signals import weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import EnergyShaping, Target, gain_for
-from butterfly.orbit.recalibration import estimate_of, from_ratios
-from butterfly.orbit.recalibration_options import BASE, LEAST, RecalibrationOptions
-from butterfly.orbit.selection import SEGMENT, Equations
+from butterfly.orbit.recalibration import (
+    BASE,
+    LEAST,
+    SEGMENT,
+    Equations,
+    RecalibrationOptions,
+    estimate_of,
+    from_ratios,
+)
 from butterfly.plant.control_loop import ControlLaw
 from butterfly.plant.motor import CommandPath, Reading
 

@@ -11,7 +11,6 @@ from plotly.graph_objects import Figure, Heatmap, Scatter
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.analysis import invariant
 from butterfly.orbit.loop import Round
 from butterfly.orbit.study import PERIODS, OrbitStudy
 from butterfly.report.figures import PALETTE
@@ -211,7 +210,7 @@ def _invariant_figure(study: OrbitStudy) -> Figure:
     for number, colour in {0: PALETTE[1], len(rounds) - 1: PALETTE[0]}.items():
         each = rounds[number]
         time, angle, velocity = _motion(study, each)
-        values = invariant(model, orbit, angle, velocity) / depth
+        values = (energy(model, angle, velocity) - orbit.energy) / depth
         area = np.concatenate([[0.0], np.cumsum(velocity[:-1] ** 2 * np.diff(time))])
         predicted = values[0] * np.exp(-each.believed.p4 * each.gamma * area)
         every = max(1, round(_EVERY / float(np.mean(np.diff(time)))))

@@ -25,7 +25,7 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs

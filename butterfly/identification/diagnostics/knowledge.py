@@ -29,19 +29,10 @@ _TELLS = 1e-4  # share of the prior's variance, below which the logs say nothing
 def disagreements(
     prior: Prior | None, names: Sequence[str], values: Samples, covariance: Samples, rows: Samples
 ) -> list[Finding]:
-    """Tell which priors the logs contradict.
+    """Tell which priors the logs contradict, by the (m, n) weighted equations, theirs among them.
 
-    What the estimate differs by from the prior has the variance C + s - 2 v N, with C that of the
-    estimate, s that of the prior and v N what the normal equations would have for it.
-
-    Parameters
-    ----------
-    prior
-        Of the n values; None if nothing was known.
-    names, values, covariance
-        (n,) and (n, n) of the estimate.
-    rows
-        (m, n) weighted equations, those of the prior among them.
+    The estimate less the prior has the variance C + s - 2 v N, with C that of the estimate, s that
+    of the prior and v N what the normal equations would have for it.
     """
     if prior is None:
         return []
@@ -77,18 +68,8 @@ def scale_apart(
 
     Residuals do not change if all torques grow alike, those of the masses among them; so their
     derivative by the known ones' common factor is that of all others, with the sign turned. One
-    parameter more, and its step to where the logs would have it.
-
-    Parameters
-    ----------
-    solved
-        The end of a fit that held the known ones.
-    rows, residuals
-        (k, m, n) and (k, m) equations of k logs.
-    known
-        Of the robot.
-    carried
-        What each of the k logs carried, in order.
+    parameter more, and its step to where the logs would have it, by the (k, m, n) rows and (k, m)
+    residuals of k logs that carried these masses, in order.
     """
     told = tuple(name for name in known.scale if name in known.exact)
     masses = list(carried.values())

@@ -48,18 +48,10 @@ _NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorBand:
-    """How far a reading may be from the simulated angle, as the parameters and the sensor have it.
+    """How far a reading may be from the simulation, by the parameters and the sensor."""
 
-    Parameters
-    ----------
-    time
-        (m,) instants in s.
-    reach
-        (m,) half widths in rad, at `CONFIDENCE`.
-    """
-
-    time: Samples
-    reach: Samples
+    time: Samples  # (m,) instants in s
+    reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
 
     @classmethod
     def of(cls, log: Errors, sensor: SensorErrors) -> ErrorBand:
@@ -70,41 +62,21 @@ class ErrorBand:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogMisfit:
-    """What the free run leaves over of one log, where its errors count (see `first_counted`).
+    """What the free run leaves over of one log, where its errors count (see `first_counted`)."""
 
-    Parameters
-    ----------
-    name, label
-        Of the log.
-    motion
-        Rms of the measured angle about its mean, in rad.
-    error
-        Rms of measured less simulated angle in rad, averaged over steps of the simulation.
-    left
-        The same, less what a small change of parameters would take from it.
-    explained
-        The same of errors drawn as the log's sensor makes them.
-    sensor
-        That sensor.
-    autocorrelation, cross_correlation
-        Of what is left with itself, and with the input before it; None where a simulation failed.
-    left_over
-        What it looks like, of the terms that the model lacks.
-    band
-        About the simulated angle, within which a reading is expected; None where a simulation
-        failed.
-    """
-
-    name: str
+    name: str  # Of the log
     label: str
-    motion: float
+    motion: float  # Rms of the measured angle about its mean, in rad
+    # Rms of measured less simulated angle in rad, averaged over steps of the simulation
     error: float
-    left: float
-    explained: float
-    sensor: SensorErrors
+    left: float  # The same, less what a small change of parameters would take from it
+    explained: float  # The same of errors drawn as the log's sensor makes them
+    sensor: SensorErrors  # That sensor
+    # Of what is left with itself, and with the input before it; None where a simulation failed
     autocorrelation: Curve | None
     cross_correlation: Curve | None
-    left_over: LeftOver
+    left_over: LeftOver  # What it looks like, of the terms that the model lacks
+    # About the simulated angle, within which a reading is expected; None where a simulation failed
     band: ErrorBand | None
 
     @cached_property
@@ -134,18 +106,10 @@ class LogMisfit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Misfit:
-    """What the free runs of all logs leave over.
+    """What the free runs of all logs leave over."""
 
-    Parameters
-    ----------
-    logs
-        One for each log of the data set.
-    left_over
-        What all of it looks like, of the terms that the model lacks.
-    """
-
-    logs: tuple[LogMisfit, ...]
-    left_over: LeftOver
+    logs: tuple[LogMisfit, ...]  # One for each log of the data set
+    left_over: LeftOver  # What all of it looks like, of the terms that the model lacks
 
     @property
     def outside(self) -> int:
@@ -196,15 +160,7 @@ class Misfit:
 
 
 def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
-    """Compare what the free runs of an estimate leave over with what the sensors explain.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    estimate
-        Of any method; its parameters are those that may change.
-    """
+    """Compare what the free runs of an estimate leave over with what the sensors explain."""
     found = free_run_errors(data, estimate)
     logs = [each for each in found if isinstance(each, Errors)]
     if not logs:
@@ -309,24 +265,12 @@ _SMOOTHED = 10  # lags on either side over which the spread of drawn curves is a
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """A correlation over lags, and what sensors make of it.
+    """A correlation over lags, and what sensors make of it."""
 
-    Parameters
-    ----------
-    lag
-        (l,) in s.
-    value
-        (l,) correlation, between -1 and 1.
-    centre
-        (l,) mean of that of a sensor's errors.
-    reach
-        (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`.
-    """
-
-    lag: Samples
-    value: Samples
-    centre: Samples
-    reach: Samples
+    lag: Samples  # (l,) in s
+    value: Samples  # (l,) correlation, between -1 and 1
+    centre: Samples  # (l,) mean of that of a sensor's errors
+    reach: Samples  # (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`
 
     @property
     def excess(self) -> Samples:
@@ -337,16 +281,9 @@ class Curve:
     def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
         """Put bands about a curve.
 
-        Parameters
-        ----------
-        lag
-            (l,) in s.
-        curves
-            (l, 1 + k): the curve, and k of a sensor's errors.
-        count
-            Number of errors, of which white ones have correlations of variance 1/count.
-        allowance
-            By how much a misfit too small to count may move the curve.
+        (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors; the number of errors, of
+        which white ones have correlations of variance 1/count; and by how much a misfit too small
+        to count may move the curve.
         """
         value, drawn = curves[:, 0], curves[:, 1:]
         variance = _smoothed(drawn.var(axis=1, ddof=1)) * (1 + 1 / drawn.shape[1])
@@ -362,15 +299,7 @@ class Curve:
 
 
 def autocorrelation(errors: Samples, lags: int) -> Samples:
-    """Return the (lags, k) correlations of k series with themselves, from lag 1 on.
-
-    Parameters
-    ----------
-    errors
-        (m, k), each of mean 0 or nearly so.
-    lags
-        How many; fewer than m.
-    """
+    """Return the (lags, k) correlations of (m, k) errors with themselves, from lag 1 on."""
     size = _padded(errors.shape[0] + lags)
     spectrum = np.fft.rfft(errors, size, axis=0)
     sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
@@ -378,17 +307,7 @@ def autocorrelation(errors: Samples, lags: int) -> Samples:
 
 
 def cross_correlation(errors: Samples, inputs: Samples, lags: int) -> Samples:
-    """Return the (lags + 1, k) correlations of k series with an input that went before, from lag 0.
-
-    Parameters
-    ----------
-    errors
-        (m, k).
-    inputs
-        (m,); its mean counts for nothing.
-    lags
-        How many; fewer than m.
-    """
+    """Return the (lags + 1, k) correlations of (m, k) errors with (m,) inputs before them."""
     size = _padded(errors.shape[0] + lags)
     moving = inputs - inputs.mean()
     product = np.fft.rfft(errors, size, axis=0) * np.conj(np.fft.rfft(moving, size))[:, None]

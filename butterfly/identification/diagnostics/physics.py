@@ -28,13 +28,6 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
 
     A negative p4 is possible: the angle or the input may count the other way. One that was known
     is no surprise. Stamps of input and angle are hardly better than 0.1 ms.
-
-    Parameters
-    ----------
-    estimate
-        The parameters.
-    masses
-        What the hand carried.
     """
     found = estimate.parameters
     judged = []
@@ -100,13 +93,6 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     With one motor constant K for torque and back EMF, p4 = K/R and p2 >= K^2/R = p4^2 R (6): the
     damping bounds the resistance. If the bound is below what any motor has, the input can hardly
     be a voltage.
-
-    Parameters
-    ----------
-    estimate
-        With p2 and p4.
-    kind
-        What the data set says.
     """
     if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
         return []
@@ -135,13 +121,6 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
 
     So p2 is at least the back EMF's share N^2 k_emf k_t/R, p1 at least the rotor's N^2 J_r, and
     with the hand weighed at least that of its centre of mass besides.
-
-    Parameters
-    ----------
-    estimate
-        The lumped parameters.
-    data
-        What they were found from, and what is known.
     """
     carrier = data.logs[0].added_mass
     sources = apart(data.told, data.input_kind, carrier.joint)

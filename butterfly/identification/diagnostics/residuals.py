@@ -39,56 +39,29 @@ _SINGULAR = 1e-8
 
 
 class Balance(NamedTuple):
-    """What one log says, at n instants.
+    """What one log says, at n instants."""
 
-    Parameters
-    ----------
-    left
-        (n,) torque in N m, or simulated less measured angle in rad, that the model leaves over.
-    known
-        (n, k) what it would change by with k coefficients that the model has.
-    candidates
-        By term: (n,) what it would change by with one unit of it.
-    whole
-        Rms of the motor's torque in N m, or of the motion in rad.
-    noise
-        Rms that the sensor's errors make of it.
-    """
-
+    # (n,) torque in N m, or simulated less measured angle in rad, that the model leaves over
     left: Samples
-    known: Samples
-    candidates: Mapping[str, Samples]
-    whole: float
-    noise: float
+    known: Samples  # (n, k) what it would change by with k coefficients that the model has
+    candidates: Mapping[str, Samples]  # By term: (n,) what it would change by with one unit of it
+    whole: float  # Rms of the motor's torque in N m, or of the motion in rad
+    noise: float  # Rms that the sensor's errors make of it
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOver:
-    """What the model leaves over looks like.
+    """What the model leaves over looks like."""
 
-    Parameters
-    ----------
-    relative
-        Its rms over the motor's torque, or the motion, less what a change of the model's own terms
-        would take.
-    noise
-        Share of its variance that the sensors' errors explain.
-    shares
-        By missing term: the share that it alone explains, largest first.
-    terms
-        Those that it looks like, the likeliest first; several where they look alike.
-    size
-        Rms of what the likeliest adds, over the same.
-    shows
-        Whether there is more than noise and what is too little to count.
-    """
-
+    # Its rms over the motor's torque, or the motion, less what a change of the model's own terms
+    # would take
     relative: float
-    noise: float
-    shares: dict[str, float]
+    noise: float  # Share of its variance that the sensors' errors explain
+    shares: dict[str, float]  # By missing term: the share that it alone explains, largest first
+    # Those that it looks like, the likeliest first; several where they look alike
     terms: tuple[str, ...] = ()
-    size: float = 0.0
-    shows: bool = False
+    size: float = 0.0  # Rms of what the likeliest adds, over the same
+    shows: bool = False  # Whether there is more than noise and what is too little to count
 
     @property
     def looks_like(self) -> str:
@@ -111,12 +84,7 @@ class LeftOver:
 def missing_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
     """Names of the terms that are looked for: those with a name for it that the model lacks.
 
-    Parameters
-    ----------
-    estimate
-        Of the parameters.
-    added
-        What the joint carries somewhere: nothing that it carries weighs without gravity.
+    Without gravity nothing that the joint carries weighs.
     """
     local = {name for values in estimate.local.values() for name in values}
     has = {*estimate.names, *local, *(() if added.gravity else _OF_GRAVITY)}
@@ -132,14 +100,9 @@ def slow_velocity(logs: Iterable[Log]) -> float:
 
 
 def name_left_over(balances: Sequence[Balance], least: float) -> tuple[LeftOver, list[LeftOver]]:
-    """Name what several logs leave over: together, and each.
+    """Name what several logs leave over, together and each.
 
-    Parameters
-    ----------
-    balances
-        Of the logs, their k and their candidates the same.
-    least
-        Share of the whole below which nothing is said.
+    Nothing is said below a share ``least`` of the whole. All logs have the same candidates.
     """
     weights = [1 / each.whole for each in balances]
     ends = np.cumsum([each.left.size for each in balances])[:-1]
@@ -214,27 +177,13 @@ _INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One log and its free run, where its errors count (see `first_counted`).
+    """One log and its free run, where its errors count (see `first_counted`)."""
 
-    Parameters
-    ----------
-    log
-        The log.
-    setting
-        What it is simulated with.
-    first
-        Number of the first sample that counts.
-    trajectory
-        The simulation.
-    motion
-        Rms of the measured angle about its mean, in rad.
-    """
-
-    log: Log
-    setting: Setting
-    first: int
-    trajectory: Simulation | Segments
-    motion: float
+    log: Log  # The log
+    setting: Setting  # What it is simulated with
+    first: int  # Number of the first sample that counts
+    trajectory: Simulation | Segments  # The simulation
+    motion: float  # Rms of the measured angle about its mean, in rad
 
     @classmethod
     def of(cls, log: Log, setting: Setting) -> Run:
@@ -256,31 +205,18 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Errors:
-    """Simulated less measured angle of one log, and its derivatives.
+    """Simulated less measured angle of one log, and its derivatives."""
 
-    Parameters
-    ----------
-    run
-        The log and its simulation.
-    whole
-        (m,) errors in rad.
-    own
-        (k, j) orthonormal directions in which the log's own start moves them, k of m after k
-        where the log is simulated in segments, each from a start of its own.
-    shared
-        (m, n) derivatives by what logs share, less those directions.
-    missing
-        By term that the model lacks: (m,) derivatives by it, less those directions.
-    reach
-        (m,) standard deviations in rad that the parameters' own errors give the simulated angle,
-        to first order; zeros where the estimate says nothing of them.
-    """
-
-    run: Run
-    whole: Samples
+    run: Run  # The log and its simulation
+    whole: Samples  # (m,) errors in rad
+    # (k, j) orthonormal directions in which the log's own start moves them, k of m after k where
+    # the log is simulated in segments, each from a start of its own
     own: tuple[Samples, ...]
-    shared: Samples
+    shared: Samples  # (m, n) derivatives by what logs share, less those directions
+    # By term that the model lacks: (m,) derivatives by it, less those directions
     missing: dict[str, Samples]
+    # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
+    # first order; zeros where the estimate says nothing of them
     reach: Samples
 
     def less_own(self, errors: Samples) -> Samples:
@@ -289,11 +225,9 @@ class Errors:
 
 
 def free_run_errors(data: DataSet, estimate: Estimate) -> list[Run | Errors]:
-    """Simulate and differentiate all logs of a data set.
+    """Return the errors of each log's simulation and their derivatives.
 
-    Returns
-    -------
-    The errors of each; the run alone where a simulation fails or nothing moves.
+    It is the run alone where a simulation fails or nothing moves.
     """
     predictor, slow = data.simulations, slow_velocity(data.logs)
     runs = [Run.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]

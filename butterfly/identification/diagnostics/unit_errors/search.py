@@ -47,14 +47,7 @@ _ROOM = 0.005  # misfit that makes no difference
 def find_slips(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
     """Name the slips that explain what speaks against an estimate; cheap where nothing does.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    estimator
-        What the estimate is from.
-    estimate
-        With all other findings on it.
+    The estimate has all other findings on it.
     """
     told = slips_of_omega(data.logs, data.points)
     if told:

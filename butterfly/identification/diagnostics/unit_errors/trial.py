@@ -31,14 +31,9 @@ _HOPELESS = 1.0  # misfit without any terms, from which on terms do not help
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """How well a joint explains logs.
+    """How well a joint explains logs."""
 
-    Parameters
-    ----------
-    misfits
-        (n,) 1 - FIT/100 of each log: 0 is perfect, 1 no better than a constant.
-    """
-
+    # (n,) 1 - FIT/100 of each log: 0 is perfect, 1 no better than a constant
     misfits: NDArray[np.float64]
 
     @property
@@ -97,21 +92,11 @@ def judged(data: DataSet, estimate: Estimate) -> Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """A slip, and the misfit that is left without it.
+    """A slip, and the misfit that is left without it."""
 
-    Parameters
-    ----------
-    finding
-        That names it.
-    misfit
-        Median over the logs.
-    last
-        Whether it is far-fetched, and named after others that explain as much.
-    """
-
-    finding: Finding
-    misfit: float
-    last: bool = False
+    finding: Finding  # That names it
+    misfit: float  # Median over the logs
+    last: bool = False  # Whether it is far-fetched, and named after others that explain as much
 
     @classmethod
     def of(cls, slip: Slip, factor: float, trial: Trial) -> Explanation:
@@ -143,18 +128,11 @@ def thinned(data: DataSet) -> DataSet:
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
-    """A slip, the factor that undoes it, and how a data set would be without it.
+    """A slip, the factor that undoes it, and how a data set would be without it."""
 
-    Parameters
-    ----------
-    slip, factor
-        Which, and the factor.
-    undo
-        Returns the data set as it would be; InputError if its sines would be none.
-    """
-
-    slip: Slip
+    slip: Slip  # Which, and the factor
     factor: float
+    # Returns the data set as it would be; InputError if its sines would be none
     undo: Callable[[DataSet], DataSet]
 
 
@@ -236,15 +214,9 @@ _COARSE = 5  # of how many numbers one is tried first
 def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
     """Suppose that the angle is in counts, with the number per turn that fits best.
 
-    Where all swings are small, sin th is th and many numbers fit: the motion tells no unit then.
-    Angles that are no whole numbers are named as counts after all else that explains as much.
-
-    Parameters
-    ----------
-    data
-        The logs; there is nothing to suppose where all swing as an angle in rad may.
-    estimator
-        A quick one.
+    There is nothing to suppose where all swing as an angle in rad may. Where all swings are small,
+    sin th is th and many numbers fit: the motion tells no unit then. Angles that are no whole
+    numbers are named as counts after all else that explains as much.
     """
     swing = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
     if swing < _SWINGS[1]:
