@@ -104,7 +104,7 @@ _ESTIMATE: dict[str, Column[Found]] = {
 }
 
 
-class Columns:
+class SweepColumns:
     """The columns of a sweep's tables: the fixed ones, and one for each field that varied.
 
     The values of all runs decide on the types of the latter.
