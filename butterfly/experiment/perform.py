@@ -28,7 +28,8 @@ from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import Identification, identify
+from butterfly.identification.identification import Identification
+from butterfly.identification.identify import identify
 from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy
@@ -155,9 +156,9 @@ class _Run:
             refused = EstimateRecord(estimator=spec.label, error=str(error))
             self.estimates.append(refused)
             return
-        found, fit = identification.estimate, identification.summary
+        found, fit = identification.estimate, identification.fit
         self.identifications[spec.label] = identification
-        held = np.array([run.fit for run in identification.held_runs])
+        held = np.array(list(identification.held_out.values()))
         holdout = FitSummary.of(held) if held.size else None
         record = EstimateRecord.of(spec.label, found, fit, self._truth, holdout)
         self.estimates.append(self._validated(record, data, spec))
