@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from butterfly import __version__
+from butterfly.document import write_document
 from butterfly.files import replacing
-from butterfly.report.numbers.document import write_document
 from butterfly.report.parameter_table import Whisker
 from butterfly.verdict import Level, Verdict
 

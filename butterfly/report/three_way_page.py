@@ -12,6 +12,7 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.model.parameters import JointKind
@@ -26,7 +27,6 @@ from butterfly.report.figures import (
     seen_samples,
 )
 from butterfly.report.log_figures import correlation_figure, correlation_series
-from butterfly.report.numbers.document import Told
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.residual import (
     misfit_table,

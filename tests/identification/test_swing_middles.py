@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.identification.rest_angles import RestAngles
+from butterfly.identification.estimators.steady_response import RestAngles
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.sine_fit import SineFit
 from tests.conftest import MASSES

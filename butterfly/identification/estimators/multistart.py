@@ -1,14 +1,25 @@
-"""Where iterations start: closed forms' parameters, and rest angles of the encoder."""
+"""Where iterations start, where descents from there end, and the best of these ends.
+
+First guesses are closed forms' parameters, and rest angles of the encoder.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimators.base import Estimator, usable
+from butterfly.identification.estimators.equations import Equations
+from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
+from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.model.known import Knowledge
@@ -16,38 +27,22 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import GROWING, offered
 
 _HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
+_ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
+_GLANCE = 8  # passes after which a descent that is not lower than another is given up
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Start:
-    """A first guess.
+    """A first guess."""
 
-    Parameters
-    ----------
-    parameters
-        Of the bare hand.
-    zeros
-        The encoder's reading in rad at rest for each added mass.
-    """
-
-    parameters: LumpedParameters
-    zeros: Mapping[AddedMass, float]
+    parameters: LumpedParameters  # of the bare hand
+    zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
 
 
 def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
     """Return the estimates of all closed forms that the logs allow, or else a guess of the scale.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    terms
-        Which they fit, as far as they offer them; those that they choose, if None.
-
-    Raises
-    ------
-    ButterflyError
-        If they allow none.
+    ``terms``: which they fit, as far as they offer them; those that they choose, if None.
     """
     found: list[Start] = []
     refusals: list[ButterflyError] = []
@@ -133,3 +128,68 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
     if terms is None:
         return None
     return tuple(name for name in terms if name in offered(method.method))
+
+
+class Descent(Protocol):
+    """What can descend."""
+
+    def descend(
+        self,
+        problem: FreeRunResiduals,
+        initial: NDArray[np.float64],
+        known: Equations | None = None,
+        most: int = ...,
+    ) -> Minimum[Equations]:
+        """Return where a descent ends."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Multistart:
+    """The best end of some descents."""
+
+    problem: FreeRunResiduals  # problem, end: its residuals and where it ended
+    end: Minimum[Equations]
+    findings: tuple[Finding, ...]  # what there is to say of the other ends
+
+    @classmethod
+    def of(cls, problems: Sequence[FreeRunResiduals], fit: Descent) -> Multistart:
+        """Descend from the first guess of each problem.
+
+        The first descent is made to its end; the others are, only where they come lower.
+        """
+        ends: list[_End] = []
+        refusals = []
+        for problem in problems:
+            try:
+                ends.append(_descended(problem, fit, ends))
+            except IdentifiabilityError as refusal:
+                refusals.append(refusal)
+        if not ends:
+            raise refusals[0]
+        (problem, end), *others = sorted(ends, key=_cost)
+        ratios = [_cost(each) / end.at.cost for each in others if each.end.converged]
+        elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
+        findings = tuple(
+            Finding(kind=FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1]
+        )
+        return cls(problem=problem, end=end, findings=findings)
+
+
+class _End(NamedTuple):
+    problem: FreeRunResiduals
+    end: Minimum[Equations]
+
+
+def _cost(each: _End) -> float:
+    return each.end.at.cost
+
+
+def _descended(problem: FreeRunResiduals, fit: Descent, before: Sequence[_End]) -> _End:
+    """Descend to the end, or so far that it shows that the end is no better than one before."""
+    if not before:
+        return _End(problem, fit.descend(problem, problem.initial))
+    least = min(map(_cost, before))
+    end = fit.descend(problem, problem.initial, most=_GLANCE)
+    if not end.converged and end.at.cost < least:
+        end = fit.descend(problem, end.point, end.at)
+    return _End(problem, end)

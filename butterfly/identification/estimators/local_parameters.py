@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from butterfly.logs.log import Log
 from butterfly.model.known import Known
@@ -10,11 +10,10 @@ from butterfly.model.parameters import AddedMass
 
 Key = tuple[str, "AddedMass | str | None"]
 """A parameter, and whose it is: all logs', if None."""
-
 _ZERO = "zero"
 
 
-def owned_keys(
+def local_keys(
     logs: Sequence[Log],
     per_mass: Sequence[str],
     per_log: Sequence[str],
@@ -27,16 +26,10 @@ def owned_keys(
     Zeros are not that are known exactly. Where one is known with an uncertainty, it is fitted of
     all logs of which the same is known.
 
-    Parameters
-    ----------
-    logs
-        Each of a name of its own.
-    per_mass, per_log
-        What is fitted for each added mass, and for each log.
-    hangs
-        Whether gravity acts, so that the encoder's zero has a meaning.
-    anchored
-        Logs of which a velocity at the first sample can be fitted: those that are simulated whole.
+    ``logs``: each of a name of its own; ``per_mass``, ``per_log``: what is fitted for each added
+    mass, and for each log; ``hangs``: whether gravity acts, so that the encoder's zero has a
+    meaning; ``anchored``: logs of which a velocity at the first sample can be fitted: those that
+    are simulated whole.
     """
     open_ = [log for log in logs if not _is_exact(log)]
     concerned = {_ZERO: open_, "velocity": anchored}
@@ -94,3 +87,13 @@ def known_zeros(keys: Sequence[Key], logs: Sequence[Log]) -> Mapping[Key, Known]
 
 def _is_exact(log: Log) -> bool:
     return log.zero is not None and log.zero.exact
+
+
+def local_values(
+    found: Iterable[tuple[Key, float]],
+) -> dict[AddedMass | str | None, dict[str, float]]:
+    """Return what is not shared, and the zero, by whose it is."""
+    local: dict[AddedMass | str | None, dict[str, float]] = {}
+    for (name, whose), value in found:
+        local.setdefault(whose, {})[name] = value
+    return local

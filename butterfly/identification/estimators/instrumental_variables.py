@@ -5,6 +5,11 @@ power. The same regressors of a simulation with the recorded inputs are free of 
 are multiplied by them, not by their own regressors, are not biased by noise (instrumental
 variables; Soderstrom & Stoica, Instrumental Variable Methods for System Identification, 1983;
 Young, Automatica 17, 1981).
+
+Errors of the encoder's zero, which the fit took as given, add to its covariance: with the
+residuals' slopes J by the parameters and g by the zero, an error e of the zero moves the estimate
+by -(J^T J)^-1 J^T g e ("consider" parameters; Bierman, Factorization Methods for Discrete
+Sequential Estimation, 1977, chapter VIII).
 """
 
 from __future__ import annotations
@@ -17,15 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimators.weak_fit import WeakFit, Windows
+from butterfly.identification.diagnostics.goodness_of_fit import LEAST_FIT
+from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.regression import Regression, Solution
-from butterfly.identification.zeros import reading_of
+from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 
-LEAST_FIT = 50.0
-"""FIT in per cent of a free run below which its motion is not that of the log."""
+Samples = NDArray[np.float64]
 
 
 class Seen(NamedTuple):
@@ -44,16 +49,9 @@ def seen(
 ) -> list[Seen]:
     """Simulate logs, and cut the simulations into windows as the logs were cut.
 
-    Parameters
-    ----------
-    logs, windows
-        The logs, and what they were cut into.
-    parameters
-        Of the bare hand.
-    zeros
-        Encoder reading in rad at rest for each added mass, where a log tells none.
-    cut
-        From a log and its zero to windows.
+    ``logs``, ``windows``: the logs, and what they were cut into; ``parameters``: of the bare hand;
+    ``zeros``: encoder reading in rad at rest for each added mass, where a log tells none; ``cut``:
+    from a log and its zero to windows.
     """
     if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
         return [Seen(each, each) for each in windows]
@@ -109,13 +107,7 @@ def _corrected(
 def _through(
     multiplied: NDArray[np.float64], rows: NDArray[np.float64], target: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Solve equations that are multiplied by instruments.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If these logs do not move what is sought.
-    """
+    """Solve equations that are multiplied by instruments."""
     scale = np.linalg.norm(multiplied, axis=0)
     if not (scale > 0).all():
         raise IdentifiabilityError("these logs do not move all parameters")
@@ -124,3 +116,46 @@ def _through(
         return np.asarray(np.linalg.solve(turned @ (rows / scale), turned @ target) / scale)
     except np.linalg.LinAlgError:
         raise IdentifiabilityError("these logs do not tell the parameters apart") from None
+
+
+def offset_covariance(
+    fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
+) -> Samples:
+    """(n, n) covariance that uncertain zeros add to n parameters.
+
+    The fit is of the m logs' windows through their instruments; ``uncertain`` are (k, m) standard
+    uncertainties in rad of k independent errors (see `encoder_offset.offset_errors`). Parameters
+    that the fit held are not moved.
+    """
+    added = np.zeros((len(names), len(names)))
+    if not uncertain.size:
+        return added
+    slopes = [_slopes(fit, each) for each in pairs]
+    errors = np.column_stack(
+        [
+            np.concatenate([size * slope for size, slope in zip(row, slopes, strict=True)])
+            for row in uncertain
+        ]
+    )
+    free = ~fit.solved.on_bound
+    rows, _ = fit.solved.with_prior(fit.solved.jacobian[:, None], fit.solved.residuals)
+    rows = rows[:, free]
+    errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(uncertain)))])
+    scale = np.linalg.norm(rows, axis=0)
+    moved = -np.linalg.lstsq(rows / scale, errors, rcond=None)[0] / scale[:, None]
+    found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)
+    places = [list(names).index(name) for name in found]
+    added[np.ix_(places, places)] = moved @ moved.T
+    return added
+
+
+def _slopes(fit: WeakFit, each: Seen) -> Samples:
+    """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
+    used = each.windows.moving(fit.about.delay) & each.instruments.moving(fit.about.delay)
+    names = ("p1", "p3", "p3_offset")
+    signals = each.instruments.averaging.signals(names, delay=fit.about.delay)
+    inertia, sine, cosine = (signals.mean[name][used] for name in names)
+    moment = fit.values["p3"] + each.instruments.added.gravity_moment
+    offset = fit.values.get("p3_offset", 0.0)
+    size = float(np.linalg.norm(inertia)) or 1.0
+    return np.asarray((offset * sine - moment * cosine) / size)

@@ -18,10 +18,9 @@ from butterfly.identification.inference.term_choice import (
     SLACK_OF_STRETCHES,
     stretches_of,
 )
+from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.regression import Regression, Solution
-from butterfly.identification.solved import Solved
-from butterfly.identification.weak_signals import Averaging
+from butterfly.identification.test_functions import Averaging
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.verdict import Level
@@ -70,30 +69,14 @@ class Windows(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class About:
-    """What the equations of windows are about.
+    """What the equations of windows are about."""
 
-    Parameters
-    ----------
-    names
-        Of the parameters to be found.
-    known
-        What is known of the robot; what is known exactly is not among the names.
-    slow
-        Stribeck velocity in rad/s.
-    delay
-        From input to torque, in s.
-    gain
-        p4, as far as it is known.
-    variance
-        Of a row, beside which what is known with an uncertainty is weighed.
-    """
-
-    names: tuple[str, ...]
-    known: Knowledge
-    slow: float
-    delay: float
-    gain: float
-    variance: float = 1.0
+    names: tuple[str, ...]  # of the parameters to be found
+    known: Knowledge  # what is known of the robot; what is known exactly is not among the names
+    slow: float  # Stribeck velocity in rad/s
+    delay: float  # from input to torque, in s
+    gain: float  # p4, as far as it is known
+    variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
 
     def regression(
         self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_] | None] | None = None
@@ -123,19 +106,11 @@ class About:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeakFit:
-    """A solution, and the equations about it.
+    """A solution, and the equations about it."""
 
-    Parameters
-    ----------
-    about
-        What the equations are about.
-    regression, solved
-        The equations, and the solution.
-    """
-
-    about: About
-    regression: Regression
-    solved: Solved
+    about: About  # what the equations are about
+    regression: Regression  # regression, solved: the equations, and the solution
+    solved: SolvedEquations
 
     @classmethod
     def of(
@@ -176,7 +151,7 @@ class WeakFit:
             if settled:
                 break
         rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
-        solved = Solved.of(regression, solution, unsettled=None if settled else rounds)
+        solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
         return cls(about=about, regression=regression, solved=solved)
 
     @property
@@ -188,7 +163,7 @@ class WeakFit:
     def solved_by(self, regression: Regression, through: Regression, solution: Solution) -> WeakFit:
         """Return a fit of some equations through instruments, whose rows stand for its own."""
         solved = replace(
-            Solved.of(regression, solution),
+            SolvedEquations.of(regression, solution),
             jacobian=through.jacobian(solution.values),
             ending=self.solved.ending,
             findings=self.solved.findings,

@@ -8,7 +8,7 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.estimators.ends import Ends
+from butterfly.identification.estimators.multistart import Multistart
 from butterfly.verdict import Level
 
 
@@ -38,7 +38,7 @@ def _ends(**ends):
     descents = Descents(
         **{name: each if isinstance(each, tuple) else (each,) for name, each in ends.items()}
     )
-    return Ends.of([_problem(name) for name in ends], descents), descents.made
+    return Multistart.of([_problem(name) for name in ends], descents), descents.made
 
 
 def test_the_lowest_end_is_kept_and_a_higher_one_said():

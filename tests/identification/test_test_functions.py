@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from butterfly.identification.bumps import Bumps
+from butterfly.identification.test_functions import Bumps
 
 HALF, STEP = 0.25, 1e-3
 

@@ -11,12 +11,16 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.dwell import rest_readings
+from butterfly.identification.encoder_offset import (
+    OffsetKind,
+    fitted_offset,
+    near,
+    offset_errors,
+    rest_readings,
+)
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.owned_keys import columns_of, known_zeros, owned_keys
-from butterfly.identification.estimators.starts import starts
-from butterfly.identification.zero_fit import fitted_zero
-from butterfly.identification.zeros import ZeroKind, doubts, near
+from butterfly.identification.estimators.local_parameters import columns_of, known_zeros, local_keys
+from butterfly.identification.estimators.multistart import starts
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -67,13 +71,13 @@ def _logs(zero, size=0.6, noise=0.0, turns=(0, 1, -2)):
 
 
 def _off(data, zero):
-    return max(abs(math.remainder(each.value - zero, 2 * np.pi)) for each in data.zeros)
+    return max(abs(math.remainder(each.value - zero, 2 * np.pi)) for each in data.offsets)
 
 
 @pytest.mark.parametrize(("zero", "size"), [(0.0, 0.6), (3.1, 0.6), (-1.9, 1.6)])
 def test_torque_steps_tell_the_zero_anywhere_and_turns_off(zero, size):
     data = DataSet.of(_logs(zero, size, noise=3e-4))
-    assert {each.kind for each in data.zeros} == {ZeroKind.FIT}
+    assert {each.kind for each in data.offsets} == {OffsetKind.FIT}
     assert _off(data, zero) < 1e-3
     mean = np.mean(data.logs[0].angle)
     assert abs(math.remainder(mean - zero, 2 * np.pi)) > 0.05
@@ -87,7 +91,7 @@ def test_the_weak_form_finds_the_robot_from_torque_steps_whatever_the_zero():
 
 def test_a_constant_torque_is_told_from_gravity_where_the_motion_is_wide():
     inputs = _steps(3, 0.08)
-    found = fitted_zero([_run(NO_ADDED_MASS, inputs, 0.4, bias=6e-3)])
+    found = fitted_offset([_run(NO_ADDED_MASS, inputs, 0.4, bias=6e-3)])
     assert near(found.value, 0.4) == pytest.approx(0.4, abs=2e-3)
 
 
@@ -96,18 +100,18 @@ def test_masses_that_hang_elsewhere_keep_their_zeros_and_share_none():
     data = DataSet.of(logs)
     found = [near(data.equilibria[mass], 0.3) for mass in HEAVY]
     np.testing.assert_allclose(found, [0.3, 0.5, 0.7], atol=1e-3)
-    assert doubts(data.zeros).shape == (3, 3)
-    assert doubts(DataSet.of(_logs(0.3)).zeros).shape == (1, 3)
+    assert offset_errors(data.offsets).shape == (3, 3)
+    assert offset_errors(DataSet.of(_logs(0.3)).offsets).shape == (1, 3)
 
 
 def test_what_is_told_is_taken_for_each_log_by_itself():
     logs = [replace(log, zero=(2.0 + k, 0.1 * k)) for k, log in enumerate(_logs(0.3))]
     data = DataSet.of([*logs, replace(logs[0], zero=None)])
     assert [data.zero_of(log) for log in data.logs[:3]] == [2.0, 3.0, 4.0]
-    assert [each.kind for each in data.zeros] == [ZeroKind.TOLD] * 3 + [ZeroKind.FIT]
+    assert [each.kind for each in data.offsets] == [OffsetKind.TOLD] * 3 + [OffsetKind.FIT]
     assert near(data.equilibria[HEAVY[0]], 0.3) == pytest.approx(0.3, abs=1e-3)
-    np.testing.assert_allclose(np.sort(doubts(data.zeros).max(axis=1))[-2:], [0.1, 0.2])
-    assert {each.value for each in data.with_zero(Known(value=0.7)).zeros} == {0.7}
+    np.testing.assert_allclose(np.sort(offset_errors(data.offsets).max(axis=1))[-2:], [0.1, 0.2])
+    assert {each.value for each in data.with_zero(Known(value=0.7)).offsets} == {0.7}
     with pytest.raises(InputError, match="zero"):
         replace(logs[0], zero="left")
 
@@ -137,20 +141,20 @@ def test_a_log_that_hardly_moves_rests_and_one_that_says_nothing_is_guessed():
     nudged = np.zeros(1000)
     nudged[400:403] = 0.03
     log = _run(NO_ADDED_MASS, nudged, 0.5, noise=2e-4)
-    (rest,) = DataSet.of([log]).zeros
-    assert rest.kind is ZeroKind.REST
+    (rest,) = DataSet.of([log]).offsets
+    assert rest.kind is OffsetKind.REST
     assert rest.value == pytest.approx(0.5, abs=0.02)
     brief = _logs(0.5)[0].take(np.arange(20))
     data = DataSet.of([brief])
-    assert data.zeros[0].kind is ZeroKind.GUESS
+    assert data.offsets[0].kind is OffsetKind.GUESS
     assert data.guessed == (data.logs[0].name,)
     heavy = _logs(0.5)[2]
-    assert {each.kind for each in DataSet.of([brief, heavy]).zeros} == {ZeroKind.FIT}
+    assert {each.kind for each in DataSet.of([brief, heavy]).offsets} == {OffsetKind.FIT}
     assert DataSet.of([brief], known=Knowledge.told({"p3": 0})).guessed == ()
 
 
 def test_the_weak_form_says_that_it_rests_on_a_guess(monkeypatch):
-    monkeypatch.setattr("butterfly.identification.zeros.fitted_zero", lambda _: None)
+    monkeypatch.setattr("butterfly.identification.encoder_offset.fitted_offset", lambda _: None)
     found = WeakForm(terms=(), check=False)(DataSet.of(_logs(0.3, turns=(0, 0, 0))))
     assert FindingKind.ZERO_GUESSED in {each.kind for each in found.reasons}
 
@@ -173,7 +177,7 @@ def test_output_error_fits_no_zero_that_is_exact_and_one_prior_for_each_that_is_
 
     def keys(*zeros, hangs=True):
         told = [replace(log, zero=zero) for log, zero in zip(logs, zeros, strict=True)]
-        found = owned_keys(told, (), (), hangs=hangs, anchored=told)
+        found = local_keys(told, (), (), hangs=hangs, anchored=told)
         return found, known_zeros(found, told), [columns_of(found, log) for log in told]
 
     assert keys(None, None, None) == ([("zero", None)], {}, [[0], [0], [0]])

@@ -1,8 +1,9 @@
 """What a log says of each term of the equation of motion, averaged over test functions.
 
-With a bump phi of compact support, int phi thdd = int phi'' th: nothing is differentiated that
-carries noise. Multiplied by phi the equation is the balance of momentum; multiplied by phi thd it
-is the balance of energy, whose terms are powers.
+The test functions are bumps (1 - s^2)^4 that overlap. With a bump phi of compact support,
+int phi thdd = int phi'' th: nothing is differentiated that carries noise. Multiplied by phi the
+equation is the balance of momentum; multiplied by phi thd it is the balance of energy, whose terms
+are powers.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.bumps import Bumps
 from butterfly.logs.log import Log
 from butterfly.model.kinematics import Motion, Term
 from butterfly.model.parameters import compressed
@@ -26,14 +27,75 @@ from butterfly.signals import hold
 from butterfly.signals.local_polynomial import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
+SPACING = 0.5
+"""Of the test functions, in half-widths."""
+
 HALF_WIDTH = 0.25
 """Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
-
 _VELOCITY_SHARE = 0.25  # half-width of the velocity's window over that of the test functions
 _VELOCITY_ORDER = 4  # of the polynomial whose slope it is
 _LARGEST_STICK = 0.05  # share of a window that may stand still
 _STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
 _DRIVEN = {"p4", *(row.name for row in TERMS.values() if row.of_gain)}  # what the input enters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bumps:
+    """Bumps of one width on a uniform clock of n samples, as many as have room."""
+
+    half_width: float  # in s
+    step: float  # of the clock in s
+    size: int  # n
+    margin: int  # samples that stay free of centres at either end; a half-width or more
+
+    @cached_property
+    def centres(self) -> NDArray[np.intp]:
+        """(m,) samples at which they are centred."""
+        return np.arange(self.margin, self.size - self.margin, self._stride)
+
+    def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
+        """(m,) integrals of an (n,) signal against the ``order``-th derivative of each.
+
+        Over the bump's area; in the signal's unit, over s to the power ``order``.
+        """
+        weights = self._weights[order]
+        stride, parts = weights.shape
+        rows = self.centres.size + parts - 1
+        first = self.margin - self._reach
+        pieces = signal[first : first + rows * stride]
+        if pieces.size < rows * stride:  # the last bump ends within its last part
+            pieces = np.concatenate([pieces, np.zeros(rows * stride - pieces.size)])
+        sums = pieces.reshape(rows, stride) @ weights
+        return np.asarray(sum(sums[k : rows - parts + 1 + k, k] for k in range(parts)))
+
+    @property
+    def _stride(self) -> int:
+        return max(1, round(SPACING * self.half_width / self.step))
+
+    @property
+    def _reach(self) -> int:
+        """Samples inside a bump on either side of its centre."""
+        return math.ceil(self.half_width / self.step) - 1
+
+    @cached_property
+    def _weights(self) -> NDArray[np.float64]:
+        """(3, stride, parts) a bump and its derivatives over its area, cut where others begin.
+
+        So the signal is cut once, and every piece multiplied once for all bumps that share it.
+        """
+        s = np.arange(-self._reach, self._reach + 1) * self.step / self.half_width
+        inside = 1 - s**2
+        derivatives = np.array(
+            [
+                inside**4,
+                -8 * s * inside**3 / self.half_width,
+                (-8 * inside**3 + 48 * s**2 * inside**2) / self.half_width**2,
+            ]
+        )
+        parts = -(-s.size // self._stride)
+        weights = np.zeros((3, parts * self._stride))
+        weights[:, : s.size] = derivatives / derivatives[0].sum()
+        return np.ascontiguousarray(weights.reshape(3, parts, self._stride).swapaxes(1, 2))
 
 
 class Balance(StrEnum):
@@ -45,24 +107,17 @@ class Balance(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeakSignals:
-    """What a log says at the centres of its test functions.
+    """What a log says at the centres of its test functions."""
 
-    Parameters
-    ----------
-    time, angle, velocity
-        (n,) instants in s, angle from the hanging position in rad, velocity in rad/s.
-    mean
-        By parameter: (n,) averages over each test function of what it multiplies in the equation,
-        the motor's torque brought to the left: summed with the parameters' values they give 0.
-    still
-        (n,) share of each test function in which the joint may stick.
-    """
-
+    # time, angle, velocity: (n,) instants in s, angle from the hanging position in rad, velocity in
+    # rad/s
     time: NDArray[np.float64]
     angle: NDArray[np.float64]
     velocity: NDArray[np.float64]
+    # by parameter: (n,) averages over each test function of what it multiplies in the equation, the
+    # motor's torque brought to the left: summed with the parameters' values they give 0
     mean: dict[str, NDArray[np.float64]]
-    still: NDArray[np.float64]
+    still: NDArray[np.float64]  # (n,) share of each test function in which the joint may stick
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -71,24 +126,14 @@ class WeakSignals:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Known:
-    """What is known of a joint before its torques are averaged.
+class AveragingSettings:
+    """What is known of a joint before its torques are averaged."""
 
-    Parameters
-    ----------
-    zero
-        Encoder reading in rad where the model's angle is 0.
-    delay
-        From input to torque, in s.
-    compression
-        Of the drive, in 1/unit of input; the column of "compression" is the derivative about it.
-    settings
-        Of these the periods of cogging and Stribeck's velocity.
-    """
-
-    zero: float
-    delay: float = 0.0
+    zero: float  # encoder reading in rad where the model's angle is 0
+    delay: float = 0.0  # from input to torque, in s
+    # of the drive, in 1/unit of input; the column of "compression" is the derivative about it
     compression: float = 0.0
+    # of these the periods of cogging and Stribeck's velocity
     settings: FrictionTerms = field(default_factory=FrictionTerms)
 
 
@@ -98,18 +143,9 @@ class Averaging:
     What was averaged is kept; another delay or compression makes anew what the input enters alone,
     unless the delay moves the test functions.
 
-    Parameters
-    ----------
-    log
-        Of any input.
-    zero
-        Encoder reading in rad where the model's angle is 0.
-    half_width
-        Of the test functions in s; they stand half of it apart.
-    settings
-        Of these the periods of cogging and Stribeck's velocity.
-    balance
-        Of momentum, or of energy.
+    ``log``: of any input; ``zero``: encoder reading in rad where the model's angle is 0;
+    ``half_width``: of the test functions in s; they stand half of it apart; ``settings``: of these
+    the periods of cogging and Stribeck's velocity; ``balance``: of momentum, or of energy.
     """
 
     def __init__(
@@ -141,19 +177,7 @@ class Averaging:
     ) -> WeakSignals:
         """Average the terms of some parameters.
 
-        Parameters
-        ----------
-        names
-            Of the parameters.
-        delay, compression
-            See `Known`.
-        stribeck_velocity
-            In rad/s, if not that of the settings.
-
-        Raises
-        ------
-        InputError
-            If the log is shorter than a test function.
+        ``stribeck_velocity``: in rad/s, if not that of the settings.
         """
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
@@ -220,25 +244,14 @@ class _Place(NamedTuple):
 def weak_signals(
     log: Log,
     names: Sequence[str],
-    known: Known,
+    known: AveragingSettings,
     half_width: float,
     balance: Balance = Balance.MOMENTUM,
 ) -> WeakSignals:
     """Average terms of the equation of motion over the test functions of one log, once.
 
-    Parameters
-    ----------
-    log, half_width, balance
-        As of `Averaging`.
-    names
-        Which parameters' terms.
-    known
-        What is known beforehand.
-
-    Raises
-    ------
-    InputError
-        If the log is shorter than a test function.
+    ``log``, ``half_width``, ``balance``: as of `Averaging`; ``names``: which parameters' terms;
+    ``known``: what is known beforehand.
     """
     averaging = Averaging(log, known.zero, half_width, known.settings, balance)
     return averaging.signals(names, delay=known.delay, compression=known.compression)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from butterfly.identification.cut import pieces_beside
+from butterfly.identification.splits import excluding_interval
 from butterfly.logs.log import Log, Sine
 
 
@@ -13,7 +13,7 @@ def _swinging(**properties):
 
 
 def test_the_piece_after_a_stretch_begins_in_motion_with_what_was_commanded():
-    before, after = pieces_beside(_swinging(), slice(500, 1000))
+    before, after = excluding_interval(_swinging(), slice(500, 1000))
     assert (before.time[0], before.time[-1]) == (0.0, 4.99)
     assert after.time[0] == 10.0
     assert after.time.size == 1000
@@ -23,9 +23,9 @@ def test_the_piece_after_a_stretch_begins_in_motion_with_what_was_commanded():
 
 
 def test_a_piece_that_cannot_be_used_is_left_out():
-    (after,) = pieces_beside(_swinging(), slice(0, 1000))
+    (after,) = excluding_interval(_swinging(), slice(0, 1000))
     assert after.name == "swing, after"
-    (before,) = pieces_beside(_swinging(), slice(1990, 2000))
+    (before,) = excluding_interval(_swinging(), slice(1990, 2000))
     assert before.name == "swing, before"
     sine = _swinging(excitation=Sine(omega=2.0, amplitude=1.0))
-    assert len(pieces_beside(sine, slice(1400, 1500))) == 1
+    assert len(excluding_interval(sine, slice(1400, 1500))) == 1

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.solved import Solved
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
@@ -23,25 +23,18 @@ Samples = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reference:
-    """What tells the scale of logs.
+class ScaleParameter:
+    """What tells the scale of logs."""
 
-    Parameters
-    ----------
-    name
-        The parameter that is held; None where masses, or what is known exactly, tell the scale.
-    known
-        Of the robot.
-    added
-        What all logs carry.
-    """
-
+    # the parameter that is held; None where masses, or what is known exactly, tell the scale
     name: str | None
     known: Knowledge
-    added: AddedMass
+    added: AddedMass  # what all logs carry
 
     @classmethod
-    def of(cls, masses: Sequence[AddedMass], known: Knowledge, *, driven: bool = True) -> Reference:
+    def of(
+        cls, masses: Sequence[AddedMass], known: Knowledge, *, driven: bool = True
+    ) -> ScaleParameter:
         """Find it for logs with some masses; of undriven ones p4 tells nothing."""
         same = len({mass.inertia_and_moment for mass in masses}) == 1
         telling = known if driven else known.within(known.parameters.keys() - {"p4"})
@@ -58,7 +51,7 @@ class Reference:
             return values
         return np.insert(values, self._place(names), self.known.parameters[self.name].value)
 
-    def whole(self, solved: Solved) -> Solved:
+    def whole(self, solved: SolvedEquations) -> SolvedEquations:
         """Return the end of a fit that held the reference, with it and its uncertainty."""
         if self.name is None:
             return solved
@@ -88,7 +81,7 @@ class Reference:
         assert self.name is not None  # noqa: S101 - asked of a reference only
         return sum(each in names for each in PARAMETERS[: PARAMETERS.index(self.name)])
 
-    def _shares(self, solved: Solved) -> Samples:
+    def _shares(self, solved: SolvedEquations) -> Samples:
         """(n,) changes of the others that do to residuals what one of the reference does.
 
         Residuals do not change if all torques grow alike.
@@ -101,7 +94,7 @@ class Reference:
         return -np.array(grown) / own
 
     @staticmethod
-    def _bread(solved: Solved, turned: Samples) -> Samples:
+    def _bread(solved: SolvedEquations, turned: Samples) -> Samples:
         """Return the derivatives of the gradient of the logs alone, by the reference as well."""
         assert solved.bread is not None  # noqa: S101 - asked where there is one
         of_logs = solved.bread if solved.prior is None else solved.bread - solved.prior.curvature
