@@ -114,10 +114,14 @@ CASES = {
         "expected arm, in m, since 1.csv carries a mass",
         (f"identify two.yaml {WEAK}",),
     ),
-    "a folder without a manifest": Case(
+    "names that tell masses, and no arm": Case(
         f"identify folder {WEAK} {GAIN}",
         "folder: manifest.yaml: got no such file",
-        ("manifest folder --input torque", f"identify folder {WEAK} {GAIN}"),
+        (
+            f"identify folder {WEAK} {GAIN} --arm 0.104",
+            "manifest folder --input torque --arm 0.104",
+            f"identify folder {WEAK} {GAIN}",
+        ),
     ),
     "an angle that falls back by a turn": Case(
         "inspect wrapped.csv",
@@ -241,7 +245,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("refused")
     logs = wild(ROBOT, MASSES[:2], duration=12.0)
     (folder / "folder").mkdir()
-    for path, log in {"0": logs[0], "1": logs[1], "folder/0": logs[0]}.items():
+    for path, log in {"0": logs[0], "1": logs[1], "folder/Data_0__5__02": logs[0]}.items():
         write_csv(log, folder / f"{path}.csv")
     for number, mass in enumerate(MASSES):
         decay = simulated(ROBOT, mass, np.zeros_like, 6.0, start=0.6)
