@@ -25,7 +25,7 @@ from butterfly.cli.options import (
 from butterfly.cli.show_progress import show_progress
 from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.model.harmonic import LARGEST_SWING
 from butterfly.report.numbers.table_numbers import told_design
 from butterfly.report.summary import best_experiment_text

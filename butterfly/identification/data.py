@@ -12,10 +12,16 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_refused, slips_of_still
 from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.encoder_offset import (
+    EncoderOffset,
+    OffsetKind,
+    encoder_offsets,
+    near,
+    reading_of,
+)
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.implied import beside_masses, implied
 from butterfly.identification.inference.identifiability import is_driven
-from butterfly.identification.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names
 from butterfly.logs.manifest import Manifest
@@ -131,9 +137,9 @@ class DataSet:
         return self.logs[0].added_mass.joint
 
     @cached_property
-    def zeros(self) -> tuple[Zero, ...]:
+    def offsets(self) -> tuple[EncoderOffset, ...]:
         """Encoder reading where the model's angle is 0, for each log, and how it was found."""
-        return zeros_of(self.logs, self.points)
+        return encoder_offsets(self.logs, self.points)
 
     @cached_property
     def equilibria(self) -> dict[AddedMass, float]:
@@ -144,9 +150,9 @@ class DataSet:
         """
         found: dict[AddedMass, float] = {}
         for mass in self.masses:
-            pairs = zip(self.logs, self.zeros, strict=True)
+            pairs = zip(self.logs, self.offsets, strict=True)
             own = [zero for log, zero in pairs if log.added_mass == mass]
-            others = [zero for zero in own if zero.kind is not ZeroKind.TOLD] or own
+            others = [zero for zero in own if zero.kind is not OffsetKind.TOLD] or own
             readings = [near(zero.value, others[0].value) for zero in others]
             found[mass] = float(np.median(readings))
         return found
@@ -174,8 +180,8 @@ class DataSet:
     @property
     def guessed(self) -> tuple[str, ...]:
         """Names of the logs whose zero is a guess, if there is any to know."""
-        pairs = zip(self.logs, self.zeros, strict=True) if self.hangs else ()
-        return tuple(log.name for log, zero in pairs if zero.kind is ZeroKind.GUESS)
+        pairs = zip(self.logs, self.offsets, strict=True) if self.hangs else ()
+        return tuple(log.name for log, zero in pairs if zero.kind is OffsetKind.GUESS)
 
     @cached_property
     def calm(self) -> list[int]:
@@ -301,13 +307,7 @@ def _of_logs(logs: Sequence[Log]) -> Knowledge:
 
 
 def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
-    """Return what is told, and what follows, of the joint that made some logs.
-
-    Raises
-    ------
-    InputError
-        If it cannot be.
-    """
+    """Return what is told, and what follows, of the joint that made some logs."""
     first = logs[0]
     moment = told.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
@@ -319,12 +319,7 @@ def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
 def turns_over(log: Log, zero: float) -> bool:
     """Whether the hand passes near the upright, or through it, so that small causes tell.
 
-    Parameters
-    ----------
-    log
-        Of any input.
-    zero
-        Encoder reading in rad of the hand at rest.
+    ``log``: of any input; ``zero``: encoder reading in rad of the hand at rest.
     """
     turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
     return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
@@ -341,13 +336,7 @@ def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None,
 
 
 def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
-    """Read every log of a manifest (see `DataSet.of`).
-
-    Raises
-    ------
-    InputError
-        If a log cannot be read or used.
-    """
+    """Read every log of a manifest (see `DataSet.of`)."""
     manifest, recorded = read_logs(manifest, track)
     data = DataSet.of(
         recorded,

@@ -41,27 +41,13 @@ _RELEASE = 0.6  # rad, from which a free decay starts
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """A next experiment and what it is expected to bring.
+    """A next experiment and what it is expected to bring."""
 
-    Parameters
-    ----------
-    added_mass
-        What the hand carries.
-    signal
-        The input, as an experiment can be driven with it.
-    swing
-        Largest angle in rad predicted, on a slide way in m.
-    errors
-        (n,) standard errors expected after it, over those before.
-    warning
-        Why it should not be relied on; empty if it may.
-    """
-
-    added_mass: AddedMass
-    signal: Excitation
-    swing: float
-    errors: NDArray[np.float64]
-    warning: str = ""
+    added_mass: AddedMass  # what the hand carries
+    signal: Excitation  # the input, as an experiment can be driven with it
+    swing: float  # largest angle in rad predicted, on a slide way in m
+    errors: NDArray[np.float64]  # (n,) standard errors expected after it, over those before
+    warning: str = ""  # why it should not be relied on; empty if it may
 
     @property
     def what(self) -> str:
@@ -95,25 +81,9 @@ def rank_experiments(
     Left at the end, with a warning, are candidates that swing too wide, that friction may hold, or
     whose angle the present uncertainty moves so much that its prediction means little.
 
-    Parameters
-    ----------
-    estimate
-        With its covariance.
-    masses
-        Added masses that are at hand, none being one.
-    misfit
-        Relative error of the model on the logs so far, 1 - FIT/100.
-    largest_swing
-        Allowed, in rad.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    InputError
-        If the swing is not positive.
-    IdentifiabilityError
-        If the estimate has no covariance.
+    ``estimate``: with its covariance; ``masses``: added masses that are at hand, none being one;
+    ``misfit``: relative error of the model on the logs so far, 1 - FIT/100; ``largest_swing``:
+    allowed, in rad.
     """
     require_number("design", positive=True, unit="rad", swing=largest_swing)
     if not np.isfinite(estimate.covariance).all():
@@ -143,21 +113,9 @@ def next_experiments(
 ) -> list[Candidate]:
     """Rank what to do next with the added masses of a data set (see `rank_experiments`).
 
-    Parameters
-    ----------
-    data
-        From which the estimate was made; how well it is followed says how far to trust the model.
-    estimate
-        With its covariance.
-    largest_swing
-        Allowed, in rad or m; `LARGEST_SWING`, or what a slide's logs have shown, if not given.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the estimate has no covariance.
+    ``data``: from which the estimate was made; how well it is followed says how far to trust the
+    model; ``estimate``: with its covariance; ``largest_swing``: allowed, in rad or m;
+    `LARGEST_SWING`, or what a slide's logs have shown, if not given.
     """
     if largest_swing is None:
         seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)

@@ -2,7 +2,7 @@
 
 The equation of motion (or its product with the velocity, the balance of energy) against test
 functions is linear in the parameters, whatever controller made the input; see
-`butterfly.identification.weak_signals`. One robot without a known mass gives the ratios p_i/p1
+`butterfly.identification.test_functions`. One robot without a known mass gives the ratios p_i/p1
 alone, which is all that a controller needs; logs with another known mass set the scale.
 """
 
@@ -18,9 +18,13 @@ from butterfly.errors import IdentifiabilityError, InputError, nearest, require_
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.regression import Regression, Solution
-from butterfly.identification.solved import Solved
-from butterfly.identification.weak_signals import HALF_WIDTH, Averaging, Balance, Known
+from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
+from butterfly.identification.test_functions import (
+    HALF_WIDTH,
+    Averaging,
+    AveragingSettings,
+    Balance,
+)
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import TERMS, FrictionTerms, offered
@@ -81,10 +85,10 @@ class RecalibrationOptions:
         require_number("recalibration", positive=True, half_width=self.half_width)
         require_number("recalibration", delay=self.delay)
 
-    def known(self, zero: float) -> Known:
+    def known(self, zero: float) -> AveragingSettings:
         """Return what is known of the joint, its encoder reading ``zero`` rad at angle 0."""
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
-        return Known(zero=zero, delay=self.delay, settings=settings)
+        return AveragingSettings(zero=zero, delay=self.delay, settings=settings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -202,7 +206,7 @@ def estimate_of(
 
     An IdentifiabilityError if they are singular for every practical purpose.
     """
-    solved = Solved.of(equations.regression, solution)
+    solved = SolvedEquations.of(equations.regression, solution)
     left_out = _without_each_run(equations)
     return Estimate.from_rows(
         solved,

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from butterfly import __version__
+from butterfly.document import write_document
 from butterfly.files import replacing
-from butterfly.report.numbers.document import write_document
 from butterfly.report.parameter_table import Whisker
 from butterfly.verdict import Level, Verdict
 
@@ -230,13 +230,7 @@ def _packed(program: str) -> str:
 
 
 def write_html(page: Page, path: Path) -> None:
-    """Write a page as HTML alone.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a page as HTML alone."""
     text = rendered(page)
     with replacing(path) as draft:
         draft.write_text(text, encoding="utf-8")
@@ -246,11 +240,6 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     """Write a report as ``path`` (HTML), and its numbers beside it as JSON.
 
     Its ``figures``, if wanted, go as PNG and SVG to a folder ``NAME-figures`` beside ``NAME.html``.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
     """
     if figures:
         from butterfly.report.pictures import write_stills  # noqa: PLC0415 - slow to import

@@ -55,11 +55,6 @@ def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
 
     Line and scatter plots (with error bars), filled shapes, bars and heat maps in any grid of axes,
     and lines across the first of them, are drawn, which is all that the reports use.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
     """
     for name, figure in figures.items():
         still = draw(figure)

@@ -200,16 +200,7 @@ class _Axis(NamedTuple):
 def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
     """Draw each estimate as a line through the values of its fields, its deviation and its FIT.
 
-    Parameters
-    ----------
-    table
-        Estimates with their deviation from the truth.
-    fields
-        Of the experiment, that the sweep varied.
-
-    Returns
-    -------
-    The figure; None where fewer than two fields vary.
+    `fields` of the experiment are those that the sweep varied; None where fewer than two vary.
     """
     rows, worst = _worst_of_each(table)
     varying = [field for field in fields if len(rows.distinct(field)) >= _FEWEST]

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from butterfly.identification.weak_signals import Balance
+from butterfly.identification.test_functions import Balance
 from butterfly.orbit.loop import calibrate
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.orbit.study import study_orbit

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.bumps import SPACING
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.weak_signals import HALF_WIDTH, weak_signals
+from butterfly.identification.test_functions import HALF_WIDTH, SPACING, weak_signals
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.weak_signals import Balance
+from butterfly.identification.test_functions import Balance
 from butterfly.model.energy import Orbit
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
 from butterfly.orbit.loop import calibrate, swing

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.regression import Regression
+from butterfly.identification.normal_equations import Regression
 from butterfly.orbit.recalibration import BASE, FOLDS, SEGMENT, RecalibrationOptions, Selection
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, wild

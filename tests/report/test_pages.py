@@ -30,13 +30,13 @@ from butterfly.orbit.study import study_orbit
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
-from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
-from butterfly.report.orbit import orbit_page
+from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
 from butterfly.report.pictures import draw
-from butterfly.report.sweep import sweep_page
-from butterfly.report.three_way import three_way_page
+from butterfly.report.ranking_pages import leaderboard_page
+from butterfly.report.sweep_page import sweep_page
+from butterfly.report.three_way_page import three_way_page
 from butterfly.thesis.method import Thesis
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 

@@ -10,8 +10,8 @@ from scipy.special import stdtrit
 
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.solved import Solved
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import GROWING
@@ -58,7 +58,7 @@ def disagreements(
 
 
 def scale_apart(
-    solved: Solved,
+    solved: SolvedEquations,
     rows: Samples,
     residuals: Samples,
     known: Knowledge,

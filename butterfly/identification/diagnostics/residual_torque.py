@@ -21,7 +21,7 @@ from butterfly.identification.diagnostics.residuals import (
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.weak_signals import Known, WeakSignals, weak_signals
+from butterfly.identification.test_functions import AveragingSettings, WeakSignals, weak_signals
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -159,7 +159,7 @@ def _averaged(log: Log, setting: Setting, slow: float) -> _Averaged:
     loaded = parameters.with_added_mass(log.added_mass)
     half_width = _half_width(log, loaded)
     sought = parameters if parameters.stribeck else replace(parameters, stribeck_velocity=slow)
-    known = Known(
+    known = AveragingSettings(
         zero=setting.zero,
         delay=parameters.delay,
         compression=parameters.compression,
@@ -192,7 +192,9 @@ def _sensor_torque(each: _Averaged, run: FreeRun) -> float:
     log = each.log
     angle = run.simulated if np.isfinite(run.simulated).all() else log.angle
     errors = SensorErrors.of(log.angle, angle).draw(angle, np.random.default_rng(0), unsure=0.0)
-    noisy = weak_signals(replace(log, angle=errors), ["p1"], Known(zero=0.0), each.half_width)
+    noisy = weak_signals(
+        replace(log, angle=errors), ["p1"], AveragingSettings(zero=0.0), each.half_width
+    )
     return each.loaded.p1 * float(np.std(noisy.mean["p1"]))
 
 

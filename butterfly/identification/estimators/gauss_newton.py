@@ -62,24 +62,12 @@ _E = TypeVar("_E", bound=Expansion)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum(Generic[_E]):
-    """Where a descent ended.
+    """Where a descent ended."""
 
-    Parameters
-    ----------
-    point
-        (n,).
-    at
-        The cost about it, as its last expansion says.
-    converged
-        Whether no further step promises anything.
-    evaluations
-        How often the cost was expanded.
-    """
-
-    point: Samples
-    at: _E
-    converged: bool
-    evaluations: int
+    point: Samples  # (n,)
+    at: _E  # the cost about it, as its last expansion says
+    converged: bool  # whether no further step promises anything
+    evaluations: int  # how often the cost was expanded
 
 
 def minimise(
@@ -95,21 +83,10 @@ def minimise(
     taken on trust. A descent that ends because its box has shrunk has converged only if no step out
     of the box promises anything either.
 
-    Parameters
-    ----------
-    expand
-        From (n,) a point to the cost about it. Infinite or NaN costs are stepped back from.
-    initial, lower
-        (n,) where to begin, and least values. The coordinates are of order 1.
-    known
-        The cost about the beginning, if it is known already.
-    most
-        How often the cost may be expanded.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the cost at the beginning is no number.
+    ``expand``: from (n,) a point to the cost about it. Infinite or NaN costs are stepped back from;
+    ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
+    ``known``: the cost about the beginning, if it is known already; ``most``: how often the cost
+    may be expanded.
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)
