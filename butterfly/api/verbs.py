@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.answers import Leaderboard, Residual, Selection
-from butterfly.api.identified import Identified
-from butterfly.api.result import TextTable
 from butterfly.api.saved import load
 from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
@@ -31,8 +29,9 @@ from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.identification import identify as identify_data
+from butterfly.identification.identification import Identification
+from butterfly.identification.identify import held_out_fits, judged
+from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
@@ -50,6 +49,7 @@ from butterfly.report.numbers.table_numbers import (
 )
 from butterfly.report.ranking_pages import leaderboard_page, selection_page, structures_table
 from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
+from butterfly.result import TextTable
 
 Method = str | Estimator
 
@@ -63,11 +63,11 @@ def identify(
     data: Data,
     method: Method = DEFAULT_METHOD,
     *,
-    against: Mapping[str, Identified | LumpedParameters | Mapping[str, float]] | None = None,
+    against: Mapping[str, Identification | LumpedParameters | Mapping[str, float]] | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Identified:
+) -> Identification:
     """Identify the robot that made the logs.
 
     Parameters
@@ -97,8 +97,7 @@ def identify(
         raise InputError("identify", "against", against, "parameters by a name for them")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
     logs, estimator = _prepared(data, method, options, holdout)
-    found = identify_data(logs, estimator, against=others, track=track)
-    return Identified.of(found, estimator.label)
+    return identify_data(logs, estimator, against=others, track=track)
 
 
 def select(
@@ -361,13 +360,13 @@ def design(
     return Designed.of_told(told_design(logs, estimator, found, ranked))
 
 
-def saved_identification(data: Data) -> Identified | None:
+def saved_identification(data: Data) -> Identification | None:
     """Return the result that a file holds, or that data are already; None for other data."""
-    if isinstance(data, Identified):
+    if isinstance(data, Identification):
         return data
     if isinstance(data, str | PathLike) and Path(data).suffix == RESULT:
         found = load(data)
-        if isinstance(found, Identified):
+        if isinstance(found, Identification):
             return found
         raise InputError(data, "schema", found.kind, "an identification that butterfly saved")
     return None
@@ -451,7 +450,7 @@ def _torque_table(title: str, left_over: LeftOver) -> TextTable:
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given
-    if isinstance(given, Identified | LumpedParameters):
+    if isinstance(given, Identification | LumpedParameters):
         return given if isinstance(given, LumpedParameters) else given.parameters
     if not isinstance(given, Mapping):
         expected = "parameters by their names, such as {'p1': 0.003, ...}"

@@ -35,7 +35,7 @@ from butterfly.experiment.methods import ESTIMATORS
 from butterfly.files import locate
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.identification.splits import Split
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page, write_page

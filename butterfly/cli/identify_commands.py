@@ -23,9 +23,8 @@ from butterfly.cli.options import (
 from butterfly.cli.show_identification import show_identification
 from butterfly.cli.show_progress import show_progress
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.identification.other_parameters import told_parameters
-from butterfly.report.numbers.identification_numbers import told_identification
 
 
 @answers_in_json("identification")
@@ -82,10 +81,8 @@ def identify_command(
 
         write_report(result, report, figures=figures)
         typer.echo(f"Report: {report}")
-    answer.give(lambda: told_identification(result))
+    answer.give(result.told)
     if save is not None:
-        from butterfly.api.identified import Identified  # noqa: PLC0415 - slow to import
-
-        Identified.of(result, chosen.label).save(save)
+        result.save(save)
         typer.echo(f"Saved: {save}")
     end_with(result.estimate.level)

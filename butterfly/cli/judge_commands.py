@@ -32,7 +32,7 @@ from butterfly.identification.diagnostics.residual_torque import residual_torque
 from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import held_out_fits, judged
+from butterfly.identification.identify import held_out_fits, judged
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap, hold_out, select_terms

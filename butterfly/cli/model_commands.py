@@ -19,7 +19,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
@@ -33,8 +33,9 @@ from butterfly.report.numbers.table_numbers import rests_on
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from butterfly.document import Told
     from butterfly.logs.log import InputKind
-    from butterfly.report.numbers.document import Told
+    from butterfly.plant.robot import Robot
     from butterfly.verdict import Level, Verdict
 
 SourceArgument = Annotated[

@@ -22,6 +22,7 @@ from butterfly.cli.options import (
 )
 from butterfly.cli.show_identification import show_estimates, show_identification, show_record
 from butterfly.cli.show_progress import show_progress
+from butterfly.document import write_document
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import outcome_of, perform
@@ -35,7 +36,6 @@ from butterfly.experiment.workers import DaskEngine, LocalEngine
 from butterfly.files import locate, replacing
 from butterfly.logs.manifest import Manifest
 from butterfly.report.identification_page import write_report
-from butterfly.report.numbers.document import write_document
 from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page

@@ -89,7 +89,7 @@ def correlation_map(estimate: Estimate) -> Figure | None:
 
 def ranked_figure(identification: Identification) -> Figure:
     """Draw the FIT of every log, the worst first, by added mass; a point's number is its log's."""
-    data, fits = identification.data, identification.fits
+    data, fits = identification.data, identification.fit_of_logs
     order = np.argsort(fits)
     figure = Figure()
     for index, mass in enumerate(data.masses):

@@ -29,7 +29,6 @@ from butterfly.report.log_figures import (
     time_figure,
     time_series,
 )
-from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.page import (
     Chip,
     Fact,
@@ -82,10 +81,10 @@ def identification_page(
 ) -> Page:
     """Put together the report of an identification (see `write_report`)."""
     data, misfit = identification.data, identification.misfit
-    told = told_identification(identification, truth)
+    told = identification.told(truth)
     rows = parameter_rows(identification.estimate.table(truth))
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
-    chosen = middle(identification.fits)
+    chosen = middle(identification.fit_of_logs)
     states = [health.condition for health in data.health]
     sections = [
         Section(
@@ -135,7 +134,7 @@ def identification_page(
         numbers=told.document(),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
-        stills={
+        pictures={
             "parameters": partial(parameter_figure, rows),
             "time": partial(time_figure, runs[chosen], bands[chosen]),
             "left-over": partial(correlation_figure, misfit.logs[chosen]),
@@ -145,7 +144,7 @@ def identification_page(
 
 
 def _facts(identification: Identification) -> list[Fact]:
-    fit, data = identification.summary, identification.data
+    fit, data = identification.fit, identification.data
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
     return [
@@ -159,7 +158,7 @@ def _facts(identification: Identification) -> list[Fact]:
 
 def _undrawn(identification: Identification) -> str:
     """Say how many logs have no FIT that could be drawn."""
-    count = int(np.sum(~np.isfinite(identification.fits)))
+    count = int(np.sum(~np.isfinite(identification.fit_of_logs)))
     return f" Not drawn: {counted(count, 'log')} from which the model runs away." if count else ""
 
 
@@ -225,7 +224,7 @@ def _correlations(identification: Identification) -> list[Section]:
 def _logs_table(identification: Identification) -> Table:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
-    order = np.argsort(identification.fits).tolist()
+    order = np.argsort(identification.fit_of_logs).tolist()
     for number in order:
         point, health = data.points[number], data.health[number]
         run, state = identification.free_runs[number], health.condition
@@ -257,15 +256,15 @@ def _logs_table(identification: Identification) -> Table:
 
 
 def _physical(identification: Identification) -> list[Section]:
-    if not identification.data.known.physical and not identification.physical.unseparated:
+    if not identification.data.known.physical and not identification.separated().unseparated:
         return []
-    text = "\n".join(physical_sentences(identification.physical))
+    text = "\n".join(physical_sentences(identification.separated()))
     tables: tuple[Table, ...] = ()
     if identification.data.known.physical:
         caption = (
             "What the parameters are made of, as far as what is known of motor and hand tells it."
         )
-        rows = physical_rows(identification.physical)
+        rows = physical_rows(identification.separated())
         tables = (Table(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption),)
     return [Section(title=TITLE, text=text, tables=tables)]
 
@@ -294,7 +293,7 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
     found = identification.estimate
     names = [name for name in found.names if name not in found.unestimated]
     own = dict(zip(names, (row.value for row in rows), strict=False))
-    fit = identification.summary
+    fit = identification.fit
     lines = [
         (
             "this identification",

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.comparison.leaderboard import Entry
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.validate import Structure
 from butterfly.report.figures import look
 from butterfly.report.format import fit_text
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
-from butterfly.report.numbers.document import Told
 from butterfly.report.page import Chip, Page, Section, Table
 
 _HEADERS: tuple[str, ...] = (

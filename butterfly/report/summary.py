@@ -25,7 +25,7 @@ from butterfly.verdict import Level
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
-    fit, data, estimate = identification.summary, identification.data, identification.estimate
+    fit, data, estimate = identification.fit, identification.data, identification.estimate
     drive = "voltage" if data.input_kind == "voltage" else "torque command"
     masses = data.masses
     carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"

@@ -12,6 +12,7 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.model.parameters import JointKind
@@ -26,7 +27,6 @@ from butterfly.report.figures import (
     seen_samples,
 )
 from butterfly.report.log_figures import correlation_figure, correlation_series
-from butterfly.report.numbers.document import Told
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.residual import (
     misfit_table,
@@ -91,7 +91,7 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=chosen,
-        stills={
+        pictures={
             "time": partial(time_comparison, compared[chosen]),
             "phase": partial(phase_comparison, compared[chosen]),
             "left-over": partial(correlation_figure, own[chosen]),

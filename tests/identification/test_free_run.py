@@ -11,7 +11,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate

@@ -10,7 +10,7 @@ from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.identification.inference.mass_consistency import disagreeing
 from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class IdentifiedPlots:
+class IdentificationPlots:
     """Figures of an identification.
 
     Parameters

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from butterfly.experiment.provenance import versions
 from butterfly.files import finite, replacing
 from butterfly.verdict import Verdict
 
@@ -51,6 +50,8 @@ class Told:
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON can hold it; None stands for what is unknown."""
+        from butterfly.experiment.provenance import versions  # noqa: PLC0415 - of a higher layer
+
         judged = (
             {"verdict": None, "reasons": []} if self.verdict is None else self.verdict.numbers()
         )

@@ -10,14 +10,15 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
+from butterfly.document import SCHEMA_NUMBER, Told, write_document
 from butterfly.errors import ButterflyError
-from butterfly.report.numbers.document import SCHEMA_NUMBER, Told, write_document
-from butterfly.report.page import Page, Section, Table, write_page
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
     from plotly.graph_objects import Figure
+
+    from butterfly.report.page import Page
 
 _SIGNIFICANT = 4
 
@@ -141,10 +142,14 @@ class Result(ABC):
         InputError
             If a file cannot be written.
         """
+        from butterfly.report.page import write_page  # noqa: PLC0415 - a view
+
         write_page(self.page(), Path(path), figures=figures)
 
     def page(self) -> Page:
         """Put together the page of `report`."""
+        from butterfly.report.page import Page, Section, Table  # noqa: PLC0415 - a view
+
         rows, figures = self.shown_rows(), self.figures()
         headers = tuple(rows[0]) if rows else ()
         lines = [tuple(row.values()) for row in rows]
