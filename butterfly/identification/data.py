@@ -10,8 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_refused, slips_of_still
-from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.diagnostics.unit_errors.inputs import (
+    unit_errors_of_refused,
+    unit_errors_of_still,
+)
+from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
 from butterfly.identification.encoder_offset import (
     EncoderOffset,
     OffsetKind,
@@ -105,7 +108,7 @@ class DataSet:
         try:
             ready = [_ready(log, repairs) for log in recorded]
         except InputError as error:
-            raise with_slips(error, slips_of_still(recorded)) from None
+            raise with_unit_errors(error, unit_errors_of_still(recorded)) from None
         logs = [log for log, _ in ready]
         told = _of_logs(recorded).also(known)
         return cls(
@@ -336,7 +339,7 @@ def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None,
             response_point(log) if log.excitation else None for log in track(logs, "Fitting sines")
         )
     except InputError as error:
-        raise with_slips(error, slips_of_refused(logs)) from None
+        raise with_unit_errors(error, unit_errors_of_refused(logs)) from None
 
 
 def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:

@@ -15,11 +15,11 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.goodness_of_fit import judge_fit, judge_held_out
 from butterfly.identification.diagnostics.physics import judge_input, judge_knowledge, judge_physics
-from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
 from butterfly.identification.diagnostics.unit_errors.search import (
-    find_slips,
-    find_slips_of_clock,
-    find_slips_of_refused,
+    find_unit_errors,
+    find_unit_errors_of_clock,
+    find_unit_errors_of_refused,
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
@@ -119,7 +119,7 @@ def judge(
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
     )
-    return told.with_slips(*find_slips(data, estimator, told))
+    return told.with_unit_errors(*find_unit_errors(data, estimator, told))
 
 
 def _of_held_out(
@@ -136,18 +136,18 @@ def _of_held_out(
 @_UNWARNED
 def estimated(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
-    clock = find_slips_of_clock(data, estimator)
+    clock = find_unit_errors_of_clock(data, estimator)
     if clock:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
-        raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
+        raise with_unit_errors(InputError(data.name, "time", step, "seconds"), clock)
     try:
         found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
         _refuse_not_finite(found)
     except ButterflyError as error:
-        raise with_slips(error, find_slips_of_refused(data, estimator)) from None
+        raise with_unit_errors(error, find_unit_errors_of_refused(data, estimator)) from None
     except np.linalg.LinAlgError as error:
         refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
-        raise with_slips(refusal, find_slips_of_refused(data, estimator)) from None
+        raise with_unit_errors(refusal, find_unit_errors_of_refused(data, estimator)) from None
     return found
 
 
