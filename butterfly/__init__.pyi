@@ -10,11 +10,9 @@ from .api.experiments import Run as Run
 from .api.experiments import Sweep as Sweep
 from .api.experiments import run as run
 from .api.experiments import simulate as simulate
-from .api.identified import Identified as Identified
 from .api.looking_ahead import draws as draws
 from .api.looking_ahead import predict as predict
 from .api.predicted import Predicted as Predicted
-from .api.result import Result as Result
 from .api.robots import inspect as inspect
 from .api.saved import load as load
 from .api.sources import read as read
@@ -34,11 +32,13 @@ from .errors import InputError as InputError
 from .errors import UnusableError as UnusableError
 from .identification.data import DataSet as DataSet
 from .identification.estimators import Estimator as Estimator
+from .identification.identification import Identification as Identification
 from .logs.log import InputKind as InputKind
 from .logs.log import Intersample as Intersample
 from .logs.log import Log as Log
 from .logs.log import Sine as Sine
 from .model.parameters import AddedMass as AddedMass
 from .model.parameters import LumpedParameters as LumpedParameters
+from .result import Result as Result
 
 __version__: str

@@ -14,9 +14,11 @@ from butterfly.api.tabulated import Tabulated
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.format import fit_text
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section
-from butterfly.report.words import fit_said, sentences, verdict_on
+from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
@@ -75,14 +77,14 @@ class Predicted(Tabulated):
         measured
             Whether somebody recorded these logs.
         """
-        verdict, log = verdict_on(estimate), predictions[0].run.log
+        verdict, log = estimate_verdict(estimate), predictions[0].run.log
         return cls(
             title=f"{name!r} predicted",
             summary=(
                 verdict.sentence,
                 *_followed(predictions, verdict.level, measured=measured),
                 *said,
-                *sentences(estimate)[1:],
+                *estimate_sentences(estimate)[1:],
             ),
             judged=verdict,
             table=tuple(_row(each, measured=measured) for each in predictions),
@@ -102,20 +104,12 @@ class Predicted(Tabulated):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
-        from butterfly.report.prediction import share_figure  # noqa: PLC0415 - slow to import
-
         if not self.predictions or not self.predictions[0].bands:
             return {"fits": self.plot.fits()} if self.measured else {}
         return {"inside": share_figure(self.predictions)} if self.measured else {}
 
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""
-        from butterfly.report.prediction import (  # noqa: PLC0415 - slow to import
-            band_figure,
-            band_series,
-            drawn_predictions,
-        )
-
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:
             return plain
@@ -133,7 +127,7 @@ class Predicted(Tabulated):
             plain,
             sections=[courses, *plain.sections],
             logs=[each.run.log.label for each in drawn],
-            stills={"bands": partial(band_figure, drawn[0], measured=self.measured)},
+            pictures={"bands": partial(band_figure, drawn[0], measured=self.measured)},
         )
 
 
@@ -167,7 +161,7 @@ def _followed(predictions: Sequence[Prediction], level: Level, *, measured: bool
     said = [
         f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
         f"FIT{fit.over} "
-        f"{fit_said(fit.median)} % (mean {fit_said(fit.mean)} %, worst {fit_said(fit.worst)} %)."
+        f"{fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
     ]
     inside = {name: _share(predictions, name) for name in predictions[0].bands}
     if OF_NEW_LOG in inside:

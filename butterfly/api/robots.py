@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.answers import Inspection, RobotModel
-from butterfly.api.identified import Identified
-from butterfly.api.result import TextTable
 from butterfly.api.sources import RESULT, Named, is_data, manifest_of, read
 from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
@@ -17,6 +15,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
+from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
@@ -27,19 +26,13 @@ from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
-from butterfly.report.field_names import unit_of_field
-from butterfly.report.inspection import (
-    STATES,
-    Inspected,
-    conditions_said,
-    health_rows,
-    hints,
-    inspect_logs,
-)
+from butterfly.report.format import field_unit
+from butterfly.report.inspection import Inspected, conditions_text, health_rows, hints, inspect_logs
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
-from butterfly.report.zeros import zeros_said
+from butterfly.report.summary import zero_sentences
+from butterfly.result import TextTable
 from butterfly.verdict import Verdict
 
 ARM = 0.104  # m
@@ -150,7 +143,7 @@ def robot_of(
     return _twin(result, carried, hand_mass)
 
 
-def _twin(result: Identified, carried: AddedMass, mass: float | None) -> NamedRobot:
+def _twin(result: Identification, carried: AddedMass, mass: float | None) -> NamedRobot:
     """Return the simulated robot that moves as an identified one."""
     about, found = result.origin, result.estimate
     joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])
@@ -213,9 +206,7 @@ def _robot_model(named: NamedRobot) -> RobotModel:
 def _numbers_of(part: object) -> str:
     """Name the numbers of one part that are not at their defaults, with their units."""
     return ", ".join(
-        f"{each.name} {getattr(part, each.name):.6g} {unit_of_field(f'part.{each.name}')}".rstrip(
-            " –"
-        )
+        f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
     )
@@ -235,16 +226,16 @@ def _every_log(source: str, seen: Sequence[Inspected]) -> TextTable:
         numbers = ("–", "–", "–")
         if health is not None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        rows.append((each.name, STATES[each.condition], *numbers, each.findings))
+        rows.append((each.name, str(each.condition), *numbers, each.findings))
     return TextTable(source, ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 
 def _sentences(seen: Sequence[Inspected], manifest: Manifest) -> list[str]:
     """Say in which condition the logs are, what to do about it, and where the hand hangs."""
     logs = [each.log for each in seen if each.log is not None]
-    counted = [conditions_said([each.condition for each in seen])] if len(seen) > 1 else []
+    counted = [conditions_text([each.condition for each in seen])] if len(seen) > 1 else []
     return [
         *counted,
         *hints(remark for each in seen for remark in each.remarks),
-        *zeros_said(logs, manifest.knowledge),
+        *zero_sentences(logs, manifest.knowledge),
     ]

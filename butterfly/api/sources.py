@@ -9,11 +9,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
-from butterfly.api.identified import Identified
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.identification import Identification
 from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import Log
@@ -46,7 +46,7 @@ _OF_READ_LOGS = {"known", "zero", "holdout", "name"}  # what may be said of logs
 Named: TypeAlias = str | PathLike[str]
 """A path, a glob pattern, or the name of something shipped."""
 
-One: TypeAlias = DataSet | Identified | Log | Named | Table
+One: TypeAlias = DataSet | Identification | Log | Named | Table
 """Whatever holds logs by itself."""
 
 Data: TypeAlias = One | Sequence[One]
@@ -66,7 +66,7 @@ def read(
     ----------
     source
         A manifest; a folder, with a manifest or of logs alone; a log file; a glob pattern; a saved
-        result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identified`; a pandas
+        result; the name of a shipped data set; a `Log`, a `DataSet`, an `Identification`; a pandas
         frame, a mapping of arrays, or an array with named columns or of the columns t, u, q[, dq];
         or several of these.
     root
@@ -141,7 +141,7 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read(source: Data, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet:
-    if isinstance(source, DataSet | Identified | Log):
+    if isinstance(source, DataSet | Identification | Log):
         return _of_read_logs(source, root, given)
     if _is_several(source) and len(source) == 1 and not isinstance(source[0], Log):
         return _read(source[0], root, given, track)
@@ -166,7 +166,7 @@ def _is_path(source: object) -> bool:
 
 
 def _of_read_logs(
-    source: DataSet | Identified | Log, root: Path | None, given: Mapping[str, Any]
+    source: DataSet | Identification | Log, root: Path | None, given: Mapping[str, Any]
 ) -> DataSet:
     """Return the data set of logs that are read already, and what is known of them besides."""
     repairs = given.get("repair", frozenset())
@@ -231,7 +231,7 @@ def _together(
     for each in sources:
         if isinstance(each, Log):
             parts.append(each)
-        elif isinstance(each, DataSet | Identified):
+        elif isinstance(each, DataSet | Identification):
             parts.append(_read(each, None, {}, track))
         else:
             parts.append(_read(each, root, given, track))
@@ -250,7 +250,7 @@ def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
             continue
         known = known.agreeing(part.told, part.name)
         logs.extend(part.recorded)
-        held.extend(() if part.held is None else part.held.recorded)
+        held.extend(() if part.test_logs is None else part.test_logs.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
     data = DataSet.of([*logs, *held], name=given.get("name", "logs"), known=known, repairs=repairs)

@@ -13,24 +13,25 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.answers import Leaderboard, Residual, Selection
-from butterfly.api.identified import Identified
-from butterfly.api.result import TextTable
 from butterfly.api.saved import load
 from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
 from butterfly.api.usable import require_possible
+from butterfly.comparison.leaderboard import leaderboard
+from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
-from butterfly.identification.diagnostics.residuals import LeftOver
+from butterfly.identification.diagnostics.residuals import ResidualSummary
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.identification import identify as identify_data
+from butterfly.identification.identification import Identification
+from butterfly.identification.identify import held_out_fits, judged
+from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
@@ -38,13 +39,17 @@ from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hol
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.words import verdict_on
+from butterfly.report.ranking_pages import leaderboard_page, selection_page, structures_table
+from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
+from butterfly.result import TextTable
 
 Method = str | Estimator
 
@@ -58,11 +63,11 @@ def identify(
     data: Data,
     method: Method = DEFAULT_METHOD,
     *,
-    against: Mapping[str, Identified | LumpedParameters | Mapping[str, Any]] | None = None,
+    against: Mapping[str, Identification | LumpedParameters | Mapping[str, Any]] | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Identified:
+) -> Identification:
     """Identify the robot that made the logs.
 
     Parameters
@@ -92,8 +97,7 @@ def identify(
         raise InputError("identify", "against", against, "parameters by a name for them")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
     logs, estimator = _prepared(data, method, options, holdout)
-    found = identify_data(logs, estimator, against=others, track=track)
-    return Identified.of(found, estimator.label)
+    return identify_data(logs, estimator, against=others, track=track)
 
 
 def select(
@@ -124,8 +128,6 @@ def select(
     IdentifiabilityError
         If they cannot determine the parameters, or nothing can be left out.
     """
-    from butterfly.report.chosen_terms import selection_page, structures_table  # noqa: PLC0415 - slow to import
-
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
     logs = read(data).holding_out(holdout)
@@ -219,10 +221,6 @@ def rank(
     InputError
         If logs cannot be used, or there is no such method.
     """
-    from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
-    from butterfly.report.leaderboard import leaderboard_page  # noqa: PLC0415 - slow to import
-    from butterfly.report.numbers.comparison_numbers import told_leaderboard  # noqa: PLC0415 - slow to import
-
     how = choice(Split, "validate", "split", split)
     estimators = [make_estimator(each, {}) for each in methods]
     if not estimators:
@@ -262,8 +260,6 @@ def residual(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
-    from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page  # noqa: PLC0415 - slow to import
-
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)
     chosen = numbers_of_logs("residual", logs, len(whole.logs))
     misfit = judge_misfit(whole, found)
@@ -284,7 +280,7 @@ def residual(
         draw_worst=lambda: residual_page(
             residual_torques(whole, found).logs[worst],
             misfit.logs[worst],
-            verdict_on(found),
+            estimate_verdict(found),
             joint=whole.joint,
         ),
     )
@@ -321,8 +317,6 @@ def compare(
     UnusableError
         If no joint has those that were found.
     """
-    from butterfly.comparison.three_way import compare_three  # noqa: PLC0415 - slow to import
-
     if not isinstance(mass, Real | None):
         raise InputError("compare", "mass", mass, "a number of kg")
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)
@@ -366,13 +360,13 @@ def design(
     return Designed.of_told(told_design(logs, estimator, found, ranked))
 
 
-def saved_identification(data: Data) -> Identified | None:
+def saved_identification(data: Data) -> Identification | None:
     """Return the result that a file holds, or that data are already; None for other data."""
-    if isinstance(data, Identified):
+    if isinstance(data, Identification):
         return data
     if isinstance(data, str | PathLike) and Path(data).suffix == RESULT:
         found = load(data)
-        if isinstance(found, Identified):
+        if isinstance(found, Identification):
             return found
         raise InputError(data, "schema", found.kind, "an identification that butterfly saved")
     return None
@@ -446,7 +440,7 @@ def _validation_tables(
     return tuple(tables)
 
 
-def _torque_table(title: str, left_over: LeftOver) -> TextTable:
+def _torque_table(title: str, left_over: ResidualSummary) -> TextTable:
     """Return what the torque left over looks like, and the share of each missing term."""
     rows = [("looks like", left_over.words("the motor's torque"))] + [
         (TERMS[name].looks_like, f"{100 * share:.1f} % of its variance alone")
@@ -456,7 +450,7 @@ def _torque_table(title: str, left_over: LeftOver) -> TextTable:
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given
-    if isinstance(given, Identified | LumpedParameters):
+    if isinstance(given, Identification | LumpedParameters):
         return given if isinstance(given, LumpedParameters) else given.parameters
     if not isinstance(given, Mapping):
         expected = "parameters by their names, such as {'p1': 0.003, ...}"

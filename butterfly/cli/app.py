@@ -329,7 +329,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:
     """Write the verdict on values that no joint has, as the answer."""
-    from butterfly.report.numbers.document import Told  # noqa: PLC0415 - slow to import
+    from butterfly.document import Told  # noqa: PLC0415 - slow to import
     from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
     verdict = Verdict(Level.WARNING, reasons)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from butterfly.api.result import Result
+    from butterfly.result import Result
     from butterfly.verdict import Verdict
 
 _PIPED = 80  # columns, where nobody says how many there are
@@ -122,7 +122,7 @@ def write_json(document: Mapping[str, Any]) -> None:
     """Write an answer as JSON to where ``--json`` said, if it did."""
     if asked.json is None:
         return
-    from butterfly.report.numbers.document import (  # noqa: PLC0415 - slow to import
+    from butterfly.document import (  # noqa: PLC0415 - slow to import
         json_text,
         write_document,
     )

@@ -13,7 +13,7 @@ from butterfly.cli.output import asked, say, show_table, write_json
 from butterfly.errors import InputError
 
 if TYPE_CHECKING:
-    from butterfly.report.numbers.document import Told
+    from butterfly.document import Told
 
 Folder = Annotated[Path, Parameter(name="FOLDER")]
 
@@ -28,7 +28,7 @@ def list_sweeps(folder: Folder = Path("results"), /) -> None:
     """
     from butterfly.experiment.record import OK  # noqa: PLC0415 - slow to import, as all of these
     from butterfly.experiment.store import SWEEP, ResultStore  # noqa: PLC0415
-    from butterfly.report.field_names import said_name  # noqa: PLC0415
+    from butterfly.report.format import field_name  # noqa: PLC0415
     from butterfly.report.numbers.record_numbers import told_table  # noqa: PLC0415
 
     said: list[dict[str, Any]] = []
@@ -45,7 +45,7 @@ def list_sweeps(folder: Folder = Path("results"), /) -> None:
         states = Counter(record and record.status for record in records)
         done = states[OK]
         counts = (len(sweep.runs), done, states.total() - states[None] - done)
-        rows.append((str(path.parent), *map(str, counts), ", ".join(map(said_name, sweep.fields))))
+        rows.append((str(path.parent), *map(str, counts), ", ".join(map(field_name, sweep.fields))))
         numbers = dict(zip(("runs", "done", "failed"), counts, strict=True))
         said.append({"sweep": path.parent.name, **numbers, "varied": list(sweep.fields)})
     if rows:
@@ -67,17 +67,17 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     """
     from butterfly.cli.sweeps import run_record  # noqa: PLC0415 - slow to import
     from butterfly.experiment.store import ResultStore  # noqa: PLC0415
-    from butterfly.report.field_names import said_field  # noqa: PLC0415
+    from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415
+    from butterfly.report.format import field_label  # noqa: PLC0415
     from butterfly.report.numbers.record_numbers import told_record  # noqa: PLC0415
     from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415
-    from butterfly.report.words import verdict_on  # noqa: PLC0415
 
     record = run_record(folder, run)
     for each in record.estimates:
         if each.estimate is not None:
-            say(f"{each.estimator}: {verdict_on(each.estimate).sentence}")
+            say(f"{each.estimator}: {estimate_verdict(each.estimate).sentence}")
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
-    pairs += [(said_field(name), str(value)) for name, value in record.overrides.items()]
+    pairs += [(field_label(name), str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
     pairs += [(f"version, {name}", value) for name, value in record.versions.items()]
     if record.error:

@@ -19,10 +19,10 @@ from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
-from butterfly.report.field_names import said_field, said_name, unit_of_field
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import field_label, field_name, field_unit
 from butterfly.report.numbers.record_numbers import told_runs
 from butterfly.report.parameter_table import with_error
-from butterfly.report.words import verdict_on
 
 _NAMES = ("number", "estimator", "parameter")
 """Columns that name a row."""
@@ -54,7 +54,7 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
     named = [name for name in _NAMES if name in cells and name not in same]
     others = [name for name in shown if name not in {*same, *named}]
     told = [
-        f"{said_name(name)} {cells[name][0]} {_unit(name)}".rstrip()
+        f"{field_name(name)} {cells[name][0]} {_unit(name)}".rstrip()
         for name in same
         if cells[name][0] not in _NOTHING
     ]
@@ -78,15 +78,15 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
 
 def _header(name: str) -> str:
     if "." in name or not _unit(name):
-        return said_field(name)
-    return f"{said_name(name)}, {_unit(name)}"
+        return field_label(name)
+    return f"{field_name(name)}, {_unit(name)}"
 
 
 def _unit(name: str) -> str:
     """Return the unit of a column; a deviation is told as a share of the true value."""
     if name == "deviation":
         return "share of true"
-    return "%" if name.startswith(_FITS) else unit_of_field(name)
+    return "%" if name.startswith(_FITS) else field_unit(name)
 
 
 def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table
@@ -128,9 +128,11 @@ def _known(name: str, names: Sequence[str], option: str) -> str:
 
 
 def matching(name: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that a user may mean: by name, its last part, or the words of a header."""
+    """Return the columns that a user may mean: by name, its last part, or a header's words."""
     exact = [each for each in names if each == name]
-    return exact or [each for each in names if each.endswith(f".{name}") or said_name(each) == name]
+    return exact or [
+        each for each in names if each.endswith(f".{name}") or field_name(each) == name
+    ]
 
 
 def without_formulas(table: pa.Table) -> pa.Table:
@@ -181,11 +183,11 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
     for each in runs[0].estimates:
         for name, of in zip(names, (each, others.get(each.estimator)), strict=True):
             if of is not None and of.estimate is not None:
-                say(f"{each.estimator}, {name}: {verdict_on(of.estimate).sentence}")
+                say(f"{each.estimator}, {name}: {estimate_verdict(of.estimate).sentence}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in runs]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
     unlike = [
-        (said_field(name), *map(shown_text, pair))
+        (field_label(name), *map(shown_text, pair))
         for name, pair in pairs.items()
         if pair[0] != pair[1]
     ]

@@ -11,7 +11,7 @@ from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
 
@@ -60,7 +60,7 @@ def hold_orbit(
         partial(experiment.plant.rig.run, rng=rng),
         believed,
         zero,
-        control.plan(zero),
+        control,
         control.recalibration,
         amplitudes=control.cross_check,
         small_swings=small_swings,

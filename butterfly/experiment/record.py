@@ -317,12 +317,24 @@ def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
         if content["schema"] != SCHEMA:
             return None
         record = adapter.validate_json(text)
-    except (ValueError, KeyError, TypeError):  # ValidationError is a ValueError
+    except (ValueError, KeyError, TypeError, RecursionError):  # ValidationError is a ValueError
         return None
     before, _, after = text.rpartition(f'"digest": "{record.digest}"')
     if record.digest != digest_of(f"{before}{_UNSIGNED}{after}".encode()):
         return None
     return replace(record, digest="")
+
+
+def origin_of(text: str) -> str:
+    """Say what wrote a file that is no record of now, as far as the file says so itself."""
+    try:
+        content = json.loads(text)
+        schema, version = int(content["schema"]), str(content["versions"]["butterfly"])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return "no record"
+    if schema in {SCHEMA, _BEFORE}:
+        return "a damaged record"
+    return f"records of schema {schema}, written by butterfly {version}"
 
 
 _BEFORE = 3  # the schema before estimates were kept whole

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from numbers import Integral
 
+import numpy as np
+
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.cut import pieces_beside
 from butterfly.identification.data import DataSet
-from butterfly.logs.log import Log
+from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.signals.window import MIN_PERIODS
 
 FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""
@@ -18,7 +21,7 @@ FOLDS = 5
 ENOUGH_MASSES = 3
 """Added masses, of which one can be left out whatever else is known."""
 
-_ENOUGH_LOGS = 3
+_ENOUGH_LOGS = 3  # of which one can be left out
 
 Samples = Mapping[int, slice]
 """Numbers of logs, and which samples of each are left out."""
@@ -36,21 +39,11 @@ class Split(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Division:
-    """Logs divided into parts, of which one is left out at a time.
+    """Logs divided into parts, of which one is left out at a time."""
 
-    Parameters
-    ----------
-    split
-        What the samples of a part have in common; never `Split.AUTO`.
-    why
-        Why this split was taken, in words.
-    parts
-        The samples that each part leaves out, by its name.
-    """
-
-    split: Split
-    why: str
-    parts: dict[str, Samples]
+    split: Split  # what the samples of a part have in common; never `Split.AUTO`
+    why: str  # why this split was taken, in words
+    parts: dict[str, Samples]  # the samples that each part leaves out, by its name
 
     @property
     def said(self) -> str:
@@ -65,13 +58,7 @@ class Division:
         return _LEFT_OUT[self.split]
 
     def kept(self, data: DataSet, name: str) -> DataSet:
-        """Return the data set without one part.
-
-        Raises
-        ------
-        InputError
-            If nothing is left, or what is left cannot be used.
-        """
+        """Return the data set without one part; InputError if what is left cannot be used."""
         samples = self.parts[name]
         whole = [k for k in range(len(data.logs)) if k not in samples]
         if self.split is not Split.TIME:
@@ -79,33 +66,21 @@ class Division:
         pieces: list[Log] = []
         for number, log in enumerate(data.logs):
             stretch = samples.get(number)
-            pieces += [log] if stretch is None else pieces_beside(log, stretch)
+            pieces += [log] if stretch is None else excluding_interval(log, stretch)
         return DataSet.of(pieces, name=data.name, known=data.told)
 
 
 def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -> Division:
     """Divide logs into parts.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    split
-        ``mass``: one part for each added mass. ``frequency``: the drive frequencies of sines are
-        dealt into folds, neighbours into different ones; other logs are always kept. ``log``: logs
-        are dealt into folds in their order. ``time``: every log is cut into as many stretches of
-        equal length, and each part is one stretch of all. ``auto``: the first of these that suits
-        the logs.
-    folds
-        How many, of frequency, log and time; `FOLDS` if not given, or fewer where there are fewer
-        frequencies or logs.
+    ``mass``: one part for each added mass. ``frequency``: the drive frequencies of sines are dealt
+    into folds, neighbours into different ones; other logs are always kept. ``log``: logs are dealt
+    into folds in their order. ``time``: every log is cut into as many stretches of equal length,
+    and each part is one stretch of all. ``auto``: the first of these that suits the logs. There are
+    `FOLDS` folds if not given, or fewer where there are fewer frequencies or logs.
 
-    Raises
-    ------
-    InputError
-        If there cannot be so many folds.
-    IdentifiabilityError
-        If the logs are all of one part; the message names a split that suits them.
+    InputError if there cannot be so many folds; IdentifiabilityError if the logs are all of one
+    part, which names a split that suits them.
     """
     counted = isinstance(folds, Integral) and folds >= 2  # noqa: PLR2004 - to leave one out
     if folds is not None and (split is Split.MASS or not counted):
@@ -237,3 +212,31 @@ _SAME = {
     Split.FREQUENCY: _same_frequency,
     Split.LOG: _same_log,
 }
+
+
+def excluding_interval(log: Log, interval: slice) -> list[Log]:
+    """Return the pieces of a log before and after an interval of its samples.
+
+    That after it begins in motion (see `Log.piece`). A piece that is too short to be used is left
+    out.
+    """
+    first, last, _ = interval.indices(log.time.size)
+    sides = {"before": (0, first), "after": (last, log.time.size)}
+    pieces = []
+    for side, (begin, end) in sides.items():
+        if end - begin < MIN_SAMPLES:
+            continue
+        piece = replace(log.piece(begin, end), name=f"{log.name}, {side}")
+        if _usable(piece):
+            pieces.append(piece)
+    return pieces
+
+
+def _usable(piece: Log) -> bool:
+    """Whether a piece moves, and holds enough periods if it is a sine."""
+    if np.ptp(piece.angle) == 0:
+        return False
+    if piece.excitation is None:
+        return True
+    periods = float(np.ptp(piece.time)) * piece.excitation.omega / (2 * math.pi)
+    return periods > MIN_PERIODS + 1

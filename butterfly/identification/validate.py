@@ -20,28 +20,20 @@ from butterfly.progress import Track, untracked
 
 Fitter = Callable[[DataSet], Estimate]
 
+_LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
+_LEAST_REPETITIONS = 20  # for one draw beyond a limit of 95 %, on either side
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldOut:
-    """Prediction of what was left out.
+    """Prediction of what was left out."""
 
-    Parameters
-    ----------
-    division
-        What was left out together.
-    fits
-        (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated
-        with the estimate from the others; NaN of logs that were never left out.
-    estimates
-        One for each part left out, by its name.
-    horizon
-        Longest stretch in s that was simulated at a time.
-    """
-
-    division: Division
+    division: Division  # what was left out together
+    # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
+    # the estimate from the others; NaN of logs that were never left out
     fits: NDArray[np.float64]
-    estimates: dict[str, Estimate]
-    horizon: float = math.inf
+    estimates: dict[str, Estimate]  # one for each part left out, by its name
+    horizon: float = math.inf  # longest stretch in s that was simulated at a time
 
     @property
     def summary(self) -> FitSummary:
@@ -63,23 +55,8 @@ def hold_out(
     FIT alone counts. Where the estimator finds no zero of the encoder, that of a left-out added
     mass is the mean angle of its own logs.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    estimator
-        Estimates from a part of them.
-    split, folds
-        See `butterfly.identification.splits.divide`.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    InputError
-        If there cannot be so many folds.
-    IdentifiabilityError
-        If there are fewer than two parts, or the rest cannot determine the parameters.
+    InputError if there cannot be so many folds (see `divide`); IdentifiabilityError if there are
+    fewer than two parts, or the rest cannot determine the parameters.
     """
     division = divide(data, split, folds)
     errors, estimates, predictor = _Errors(data), {}, data.simulations
@@ -129,9 +106,6 @@ class _Errors:
         return np.array([fit_of(*each) if each.any() else np.nan for each in self._squares])
 
 
-_LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
     """A set of terms and how well it does: FIT in sample, and of logs left out."""
@@ -150,18 +124,9 @@ def select_terms(
 ) -> list[Structure]:
     """Add terms greedily, each time the one that most raises the mean FIT of what is left out.
 
-    That is one added mass at a time, or what `divide` finds to suit the logs.
-
-    Stops when no term raises it by a tenth of a per cent.
-
-    Returns
-    -------
-    The structures passed through, the last being the one selected.
-
-    Raises
-    ------
-    InputError
-        If the estimator offers no terms, or not one of these.
+    That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
+    raises it by a tenth of a per cent. Returns the structures passed through, the last being the
+    one selected; InputError if the estimator does not offer such terms.
     """
 
     def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
@@ -194,23 +159,12 @@ def select_terms(
     ]
 
 
-_LEAST_REPETITIONS = 20
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bootstrap:
-    """Estimates from resampled logs.
+    """Estimates from resampled logs."""
 
-    Parameters
-    ----------
-    values
-        (repetitions, n) estimates.
-    lower, upper
-        (n,) limits of the percentile intervals at `CONFIDENCE`.
-    """
-
-    values: NDArray[np.float64]
-    lower: NDArray[np.float64]
+    values: NDArray[np.float64]  # (repetitions, n) estimates
+    lower: NDArray[np.float64]  # (n,) limits of the percentile intervals at `CONFIDENCE`
     upper: NDArray[np.float64]
 
 
@@ -227,23 +181,7 @@ def bootstrap(
 
     Logs are the blocks: within one, errors are correlated. (Efron & Tibshirani, An Introduction to
     the Bootstrap, 1993, ch. 8.) The terms are those of the estimate from all logs. Draws that
-    cannot determine them are drawn again.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    estimator, estimate
-        What is asked about: an estimator, and its estimate from all logs.
-    repetitions, seed
-        How often logs are drawn, and of the draws.
-
-    Raises
-    ------
-    InputError
-        If fewer than 20 repetitions are asked for.
-    IdentifiabilityError
-        If hardly any draw determines the parameters.
+    cannot determine them are drawn again; IdentifiabilityError if hardly any does.
     """
     if repetitions < _LEAST_REPETITIONS:
         raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
@@ -270,13 +208,7 @@ def bootstrap(
 
 
 def _of_draw(drawn: DataSet, held: Estimator, names: tuple[str, ...]) -> NDArray[np.float64]:
-    """Estimate parameters from drawn logs.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the logs cannot determine all of them.
-    """
+    """Estimate parameters from drawn logs; IdentifiabilityError if they cannot determine all."""
     found = held(drawn)
     if lost := [name for name in names if name not in found.names]:
         raise IdentifiabilityError(f"draws of these logs cannot tell {', '.join(lost)}")

@@ -58,14 +58,7 @@ def _tops(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Join flat runs between which a signal stays near, as noise has it; return their samples too.
 
-    Parameters
-    ----------
-    drop
-        (n,) distances from the top in rad.
-    starts, ends
-        (k,) of the flat runs.
-    near
-        In rad.
+    ``drop``: (n,) distances from the top in rad; ``starts``, ``ends``: (k,) of the flat runs.
     """
     gaps = np.column_stack([ends[:-1], starts[1:]]).ravel()
     between = np.maximum.reduceat(drop, gaps)[::2] if gaps.size else np.empty(0)
@@ -98,15 +91,10 @@ def _at_speed(drop: NDArray[np.float64], resolution: float, span: float) -> bool
 
     By its drop v n + a n^2/2 at two numbers of samples n beside the top, it would have risen by
     v^2/(2 a) beyond it. A signal that comes to rest seems to do so too, but by no more than the
-    resolution and what it rises within a sample.
+    resolution and what it rises within a sample. Beyond half of its span a swing is no parabola: a
+    signal of so few resolutions that its speed cannot be told sooner is not judged.
 
-    Parameters
-    ----------
-    drop
-        (n,) distances from the top in rad, the sample beside it first.
-    resolution, span
-        Of the signal, in rad. Beyond half of its span a swing is no parabola: a signal of so few
-        resolutions that its speed cannot be told sooner is not judged.
+    ``drop``: (n,) distances from the top in rad, the sample beside it first.
     """
     if drop.size <= 2 * _NEAREST:
         return False

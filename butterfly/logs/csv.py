@@ -52,27 +52,11 @@ def read_csv(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a table of numbers, delimited by commas, semicolons, tabs or blanks.
+    """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
 
     Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off is dropped and
-    counted. Units in brackets behind a column's name, or in a row below the names, are used.
-
-    Parameters
-    ----------
-    path
-        The file.
-    columns
-        Which column of the file holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``,
-        by name or number; if not given, `DEFAULT_COLUMNS`, and ``velocity`` if there is one.
-    units
-        Of the columns, before those that the file says itself.
-    properties
-        Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
-
-    Raises
-    ------
-    InputError
-        If the file is missing or no table, or a mapped column is absent or not numeric.
+    counted. Units in brackets behind a column's name, or in a row below the names, are used unless
+    ``units`` say others. Without a map a column ``velocity`` is read too, if it holds numbers.
     """
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
     table = _table(path, mapping.values(), () if columns else (_VELOCITY,))
@@ -110,13 +94,7 @@ def write_csv(log: Log, path: Path) -> None:
 
 
 def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
-    """Read numeric columns of a table by their names.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or no table, or a column is absent or not numeric.
-    """
+    """Read (n,) numeric columns of a table by their names."""
     wanted = list(names)
     table = _table(path, wanted)
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]

@@ -34,21 +34,13 @@ def rms_speed(time: Samples, angle: Samples) -> float:
 
 
 def initial_state(time: Samples, angle: Samples, speed: float, *, cut: bool) -> InitialState:
-    """Return how a log begins.
+    """Return how a log of (n,) increasing stamps in s and angles in rad begins.
 
-    A piece of a longer recording begins in motion: angle and velocity are those of the cubic that
-    fits its first samples best. A whole log begins at rest at its first sample, unless these say
-    otherwise: their velocity is no noise, and half of them tell the same one. Of a joint that
-    starts from rest half as long a stretch tells a quarter, or half, of it.
-
-    Parameters
-    ----------
-    time, angle
-        (n,) increasing stamps in s, and angles in rad.
-    speed
-        Rms velocity in rad/s.
-    cut
-        Whether it is a piece of a longer recording.
+    A piece of a longer recording (``cut``) begins in motion: angle and velocity are those of the
+    cubic that fits its first samples best. A whole log begins at rest at its first sample, unless
+    these say otherwise: their velocity is no noise, and half of them tell the same one. Of a joint
+    that starts from rest half as long a stretch tells a quarter, or half, of it. ``speed`` is the
+    rms velocity in rad/s.
     """
     rest = InitialState(float(angle[0]), 0.0)
     if not speed > 0:

@@ -44,11 +44,6 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
 
     ``given`` is what `checked_options` found. Added masses and sines are those of names like
     Data_52__8__002.mat, which need an arm; ``massless``: unless what is added may be left out.
-
-    Raises
-    ------
-    InputError
-        If there are no logs, or names of both kinds, or no arm.
     """
     if not path.is_dir():
         return manifest_of_log(path, given)
@@ -65,11 +60,6 @@ def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
 
     ``_`` stands for a decimal point within a number, and the amplitude's point follows its first
     0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Subfolders are searched.
-
-    Raises
-    ------
-    InputError
-        If ``folder`` does not exist, holds no file of a known format, or one of another name.
     """
     entries = []
     units = Units.told(given.get("units"))
@@ -91,11 +81,6 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
 
     Files that are often texts of another kind are logs if they hold a table. Subfolders are
     searched.
-
-    Raises
-    ------
-    InputError
-        If ``folder`` does not exist, or holds no log.
     """
     from butterfly.logs.text_table import holds_table  # noqa: PLC0415 - slow to import
 
@@ -167,13 +152,7 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the files below a folder that end as logs do.
-
-    Raises
-    ------
-    InputError
-        If there is no such folder.
-    """
+    """Return the files below a folder that end as logs do."""
     if not folder.is_dir():
         raise InputError(folder, "path", "no such folder", "a folder of logs")
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in FORMATS)

@@ -16,13 +16,7 @@ from butterfly.progress import Track, untracked
 
 
 def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
-    """Read all logs of a manifest, as recorded; return the manifest with an entry for each.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or has no such piece.
-    """
+    """Read all logs of a manifest, as recorded; return the manifest with an entry for each."""
     entries: list[LogEntry] = []
     logs: list[Log] = []
     for entry in track(manifest.logs, "Reading logs"):

@@ -35,29 +35,13 @@ _MARKS = {
 
 @dataclass(frozen=True, kw_only=True)
 class TextTable:
-    """A table as its file gives it.
+    """A table as its file gives it."""
 
-    Parameters
-    ----------
-    names
-        Of its columns; None if the file has no header.
-    above
-        The line above the numbers; None if they come first.
-    units
-        The row of units below the header; None if there is none.
-    columns
-        The columns, in their order.
-    lines
-        (n,) number of each row's line in the file, from 1 on.
-    reading
-        How the file was read.
-    """
-
-    names: list[str] | None
-    above: str | None
-    units: list[str] | None
+    names: list[str] | None  # None if the file has no header
+    above: str | None  # the line above the numbers; None if they come first
+    units: list[str] | None  # the row below the header; None if there is none
     columns: list[pyarrow.ChunkedArray]
-    lines: Sequence[int]
+    lines: Sequence[int]  # (n,) number of each row's line, from 1 on
     reading: Reading
 
 
@@ -68,13 +52,7 @@ class _Line:
 
 
 def read_text_table(path: Path) -> TextTable:
-    """Read a table of any delimiter, decimal sign and encoding, with or without a header.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, holds no table of numbers, or a line has too few or many values.
-    """
+    """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
     size = path.stat().st_size if path.is_file() else 0
     require_room(path, "content", f"{said(size)} of an unusual form", _PER_BYTE * size)
     text, encoding = _decoded(path)

@@ -55,22 +55,10 @@ def fetch(
     *,
     timeout: float = _TIMEOUT,
 ) -> int:
-    """Fetch the logs that a folder lacks; each is put in place whole, once its SHA-256 is right.
+    """Fetch the logs that a folder lacks from another, or an address; return how many.
 
-    Parameters
-    ----------
-    folder
-        Made if need be.
-    source
-        A folder, or the beginning of an address, that holds the logs' three folders.
-    track
-        Shows how far it is.
-    timeout
-        In s, in which a server must answer, and send more once it has begun.
-
-    Returns
-    -------
-    How many were fetched.
+    Each is put in place whole, once its SHA-256 is right. A server must answer, and send more once
+    it has begun, within ``timeout`` s.
 
     Raises
     ------

@@ -25,16 +25,9 @@ _ROWS = 100_000  # samples that tell how fast it is
 
 
 def thinned(log: Log, enough: int = ENOUGH) -> Log:
-    """Return a log of means; itself if it has few samples, or its motion is fast.
+    """Return a log of means; itself if it has only ``enough`` samples, or its motion is fast.
 
     Stretches with a gap, and what is left over at the end, are left out.
-
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    enough
-        Samples that it may keep.
     """
     block = _block(log.angle, -(-log.time.size // enough))
     if block == 1:

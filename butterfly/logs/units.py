@@ -67,28 +67,14 @@ _NAMES = {other: name for name, others in _SPELT.items() for other in others}
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """Factors to the project's own units.
+    """Factors to the project's own units."""
 
-    Parameters
-    ----------
-    factors
-        Of the keys of `UNITS`; 1 where nothing is said.
-    turned
-        Columns of which the sign was said to turn, and nothing of their unit.
-    """
-
-    factors: Mapping[str, float] = field(default_factory=dict)
-    turned: frozenset[str] = frozenset()
+    factors: Mapping[str, float] = field(default_factory=dict)  # of keys of `UNITS`, else 1
+    turned: frozenset[str] = frozenset()  # columns of which only the sign is said to turn
 
     @classmethod
     def told(cls, told: Mapping[str, Any] | None, source: object = "units") -> Units:
-        """Read what somebody tells: the unit of each column, as a text or a factor.
-
-        Raises
-        ------
-        InputError
-            Naming the source, and what is no column or no unit of it.
-        """
+        """Read the unit of each column, a text or a factor; refuse what is no column or no unit."""
         if told is not None and not isinstance(told, Mapping):
             raise InputError(source, "units", told, "a mapping such as {'angle': 'deg'}")
         factors, turned = {}, set()
@@ -129,13 +115,7 @@ AS_IS = Units()
 
 
 def factor_of(name: str, unit: object, source: object = "units") -> float:
-    """Return the factor of a unit, a number or a text, for a key of `UNITS`.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return the factor of a unit, a number or a text, for a key of `UNITS`, or refuse it."""
     factor = _factor(name, unit)
     if factor is None or not math.isfinite(factor) or factor == 0.0:
         raise InputError(source, f"units.{name}", unit, _expected(name))

@@ -76,7 +76,7 @@ def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected
     return sorted(seen, key=lambda each: -list(Level).index(each.condition))
 
 
-def conditions_said(conditions: Sequence[Level]) -> str:
+def conditions_text(conditions: Sequence[Level]) -> str:
     """Say how many logs are in which condition."""
     logs = f"{len(conditions)} log{'s' * (len(conditions) != 1)}"
     counts = {each: conditions.count(each) for each in Level}

@@ -13,9 +13,9 @@ from butterfly.identification.diagnostics.residual_torque import ResidualTorque
 from butterfly.model.parameters import JointKind
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import look, seen_samples
+from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
 from butterfly.report.page import Fact, Page, Section, Table
-from butterfly.report.words import said_of
 from butterfly.verdict import Verdict
 
 HEADERS = (
@@ -41,7 +41,7 @@ def misfit_sentences(misfit: Misfit) -> list[str]:
         f"(95 % bands); over all logs the error is {100 * misfit.relative:.2g} % of the motion, "
         f"{100 * misfit.left:.2g} % after small changes of the parameters, and the sensors' is "
         f"{100 * misfit.explained:.2g} %.",
-        *said_of(misfit.findings, {}),
+        *(finding_text(each, {}) for each in misfit.findings),
     ]
 
 

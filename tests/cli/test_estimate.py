@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from butterfly.cli.output import ExitCode
-from butterfly.identification.estimators import describing_fit
+from butterfly.identification.estimators import harmonic_balance_regression
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error
 
@@ -77,7 +77,7 @@ def test_every_method_identifies_the_simulated_robot(answer, quick_data, method)
 def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
     butterfly, quick_data, monkeypatch, tmp_path
 ):
-    monkeypatch.setattr(describing_fit, "_MAX_ITERATIONS", 1)
+    monkeypatch.setattr(harmonic_balance_regression, "_MAX_ITERATIONS", 1)
     report = tmp_path / "report.html"
     code, out, err = butterfly("identify", quick_data, "--report", report)
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")

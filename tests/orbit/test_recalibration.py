@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.weak_signals import Balance
+from butterfly.identification.test_functions import Balance
 from butterfly.model.energy import Orbit
-from butterfly.orbit.analysis import swing
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
-from butterfly.orbit.loop import calibrate
+from butterfly.orbit.loop import calibrate, swing
 from butterfly.orbit.online import OnlineRecalibration, SelfTuning
-from butterfly.orbit.recalibration import recalibrate
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Simulator
-from butterfly.report.words import sentences
+from butterfly.report.finding_texts import estimate_sentences
 from tests.orbit.setting import (
     AGAINST_COULOMB,
     EFFECTS,
@@ -79,7 +77,7 @@ def test_terms_that_are_not_there_are_rejected_and_intervals_hold_the_truth(draw
         held.append((found.estimate.lower <= true) & (true <= found.estimate.upper))
     assert np.mean(held) > 0.85
     assert not found.is_absolute
-    assert any("Ratios" in sentence for sentence in sentences(found.estimate))
+    assert any("Ratios" in sentence for sentence in estimate_sentences(found.estimate))
 
 
 def test_with_a_known_mass_all_of_p1_to_p4_are_absolute():

@@ -21,15 +21,7 @@ _NOTABLE = 0.15  # misfit below which a log is followed, however well the others
 
 
 def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
-    """Judge by how well free runs follow the logs.
-
-    Parameters
-    ----------
-    fits
-        (n,) FIT of each log in per cent.
-    names
-        Of the n logs.
-    """
+    """Judge by the (n,) FIT in % of the free runs of n logs."""
     median = float(np.median(fits))
     if not median >= GOOD_FIT:
         severity = Level.CARE if median >= LEAST_FIT else Level.WARNING
@@ -40,17 +32,7 @@ def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
 def judge_held_out(
     fits: NDArray[np.float64], names: Sequence[str], seen: NDArray[np.float64]
 ) -> list[Finding]:
-    """Judge by how well free runs follow logs that were held out.
-
-    Parameters
-    ----------
-    fits
-        (n,) FIT of each in per cent.
-    names
-        Of the n logs.
-    seen
-        (m,) FIT of the logs that were used.
-    """
+    """Judge by the (n,) FIT in % of logs that were held out, beside the (m,) of those used."""
     return _lost(fits, names, float(np.median(seen)), FindingKind.UNFORETOLD)
 
 

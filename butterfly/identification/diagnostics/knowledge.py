@@ -10,8 +10,9 @@ from scipy.special import stdtrit
 
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
+from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.solved import Solved
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import GROWING
@@ -19,29 +20,21 @@ from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
-_APART = 3.0  # standard errors between what was known and what the logs say
+CLEARLY_APART = 3.0
+"""Standard errors between what was known and what the logs, or another source, say."""
+
 _RARE = 0.9985  # one-sided level of a contradiction, as that many standard errors have it
 _MATTERS = 0.01  # share of what is known, less than which is no contradiction
-_INSEPARABLE = 1e7  # condition number from which on nothing can be told
 _TELLS = 1e-4  # share of the prior's variance, below which the logs say nothing of the parameter
 
 
 def disagreements(
     prior: Prior | None, names: Sequence[str], values: Samples, covariance: Samples, rows: Samples
 ) -> list[Finding]:
-    """Tell which priors the logs contradict.
+    """Tell which priors the logs contradict, by the (m, n) weighted equations, theirs among them.
 
-    What the estimate differs by from the prior has the variance C + s - 2 v N, with C that of the
-    estimate, s that of the prior and v N what the normal equations would have for it.
-
-    Parameters
-    ----------
-    prior
-        Of the n values; None if nothing was known.
-    names, values, covariance
-        (n,) and (n, n) of the estimate.
-    rows
-        (m, n) weighted equations, those of the prior among them.
+    The estimate less the prior has the variance C + s - 2 v N, with C that of the estimate, s that
+    of the prior and v N what the normal equations would have for it.
     """
     if prior is None:
         return []
@@ -54,7 +47,7 @@ def disagreements(
         if variance < _TELLS * own:
             continue
         apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
-        if apart > _APART:
+        if apart > CLEARLY_APART:
             findings.append(
                 Finding(
                     kind=FindingKind.PRIOR_APART,
@@ -67,7 +60,7 @@ def disagreements(
 
 
 def scale_apart(
-    solved: Solved,
+    solved: SolvedEquations,
     rows: Samples,
     residuals: Samples,
     known: Knowledge,
@@ -77,18 +70,8 @@ def scale_apart(
 
     Residuals do not change if all torques grow alike, those of the masses among them; so their
     derivative by the known ones' common factor is that of all others, with the sign turned. One
-    parameter more, and its step to where the logs would have it.
-
-    Parameters
-    ----------
-    solved
-        The end of a fit that held the known ones.
-    rows, residuals
-        (k, m, n) and (k, m) equations of k logs.
-    known
-        Of the robot.
-    carried
-        What each of the k logs carried, in order.
+    parameter more, and its step to where the logs would have it, by the (k, m, n) rows and (k, m)
+    residuals of k logs that carried these masses, in order.
     """
     told = tuple(name for name in known.scale if name in known.exact)
     masses = list(carried.values())
@@ -104,12 +87,12 @@ def scale_apart(
     whole = np.concatenate([rows, column[:, :, None]], axis=2)
     flat = whole.reshape(-1, len(names) + 1)
     size = np.linalg.norm(flat, axis=0)
-    if not (size > 0).all() or np.linalg.cond(flat / size) > _INSEPARABLE:
+    if not (size > 0).all() or np.linalg.cond(flat / size) > SINGULAR_CONDITION:
         return []
     step = np.linalg.lstsq(flat / size, -residuals.ravel(), rcond=None)[0] / size
     covariance, freedom = cluster_covariance(whole, residuals + whole @ step)
     share, error = float(step[-1]), float(np.sqrt(covariance[-1, -1]))
-    sure = max(_APART, float(stdtrit(freedom[-1], _RARE)))
+    sure = max(CLEARLY_APART, float(stdtrit(freedom[-1], _RARE)))
     if abs(share) <= max(sure * error, _MATTERS):
         return []
     return [

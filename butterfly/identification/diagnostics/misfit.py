@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import (
-    Balance,
     Errors,
-    LeftOver,
+    ResidualEquations,
+    ResidualSummary,
     Run,
     free_run_errors,
     less_shared,
-    name_left_over,
+    summarise_residuals,
 )
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
@@ -43,23 +43,21 @@ LONGEST_LAG = 2.0
 _DRAWN = 24  # sets of sensor errors
 _LEAST = 1e-3  # share of the motion for which a missing term must count, to be named
 _BY_CHANCE = 0.25  # share of logs that may be outside
-_NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
+_NOTHING = ResidualSummary(relative=0.0, noise=1.0, shares={})
+
+LEVELS = (0.95, 0.99)
+"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
+
+_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
+_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorBand:
-    """How far a reading may be from the simulated angle, as the parameters and the sensor have it.
+    """How far a reading may be from the simulation, by the parameters and the sensor."""
 
-    Parameters
-    ----------
-    time
-        (m,) instants in s.
-    reach
-        (m,) half widths in rad, at `CONFIDENCE`.
-    """
-
-    time: Samples
-    reach: Samples
+    time: Samples  # (m,) instants in s
+    reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
 
     @classmethod
     def of(cls, log: Errors, sensor: SensorErrors) -> ErrorBand:
@@ -70,41 +68,21 @@ class ErrorBand:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogMisfit:
-    """What the free run leaves over of one log, where its errors count (see `first_counted`).
+    """What the free run leaves over of one log, where its errors count (see `first_counted`)."""
 
-    Parameters
-    ----------
-    name, label
-        Of the log.
-    motion
-        Rms of the measured angle about its mean, in rad.
-    error
-        Rms of measured less simulated angle in rad, averaged over steps of the simulation.
-    left
-        The same, less what a small change of parameters would take from it.
-    explained
-        The same of errors drawn as the log's sensor makes them.
-    sensor
-        That sensor.
-    autocorrelation, cross_correlation
-        Of what is left with itself, and with the input before it; None where a simulation failed.
-    left_over
-        What it looks like, of the terms that the model lacks.
-    band
-        About the simulated angle, within which a reading is expected; None where a simulation
-        failed.
-    """
-
-    name: str
+    name: str  # of the log
     label: str
-    motion: float
+    motion: float  # rms of the measured angle about its mean, in rad
+    # rms of measured less simulated angle in rad, averaged over steps of the simulation
     error: float
-    left: float
-    explained: float
+    left: float  # the same, less what a small change of parameters would take from it
+    explained: float  # the same of errors drawn as the log's sensor makes them
     sensor: SensorErrors
+    # of what is left with itself, and with the input before it; None where a simulation failed
     autocorrelation: Curve | None
     cross_correlation: Curve | None
-    left_over: LeftOver
+    left_over: ResidualSummary  # what it looks like, of the terms that the model lacks
+    # about the simulated angle, within which a reading is expected; None where a simulation failed
     band: ErrorBand | None
 
     @cached_property
@@ -134,18 +112,10 @@ class LogMisfit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Misfit:
-    """What the free runs of all logs leave over.
+    """What the free runs of all logs leave over."""
 
-    Parameters
-    ----------
-    logs
-        One for each log of the data set.
-    left_over
-        What all of it looks like, of the terms that the model lacks.
-    """
-
-    logs: tuple[LogMisfit, ...]
-    left_over: LeftOver
+    logs: tuple[LogMisfit, ...]  # one for each log of the data set
+    left_over: ResidualSummary  # what all of it looks like, of the terms that the model lacks
 
     @property
     def outside(self) -> int:
@@ -196,15 +166,7 @@ class Misfit:
 
 
 def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
-    """Compare what the free runs of an estimate leave over with what the sensors explain.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    estimate
-        Of any method; its parameters are those that may change.
-    """
+    """Compare what the free runs of an estimate leave over with what the sensors explain."""
     found = free_run_errors(data, estimate)
     logs = [each for each in found if isinstance(each, Errors)]
     if not logs:
@@ -217,7 +179,7 @@ def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
         strict=True,
     )
     errors = [np.column_stack(pair) for pair in zip(left, less_shared(logs, drawn), strict=True)]
-    overall, named = name_left_over(
+    overall, named = summarise_residuals(
         [_balance(*pair) for pair in zip(logs, errors, strict=True)], _LEAST
     )
     judged = map(_judged, logs, errors, sensors, named)
@@ -244,9 +206,9 @@ def _drawn(log: Errors, left: Samples, random: np.random.Generator) -> tuple[Sen
     return sensor, log.less_own(np.column_stack(sets))
 
 
-def _balance(log: Errors, errors: Samples) -> Balance:
+def _balance(log: Errors, errors: Samples) -> ResidualEquations:
     """Return what a log says of missing terms: errors (m, 1 + k) left of its own, and drawn."""
-    return Balance(
+    return ResidualEquations(
         left=errors[:, 0],
         known=log.shared,
         candidates=log.missing,
@@ -255,7 +217,9 @@ def _balance(log: Errors, errors: Samples) -> Balance:
     )
 
 
-def _judged(log: Errors, errors: Samples, sensor: SensorErrors, left_over: LeftOver) -> LogMisfit:
+def _judged(
+    log: Errors, errors: Samples, sensor: SensorErrors, left_over: ResidualSummary
+) -> LogMisfit:
     """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
     run, left, count = log.run, _rms(errors[:, 0]), errors.shape[0]
     step = run.trajectory.step
@@ -300,33 +264,14 @@ def _rms(values: Samples) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-LEVELS = (0.95, 0.99)
-"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
-
-_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
-_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """A correlation over lags, and what sensors make of it.
+    """A correlation over lags, and what sensors make of it."""
 
-    Parameters
-    ----------
-    lag
-        (l,) in s.
-    value
-        (l,) correlation, between -1 and 1.
-    centre
-        (l,) mean of that of a sensor's errors.
-    reach
-        (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`.
-    """
-
-    lag: Samples
-    value: Samples
-    centre: Samples
-    reach: Samples
+    lag: Samples  # (l,) in s
+    value: Samples  # (l,) correlation, between -1 and 1
+    centre: Samples  # (l,) mean of that of a sensor's errors
+    reach: Samples  # (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`
 
     @property
     def excess(self) -> Samples:
@@ -337,16 +282,9 @@ class Curve:
     def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
         """Put bands about a curve.
 
-        Parameters
-        ----------
-        lag
-            (l,) in s.
-        curves
-            (l, 1 + k): the curve, and k of a sensor's errors.
-        count
-            Number of errors, of which white ones have correlations of variance 1/count.
-        allowance
-            By how much a misfit too small to count may move the curve.
+        (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors; the number of errors, of
+        which white ones have correlations of variance 1/count; and by how much a misfit too small
+        to count may move the curve.
         """
         value, drawn = curves[:, 0], curves[:, 1:]
         variance = _smoothed(drawn.var(axis=1, ddof=1)) * (1 + 1 / drawn.shape[1])
@@ -362,15 +300,7 @@ class Curve:
 
 
 def autocorrelation(errors: Samples, lags: int) -> Samples:
-    """Return the (lags, k) correlations of k series with themselves, from lag 1 on.
-
-    Parameters
-    ----------
-    errors
-        (m, k), each of mean 0 or nearly so.
-    lags
-        How many; fewer than m.
-    """
+    """Return the (lags, k) correlations of (m, k) errors with themselves, from lag 1 on."""
     size = _padded(errors.shape[0] + lags)
     spectrum = np.fft.rfft(errors, size, axis=0)
     sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
@@ -378,17 +308,7 @@ def autocorrelation(errors: Samples, lags: int) -> Samples:
 
 
 def cross_correlation(errors: Samples, inputs: Samples, lags: int) -> Samples:
-    """Return the (lags + 1, k) correlations of k series with an input that went before, from lag 0.
-
-    Parameters
-    ----------
-    errors
-        (m, k).
-    inputs
-        (m,); its mean counts for nothing.
-    lags
-        How many; fewer than m.
-    """
+    """Return the (lags + 1, k) correlations of (m, k) errors with (m,) inputs before them."""
     size = _padded(errors.shape[0] + lags)
     moving = inputs - inputs.mean()
     product = np.fft.rfft(errors, size, axis=0) * np.conj(np.fft.rfft(moving, size))[:, None]

@@ -9,6 +9,7 @@ from scipy.special import stdtrit
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.knowledge import CLEARLY_APART
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import apart
 from butterfly.identification.inference.intervals import CONFIDENCE
@@ -22,19 +23,15 @@ _CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
 _OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
 
+LEAST_RESISTANCE = 0.01
+"""Ohm; no motor of a robot's joint has less."""
+
 
 def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Finding]:
     """Tell what no joint can have: no inertia, friction that drives, torque before its command.
 
     A negative p4 is possible: the angle or the input may count the other way. One that was known
     is no surprise. Stamps of input and angle are hardly better than 0.1 ms.
-
-    Parameters
-    ----------
-    estimate
-        The parameters.
-    masses
-        What the hand carried.
     """
     found = estimate.parameters
     judged = []
@@ -90,23 +87,12 @@ def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:
     return list(zip(estimate.names, estimate.values.tolist(), reach.tolist(), strict=True))
 
 
-LEAST_RESISTANCE = 0.01
-"""Ohm; no motor of a robot's joint has less."""
-
-
 def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     """Tell whether a voltage-fed motor could have the damping and gain that were found.
 
     With one motor constant K for torque and back EMF, p4 = K/R and p2 >= K^2/R = p4^2 R (6): the
     damping bounds the resistance. If the bound is below what any motor has, the input can hardly
     be a voltage.
-
-    Parameters
-    ----------
-    estimate
-        With p2 and p4.
-    kind
-        What the data set says.
     """
     if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
         return []
@@ -127,32 +113,22 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     ]
 
 
-_CONTRADICTED = 3.0  # standard errors, or uncertainties, apart
-
-
 def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     """Tell what cannot all be true: p4 of two sources, friction or inertia that would be negative.
 
     So p2 is at least the back EMF's share N^2 k_emf k_t/R, p1 at least the rotor's N^2 J_r, and
     with the hand weighed at least that of its centre of mass besides.
-
-    Parameters
-    ----------
-    estimate
-        The lumped parameters.
-    data
-        What they were found from, and what is known.
     """
     carrier = data.logs[0].added_mass
     sources = apart(data.told, data.input_kind, carrier.joint)
     found = [
         Finding(kind=FindingKind.TOLD_APART, parameters=(name,), number=far, severity=Level.CARE)
         for name, far in sources.items()
-        if far > _CONTRADICTED
+        if far > CLEARLY_APART
     ]
     physical = physical_parameters(estimate, data.known, data.input_kind, carrier)
     below = {
-        each.name: each.below_zero for each in physical.found if each.below_zero > _CONTRADICTED
+        each.name: each.below_zero for each in physical.found if each.below_zero > CLEARLY_APART
     }
     if below:
         found.append(

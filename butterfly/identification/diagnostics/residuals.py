@@ -35,60 +35,34 @@ _OF_GRAVITY = ("p3", "p3_offset")
 _ALIKE = 0.8  # of the likeliest one's share, from which another term looks like it
 _SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
 _PIECES = 10  # of a log, between which what is left is taken to be independent
-_SINGULAR = 1e-8
+_SINGULAR = 1e-8  # size over the largest, below which columns say the same
+_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 
 
-class Balance(NamedTuple):
-    """What one log says, at n instants.
+class ResidualEquations(NamedTuple):
+    """What one log says, at n instants."""
 
-    Parameters
-    ----------
-    left
-        (n,) torque in N m, or simulated less measured angle in rad, that the model leaves over.
-    known
-        (n, k) what it would change by with k coefficients that the model has.
-    candidates
-        By term: (n,) what it would change by with one unit of it.
-    whole
-        Rms of the motor's torque in N m, or of the motion in rad.
-    noise
-        Rms that the sensor's errors make of it.
-    """
-
+    # (n,) torque in N m, or simulated less measured angle in rad, that the model leaves over
     left: Samples
-    known: Samples
-    candidates: Mapping[str, Samples]
-    whole: float
-    noise: float
+    known: Samples  # (n, k) what it would change by with k coefficients that the model has
+    candidates: Mapping[str, Samples]  # by term: (n,) what it would change by with one unit of it
+    whole: float  # rms of the motor's torque in N m, or of the motion in rad
+    noise: float  # rms that the sensor's errors make of it
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeftOver:
-    """What the model leaves over looks like.
+class ResidualSummary:
+    """What the model leaves over looks like."""
 
-    Parameters
-    ----------
-    relative
-        Its rms over the motor's torque, or the motion, less what a change of the model's own terms
-        would take.
-    noise
-        Share of its variance that the sensors' errors explain.
-    shares
-        By missing term: the share that it alone explains, largest first.
-    terms
-        Those that it looks like, the likeliest first; several where they look alike.
-    size
-        Rms of what the likeliest adds, over the same.
-    shows
-        Whether there is more than noise and what is too little to count.
-    """
-
+    # its rms over the motor's torque, or the motion, less what a change of the model's own terms
+    # would take
     relative: float
-    noise: float
-    shares: dict[str, float]
+    noise: float  # share of its variance that the sensors' errors explain
+    shares: dict[str, float]  # by missing term: the share that it alone explains, largest first
+    # those that it looks like, the likeliest first; several where they look alike
     terms: tuple[str, ...] = ()
-    size: float = 0.0
-    shows: bool = False
+    size: float = 0.0  # rms of what the likeliest adds, over the same
+    shows: bool = False  # whether there is more than noise and what is too little to count
 
     @property
     def looks_like(self) -> str:
@@ -108,15 +82,10 @@ class LeftOver:
         return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
 
 
-def missing_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
+def absent_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
     """Names of the terms that are looked for: those with a name for it that the model lacks.
 
-    Parameters
-    ----------
-    estimate
-        Of the parameters.
-    added
-        What the joint carries somewhere: nothing that it carries weighs without gravity.
+    Without gravity nothing that the joint carries weighs.
     """
     local = {name for values in estimate.local.values() for name in values}
     has = {*estimate.names, *local, *(() if added.gravity else _OF_GRAVITY)}
@@ -131,15 +100,12 @@ def slow_velocity(logs: Iterable[Log]) -> float:
     return _SLOW * float(np.median([log.rms_speed for log in logs]))
 
 
-def name_left_over(balances: Sequence[Balance], least: float) -> tuple[LeftOver, list[LeftOver]]:
-    """Name what several logs leave over: together, and each.
+def summarise_residuals(
+    balances: Sequence[ResidualEquations], least: float
+) -> tuple[ResidualSummary, list[ResidualSummary]]:
+    """Name what several logs leave over, together and each.
 
-    Parameters
-    ----------
-    balances
-        Of the logs, their k and their candidates the same.
-    least
-        Share of the whole below which nothing is said.
+    Nothing is said below a share ``least`` of the whole. All logs have the same candidates.
     """
     weights = [1 / each.whole for each in balances]
     ends = np.cumsum([each.left.size for each in balances])[:-1]
@@ -174,7 +140,7 @@ def _less(known: Samples, columns: Samples) -> Samples:
 
 def _judged(
     pieces: Sequence[Samples], names: Sequence[str], noise: float, least: float
-) -> LeftOver:
+) -> ResidualSummary:
     """Judge pieces of (n, 1 + j): what is left, and what j missing terms would change of it."""
     count = max(sum(piece.shape[0] for piece in pieces), 1)
     products = np.array([piece.T @ piece for piece in pieces])
@@ -199,7 +165,7 @@ def _judged(
     enough = max(_LIKE * (1 - quiet), _ALIKE * max(shares.values(), default=0.0))
     terms = tuple(name for name in ordered if name in likely and ordered[name] > enough)
     beyond = (power * (1 - quiet)) ** 0.5 > least and quiet * _MORE_THAN_NOISE**2 < 1
-    return LeftOver(
+    return ResidualSummary(
         relative=float(power**0.5),
         noise=quiet,
         shares=ordered,
@@ -209,32 +175,15 @@ def _judged(
     )
 
 
-_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One log and its free run, where its errors count (see `first_counted`).
-
-    Parameters
-    ----------
-    log
-        The log.
-    setting
-        What it is simulated with.
-    first
-        Number of the first sample that counts.
-    trajectory
-        The simulation.
-    motion
-        Rms of the measured angle about its mean, in rad.
-    """
+    """One log and its free run, where its errors count (see `first_counted`)."""
 
     log: Log
-    setting: Setting
-    first: int
+    setting: Setting  # what it is simulated with
+    first: int  # number of the first sample that counts
     trajectory: Simulation | Segments
-    motion: float
+    motion: float  # rms of the measured angle about its mean, in rad
 
     @classmethod
     def of(cls, log: Log, setting: Setting) -> Run:
@@ -256,31 +205,18 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Errors:
-    """Simulated less measured angle of one log, and its derivatives.
-
-    Parameters
-    ----------
-    run
-        The log and its simulation.
-    whole
-        (m,) errors in rad.
-    own
-        (k, j) orthonormal directions in which the log's own start moves them, k of m after k
-        where the log is simulated in segments, each from a start of its own.
-    shared
-        (m, n) derivatives by what logs share, less those directions.
-    missing
-        By term that the model lacks: (m,) derivatives by it, less those directions.
-    reach
-        (m,) standard deviations in rad that the parameters' own errors give the simulated angle,
-        to first order; zeros where the estimate says nothing of them.
-    """
+    """Simulated less measured angle of one log, and its derivatives."""
 
     run: Run
-    whole: Samples
+    whole: Samples  # (m,) errors in rad
+    # (k, j) orthonormal directions in which the log's own start moves them, k of m after k where
+    # the log is simulated in segments, each from a start of its own
     own: tuple[Samples, ...]
-    shared: Samples
+    shared: Samples  # (m, n) derivatives by what logs share, less those directions
+    # by term that the model lacks: (m,) derivatives by it, less those directions
     missing: dict[str, Samples]
+    # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
+    # first order; zeros where the estimate says nothing of them
     reach: Samples
 
     def less_own(self, errors: Samples) -> Samples:
@@ -289,15 +225,13 @@ class Errors:
 
 
 def free_run_errors(data: DataSet, estimate: Estimate) -> list[Run | Errors]:
-    """Simulate and differentiate all logs of a data set.
+    """Return the errors of each log's simulation and their derivatives.
 
-    Returns
-    -------
-    The errors of each; the run alone where a simulation fails or nothing moves.
+    It is the run alone where a simulation fails or nothing moves.
     """
     predictor, slow = data.simulations, slow_velocity(data.logs)
     runs = [Run.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
-    owners, missing = estimate.owners(data.unread), missing_terms(estimate, data.logs[0].added_mass)
+    owners, missing = estimate.owners(data.unread), absent_terms(estimate, data.logs[0].added_mass)
     varied = _Varied(estimate.names, _root_of(estimate), owners, missing)
     return [_differentiated(run, varied, slow) or run for run in runs]
 

@@ -34,18 +34,10 @@ OTHER_LOGS = (
 
 @dataclass(frozen=True)
 class Conditioning:
-    """How well a regression tells its parameters apart, whatever their units.
+    """How well a regression tells its parameters apart, whatever their units."""
 
-    Parameters
-    ----------
-    number
-        Condition number with the columns scaled to one length.
-    weakest
-        Parameters of the combination that the data tell least about.
-    """
-
-    number: float
-    weakest: tuple[str, ...]
+    number: float  # condition number with the columns scaled to one length
+    weakest: tuple[str, ...]  # parameters of the combination that the data tell least about
 
     @classmethod
     def of(
@@ -143,15 +135,6 @@ def refuse_without_scale(
 
     All torques of the equation add up to 0, so that p1..p4 times any number would do as well: it
     takes two different added masses, or a parameter that is known and is not 0.
-
-    Parameters
-    ----------
-    masses
-        That the hand carried.
-    known
-        Of the robot.
-    driven
-        Whether an input acts.
     """
     if not driven and not {"p4", "delay"} <= known.exact.keys():
         raise IdentifiabilityError(

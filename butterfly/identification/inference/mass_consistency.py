@@ -20,33 +20,19 @@ _NEAR = 2.0  # standard errors from that mass
 _OF_A_MASS = 40.0  # of a whole mass, which takes up some of what the model lacks
 _MATTERS = 0.05  # of the largest mass, below which a correction does not matter
 _EXACT = 1e-12  # of what a correction explains, that rounding leaves
-_LEAST_MASSES = 3
+_LEAST_MASSES = 3  # of which one can be wrong: to call two the same explains everything
 _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is one of them
 
 
 @dataclass(frozen=True, kw_only=True)
 class Correction:
-    """What some logs would have carried, had the rest been told right.
+    """What some logs would have carried, had the rest been told right."""
 
-    Parameters
-    ----------
-    told
-        What they are said to have carried.
-    logs
-        Their numbers.
-    change
-        To be added to the told mass, in kg.
-    evidence
-        F statistic of the change: that of one more parameter.
-    mistaken
-        Whether the corrected mass may be another of those that were told.
-    """
-
-    told: AddedMass
-    logs: tuple[int, ...]
-    change: float
-    evidence: float
-    mistaken: bool = False
+    told: AddedMass  # what they are said to have carried
+    logs: tuple[int, ...]  # their numbers
+    change: float  # to be added to the told mass, in kg
+    evidence: float  # F statistic of the change: that of one more parameter
+    mistaken: bool = False  # whether the corrected mass may be another of those that were told
 
     @property
     def evident(self) -> bool:
@@ -65,17 +51,9 @@ def corrections(
     """Return what each added mass, and each log alone, would have to be; the best explained first.
 
     A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, r_1 and r_3
-    being their derivatives by p1 and p3. The change that explains most of the residuals, once the
-    parameters follow, is a regression on one column more.
-
-    Parameters
-    ----------
-    rows, residuals
-        (k, m, n) derivatives and (k, m) residuals of k logs.
-    names
-        Of the n parameters; without p1 and p3 there is nothing to tell.
-    carried
-        What each of the k logs carried, by its number, in order; nothing if that is not asked.
+    being their derivatives by p1 and p3. The change that explains most of the (k, m) residuals,
+    once the parameters follow by the (k, m, n) rows, is a regression on one column more. Without p1
+    and p3, or what was carried by number of the log, there is nothing to tell.
     """
     if not carried or not {"p1", "p3"} <= set(names):
         return ()
@@ -143,24 +121,9 @@ def moved_by_masses(
     is off by dl adds dl m (2 l r_1 + g r_3), with r_1 and r_3 their derivatives by p1 and p3. Equal
     masses are taken to be the same piece of metal, equal arms the same hole.
 
-    Parameters
-    ----------
-    rows
-        (k, m, n) equations of k logs.
-    names
-        Of the n parameters.
-    carried
-        What each of the k logs carried, in order.
-
-    Returns
-    -------
-    (k, m, q) for q uncertain quantities, each times its standard uncertainty; None if all are
-    exact.
-
-    Raises
-    ------
-    InputError
-        If p1 or p3 is known exactly although the mass that is added to it is not.
+    Of (k, m, n) rows it is (k, m, q) for q uncertain quantities, each times its standard
+    uncertainty; None if all are exact. InputError if p1 or p3 is known exactly although the mass
+    that is added to it is not.
     """
     moves: dict[tuple[str, float], list[tuple[float, float]]] = {}
     zero = (0.0, 0.0)

@@ -35,41 +35,28 @@ NEGLIGIBLE = 1e-6
 _MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
 _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
-_LEAST_FOLDS = 3
-_STRETCHES = 6
+_LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
+_STRETCHES = 6  # of time in all, into which too few logs are cut
+
 SLACK_OF_STRETCHES = 2.0
 """Standard errors where stretches of time are foretold, whose errors are alike."""
+
+SCANNED = "stribeck"
+"""The term whose velocity is tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TermChoice:
-    """Terms that were chosen, and what speaks for others.
+    """Terms that were chosen, and what speaks for others."""
 
-    Parameters
-    ----------
-    names
-        Of the parameters, the terms last.
-    terms
-        Chosen.
-    values
-        Of the parameters, by name, as the nested fit foretells them.
-    settings
-        See `Nested`.
-    rivals
-        Values, by name, of the fits that predict as well, with other terms or other settings.
-    not_helping
-        Terms that were offered and not chosen.
-    inseparable
-        Terms that the data cannot tell from the rest.
-    """
-
-    names: tuple[str, ...]
-    terms: tuple[str, ...]
-    values: dict[str, float]
-    settings: dict[str, float]
+    names: tuple[str, ...]  # of the parameters, the terms last
+    terms: tuple[str, ...]  # chosen
+    values: dict[str, float]  # of the parameters, by name, as the nested fit foretells them
+    settings: dict[str, float]  # see `Nested`
+    # values, by name, of the fits that predict as well, with other terms or other settings
     rivals: tuple[dict[str, float], ...]
-    not_helping: tuple[str, ...]
-    inseparable: tuple[str, ...]
+    not_helping: tuple[str, ...]  # terms that were offered and not chosen
+    inseparable: tuple[str, ...]  # terms that the data cannot tell from the rest
 
     @property
     def best(self) -> dict[str, float]:
@@ -151,22 +138,11 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
 def choose_terms(
     fits: Sequence[Nested], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
 ) -> TermChoice:
-    """Choose from the terms of fits that have them all.
+    """Choose from the terms of fits that have them all, about one or more settings.
 
-    Parameters
-    ----------
-    fits
-        The same equations about one or more settings, with all terms.
-    always
-        Parameters that every fit has.
-    demanded
-        Terms that are not chosen, but wanted; the last of them are dropped that cannot be told from
-        the others.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the data do not even determine what every fit has.
+    Every fit has the parameters ``always``. Terms that are ``demanded`` are not chosen, but wanted;
+    the last of them are dropped that cannot be told from the others. IdentifiabilityError if the
+    data do not even determine what every fit has.
     """
     offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
     trials = _all_trials(fits, always, demanded)
@@ -215,13 +191,7 @@ class _Trial(NamedTuple):
 def _all_trials(
     fits: Sequence[Nested], always: tuple[str, ...], demanded: tuple[str, ...]
 ) -> list[_Trial]:
-    """Try all that can be tried: of the parts of the data, or else of single logs.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If no fit can be left to foretell anything.
-    """
+    """Try all that can be tried: of the parts of the data, or else of single logs."""
     by_log = [replace(nested, folds=np.arange(nested.cost.size)) for nested in fits]
     for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
         for split in (fits, by_log):
@@ -288,17 +258,10 @@ def _kept(
 
 
 def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
-    """Tell which terms an estimate lacks that would help, and matter.
+    """Tell which terms an estimate lacks that would help, and matter, by the best values.
 
     They matter if they would move a parameter by more than the half-width of its interval, or by
     `_MATTERS` of it.
-
-    Parameters
-    ----------
-    found
-        The estimate.
-    best
-        Values with the terms that predict best.
     """
     missing = [name for name in best if name not in {*found.names, *PARAMETERS}]
     if not missing:
@@ -322,10 +285,6 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
     ]
 
 
-SCANNED = "stribeck"
-"""The term whose velocity is tried."""
-
-
 class Equations(Protocol):
     """What gives the equations of a method with any terms."""
 
@@ -340,28 +299,16 @@ class Equations(Protocol):
     def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
         """Return the equations with terms besides what is always fitted.
 
-        Parameters
-        ----------
-        terms
-            Their names.
-        speed
-            Stribeck velocity in rad/s; None where no term needs it.
+        The Stribeck velocity in rad/s is None where no term needs it.
         """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScannedTerms:
-    """Terms for a method.
+    """Terms for a method."""
 
-    Parameters
-    ----------
-    chosen
-        Those to fit.
-    free
-        What would have been chosen from all terms; None if that was not asked.
-    """
-
-    chosen: TermChoice
+    chosen: TermChoice  # those to fit
+    # what would have been chosen from all terms; None if that was not asked
     free: TermChoice | None
 
     @classmethod
@@ -374,20 +321,10 @@ class ScannedTerms:
         check: bool,
         scan: bool = True,
     ) -> ScannedTerms:
-        """Choose from all terms, or, where they are told, only their Stribeck velocity.
+        """Choose from the terms ``tried`` and Stribeck friction, or fit those ``told``.
 
-        Parameters
-        ----------
-        equations
-            Of the method.
-        tried
-            Terms to choose from, besides Stribeck friction.
-        told
-            Terms that are wanted, or None.
-        check
-            Whether to say which terms would help that were not told.
-        scan
-            Whether Stribeck friction is among them.
+        Of the latter only the Stribeck velocity is chosen; ``check`` says besides which terms would
+        help that were not asked for, Stribeck friction among them if there is a ``scan``.
         """
         if told is None:
             free = choose_terms([*_fits(equations, tried)], always=equations.always)
