@@ -249,7 +249,7 @@ def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
             continue
         known = known.agreeing(part.told, part.name)
         logs.extend(part.recorded)
-        held.extend(() if part.held is None else part.held.recorded)
+        held.extend(() if part.test_logs is None else part.test_logs.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
     data = DataSet.of([*logs, *held], name=given.get("name", "logs"), known=known, repairs=repairs)
