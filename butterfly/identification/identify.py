@@ -72,10 +72,10 @@ def identify(
 
 def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
-    if data.held is None:
+    if data.test_logs is None:
         return {}
-    fits = data.held.simulations.fits(estimate)
-    return dict(zip((log.name for log in data.held.logs), fits.tolist(), strict=True))
+    fits = data.test_logs.simulations.fits(estimate)
+    return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
@@ -126,11 +126,11 @@ def _of_held_out(
     data: DataSet, found: Estimate, seen: NDArray[np.float64], fits: NDArray[np.float64] | None
 ) -> list[Finding]:
     """Judge by the logs that were held out, but for those that pass the upright."""
-    if data.held is None:
+    if data.test_logs is None:
         return []
-    counted = data.held.counted
-    fits = data.held.simulations.fits(found, counted) if fits is None else fits[counted]
-    return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
+    counted = data.test_logs.counted
+    fits = data.test_logs.simulations.fits(found, counted) if fits is None else fits[counted]
+    return judge_held_out(fits, [data.test_logs.logs[k].name for k in counted], seen)
 
 
 @_UNWARNED
@@ -182,7 +182,7 @@ def simulated(
         try_parameters(name, parameters, data, horizon=horizon, track=track)
         for name, parameters in against.items()
     ]
-    held = () if data.held is None else _runs(data.held, estimate)
+    held = () if data.test_logs is None else _runs(data.test_logs, estimate)
     return Identification(
         estimate=estimate,
         estimator=estimate.method,
