@@ -32,4 +32,4 @@ def test_the_unit_that_is_advised_has_the_factor_that_undoes_the_slip(slip, fact
     said = unit_error_text(found)
     name, unit = re.search(r"--units (\w+)=(\S+), ", said).groups()
     assert f"units: {{{name}: {unit}}}" in said
-    assert Units.told({name: unit}).factor(name) == pytest.approx(factor, rel=1e-12)
+    assert Units.of({name: unit}).factor(name) == pytest.approx(factor, rel=1e-12)
