@@ -33,8 +33,8 @@ from butterfly.identification.identify import identify
 from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy
-from butterfly.plant.excitations import Table
 from butterfly.progress import Track, untracked
+from butterfly.signals.excitations import Table
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

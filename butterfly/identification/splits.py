@@ -21,7 +21,7 @@ FOLDS = 5
 ENOUGH_MASSES = 3
 """Added masses, of which one can be left out whatever else is known."""
 
-_ENOUGH_LOGS = 3
+_ENOUGH_LOGS = 3  # of which one can be left out
 
 Samples = Mapping[int, slice]
 """Numbers of logs, and which samples of each are left out."""

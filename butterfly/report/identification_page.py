@@ -134,7 +134,7 @@ def identification_page(
         numbers=told.document(),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
-        stills={
+        pictures={
             "parameters": partial(parameter_figure, rows),
             "time": partial(time_figure, runs[chosen], bands[chosen]),
             "left-over": partial(correlation_figure, misfit.logs[chosen]),

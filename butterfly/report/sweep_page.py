@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from butterfly.experiment.columns import MISSING
 from butterfly.experiment.record import OK, SweepRecord
+from butterfly.experiment.recovery import Estimates, column
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
 from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Fact, Link, Page, Section, Table
 from butterfly.report.sweep_figures import (
-    Estimates,
     axis_figure,
-    column,
     heat_maps,
     parallel_figure,
     short,
@@ -31,9 +30,6 @@ if TYPE_CHECKING:
 
 
 _LISTED = 100  # runs in a table of what went wrong
-_TOLD = ("number", "key", "estimator", "ending", "findings")
-_NUMBERS = ("value", "lower", "upper", "true", "deviation", "fit_median")
-_WANTED = (*_TOLD, *_NUMBERS, "parameter", "known", "verdict")
 
 
 def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
@@ -41,11 +37,8 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
 
     `runs` and `estimates` are the tables of its result store.
     """
-    wanted = {*_WANTED, *sweep.fields} & {*estimates.column_names}
-    every = Estimates({name: column(estimates, name) for name in wanted})
-    table = every.take(~every["known"].astype(bool))  # what was known is no estimate
-    fields, status = sweep.fields, column(runs, "status")
-    deviating = table.take(np.isfinite(table["deviation"]))
+    table, fields = Estimates.of(estimates, sweep.fields), sweep.fields
+    status = column(runs, "status")
     sections = [
         Section(
             title="Recovery of the parameters",
@@ -55,11 +48,20 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         )
     ]
     if table["value"].size:
-        sections.insert(0, _verdicts_section(table))
-    if len(table.distinct("estimator")) > 1:
+        verdicts = [
+            (estimator, *map(str, counts.values())) for estimator, counts in table.verdicts.items()
+        ]
+        headers = ("estimator", *(each.verdict for each in VERDICTS))
+        section = Section(
+            title="Verdicts",
+            text="How many estimates may be used, by what their own data say, not by the truth.",
+            tables=(Table(headers=headers, rows=verdicts),),
+        )
+        sections.insert(0, section)
+    if len(table.estimators) > 1:
         ranked = _ranking_table(table)
         sections.insert(0, Section(title="Estimators, the best first", tables=(ranked,)))
-    sections += _against_fields(deviating, fields)
+    sections += _against_fields(table.deviating, fields)
     worst = _worst_table(table, fields, sweep.worst)
     if worst.rows:
         sections.append(Section(title="Worst runs", tables=(worst,)))
@@ -71,15 +73,31 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         sections.append(Section(title="Runs without a result", tables=(_failures(runs),)))
     if "orbit_amplitude" in runs.column_names and runs["orbit_amplitude"].null_count < len(runs):
         sections.append(Section(title="Orbits", tables=(_orbits(runs),)))
-    said = _summary(table, status, fields)
+    summary = _summary(table, status, fields)
+    numbers = {
+        "runs": int(status.size),
+        "ok": int((status == OK).sum()),
+        "verdicts": table.verdicts,
+        "unconverged": table.unconverged,
+        "recovery": [
+            {
+                "estimator": each.estimator,
+                "parameter": each.parameter,
+                "runs": each.runs,
+                "rms_deviation": each.rms,
+                "coverage": each.coverage,
+            }
+            for each in table.recovery()
+        ],
+    }
     return Page(
         name=sweep.name,
         description=sweep.description,
         kind="sweep",
         facts=_facts(table, status),
-        summary=said,
+        summary=summary,
         sections=sections,
-        numbers=told_sweep(sweep, said, _numbers(table, status)).document(),
+        numbers=told_sweep(sweep, summary, numbers).document(),
     )
 
 
@@ -110,63 +128,26 @@ def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section
 def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
     """Return the numbers that matter most, as far as there are any."""
     facts = [Fact("runs with a result", f"{int((status == OK).sum())}", f"of {status.size}")]
-    size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
+    size = np.abs(table.deviating["deviation"])
     if size.size:
+        coverage = _percent(table.coverage)
         facts += [
             Fact("deviation from the truth", f"{100 * np.median(size):.2g} %", "median"),
-            Fact("95 % intervals hold the truth", _share(table.coverage, " %")),
+            Fact("95 % intervals hold the truth", coverage if coverage == "–" else f"{coverage} %"),
             Fact("FIT of a run's logs", f"{np.median(table['fit_median']):.2f} %", "median"),
         ]
     return facts
 
 
-def _verdicts(table: Estimates) -> dict[str, dict[str, int]]:
-    """Count the estimates of each verdict, by estimator."""
-    estimates = zip(*(table[name].tolist() for name in ("estimator", "number")), strict=True)
-    verdicts = dict(zip(estimates, table["verdict"].tolist(), strict=True))
-    return {
-        method: {
-            each.verdict: sum(
-                text == each.verdict for (own, _), text in verdicts.items() if own == method
-            )
-            for each in VERDICTS
-        }
-        for method in table.distinct("estimator")
-    }
-
-
-def _verdicts_section(table: Estimates) -> Section:
-    rows = [
-        (method, *(str(count) for count in counts.values()))
-        for method, counts in _verdicts(table).items()
-    ]
-    return Section(
-        title="Verdicts",
-        text="How many estimates may be used, by what their own data say, not by the truth.",
-        tables=(Table(headers=("estimator", *(each.verdict for each in VERDICTS)), rows=rows),),
-    )
-
-
-def _groups(table: Estimates) -> list[tuple[str, str, Estimates]]:
-    return [
-        (method, name, table.take((table["estimator"] == method) & (table["parameter"] == name)))
-        for method in table.distinct("estimator")
-        for name in table.distinct("parameter")
-        if ((table["estimator"] == method) & (table["parameter"] == name)).any()
-    ]
-
-
 def _recovery_table(table: Estimates) -> Table:
-    rows = []
-    for method, name, group in _groups(table):
-        deviation = group["deviation"][np.isfinite(group["deviation"])]
-        statistics: tuple[str, ...] = ("–", "–", "–")
-        if deviation.size:
-            rms, middle = math.sqrt(np.mean(deviation**2)), float(np.median(deviation))
-            largest = float(np.abs(deviation).max())
-            statistics = tuple(f"{100 * value:.3g}" for value in (middle, rms, largest))
-        count = str(group["value"].size)
-        rows.append((method, TERMS[name].symbol, count, *statistics, _share(group.coverage)))
+    rows = [
+        (
+            *(each.estimator, TERMS[each.parameter].symbol, str(each.runs)),
+            *(_percent(value, ".3g") for value in (each.median, each.rms, each.largest)),
+            _percent(each.coverage),
+        )
+        for each in table.recovery()
+    ]
     headers = (
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
         *("largest in %", "coverage in %"),
@@ -176,16 +157,15 @@ def _recovery_table(table: Estimates) -> Table:
 
 def _ranking_table(table: Estimates) -> Table:
     rows = []
-    for method in table.distinct("estimator"):
-        group = table.take(table["estimator"] == method)
-        size = np.abs(group["deviation"][np.isfinite(group["deviation"])])
-        fits = group["fit_median"]
+    for method in table.estimators:
+        group = table.where(estimator=method)
+        size = np.abs(group.deviating["deviation"])
         middle = float(np.median(size)) if size.size else math.inf
-        rows.append((middle, method, float(np.median(fits)), group.coverage))
+        rows.append((middle, method, float(np.median(group["fit_median"])), group.coverage))
     return Table(
         headers=("estimator", "median |deviation| in %", "median FIT in %", "coverage in %"),
         rows=[
-            (method, f"{100 * size:.3g}" if size < math.inf else "–", f"{fit:.2f}", _share(share))
+            (method, _percent(size, ".3g"), f"{fit:.2f}", _percent(share))
             for size, method, fit, share in sorted(rows, key=lambda row: row[:2])
         ],
         caption="FIT is in sample. Deviations are over all parameters that are not 0.",
@@ -194,46 +174,35 @@ def _ranking_table(table: Estimates) -> Table:
 
 def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
     """List the runs with the largest deviation of p1, p3 or p4."""
-    main = table.take(np.isin(table["parameter"].astype(str), ["p1", "p3", "p4"]))
-    order = np.argsort(-np.nan_to_num(np.abs(main["deviation"])), kind="stable")
-    rows: list[tuple[str | Link, ...]] = []
-    seen: set[tuple[Any, Any]] = set()
-    for k in order.tolist():
-        run = (main["key"][k], main["estimator"][k])
-        if run in seen or len(rows) == count:
-            continue
-        seen.add(run)
-        link = _link(main["number"][k], str(main["key"][k]))
-        name = str(main["parameter"][k])
-        deviation = f"{TERMS[name].symbol} {100 * main['deviation'][k]:+.3g}"
-        values = (short(main[field][k]) for field in fields)
-        rows.append((link, run[1], deviation, f"{main['fit_median'][k]:.1f}", *values))
-    told = ("run", "estimator", "deviation in %", "median FIT in %")
+    worst = table.worst()
+    order = np.argsort(-np.nan_to_num(np.abs(worst["deviation"])), kind="stable")
+    rows = [
+        (
+            _link(worst["number"][k], str(worst["key"][k])),
+            worst["estimator"][k],
+            f"{TERMS[str(worst['parameter'][k])].symbol} {100 * worst['deviation'][k]:+.3g}",
+            f"{worst['fit_median'][k]:.1f}",
+            *(short(worst[field][k]) for field in fields),
+        )
+        for k in order[:count].tolist()
+    ]
+    headers = ("run", "estimator", "deviation in %", "median FIT in %", *map(field_label, fields))
     caption = (
         "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
         "it in words."
     )
-    headers = (*told, *map(field_label, fields))
     return Table(headers=headers, rows=rows, words=(1,), caption=caption)
-
-
-def _endings(table: Estimates) -> dict[tuple[float, str], str]:
-    """Return how each estimate ended, by its run and estimator."""
-    estimates = zip(table["number"].tolist(), table["estimator"].tolist(), strict=True)
-    return dict(zip(estimates, table["ending"].tolist(), strict=True))
 
 
 def _unconverged_table(table: Estimates) -> Table:
     rest = table.take(table["ending"] != Ending.CONVERGED)
-    listed = dict.fromkeys(
-        zip(*(rest[name].tolist() for name in _TOLD), strict=True),
-    )
-    rows = [(_link(*run[:2]), *run[2:]) for run in list(listed)[:_LISTED]]
+    names = ("number", "key", "estimator", "ending", "findings")
+    found = dict.fromkeys(zip(*(rest[name].tolist() for name in names), strict=True))
     return Table(
         headers=("run", "estimator", "ending", "findings"),
-        rows=rows,
+        rows=[(_link(*run[:2]), *run[2:]) for run in list(found)[:_LISTED]],
         words=(1, 2, 3),
-        caption=f"{len(listed)} in all.",
+        caption=f"{len(found)} in all.",
     )
 
 
@@ -273,60 +242,32 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
     missing = int((status == MISSING).sum())
     if missing:
         sentences.append(f"{missing} of them are still to be done.")
-    endings = list(_endings(table).values())
-    if endings:
-        counts = _verdicts(table).values()
-        told = (f"{sum(each[kind.verdict] for each in counts)} {kind.verdict}" for kind in VERDICTS)
-        sentences.append(f"Verdicts on {len(endings)} estimates: {', '.join(told)}.")
-        missed = sum(ending != Ending.CONVERGED for ending in endings)
+    count = len(table.by_estimate("ending"))
+    if count:
+        counts, missed = table.verdicts.values(), table.unconverged
+        verdicts = (f"{sum(each[v.verdict] for each in counts)} {v.verdict}" for v in VERDICTS)
+        sentences.append(f"Verdicts on {count} estimates: {', '.join(verdicts)}.")
         sentences.append(
-            f"{missed} of {len(endings)} estimates did not converge."
+            f"{missed} of {count} estimates did not converge."
             if missed
             else "Every estimate converged."
         )
-    size = np.abs(table["deviation"][np.isfinite(table["deviation"])])
+    size = np.abs(table.deviating["deviation"])
     if size.size:
-        sentences += [
+        sentences.append(
             f"Half of all estimates are within {100 * np.median(size):.3g} % of the truth, "
-            f"95 % of them within {100 * np.percentile(size, 95):.3g} %.",
-            *_coverage_said(table),
-            f"The models follow their logs with a median FIT of "
-            f"{np.median(table['fit_median']):.2f} %.",
-        ]
+            f"95 % of them within {100 * np.percentile(size, 95):.3g} %."
+        )
+        if math.isfinite(table.coverage):
+            share = f"{100 * table.coverage:.1f} %"
+            sentences.append(f"The 95 % intervals hold the truth in {share} of the cases.")
+        sentences.append(
+            "The models follow their logs with a median FIT of "
+            f"{np.median(table['fit_median']):.2f} %."
+        )
     return sentences
 
 
-def _coverage_said(table: Estimates) -> list[str]:
-    share = table.coverage
-    if share is None:
-        return []
-    return [f"The 95 % intervals hold the truth in {100 * share:.1f} % of the cases."]
-
-
-def _share(share: float | None, unit: str = "") -> str:
+def _percent(share: float, digits: str = ".1f") -> str:
     """Return a share in per cent; a dash for none."""
-    return "–" if share is None else f"{100 * share:.1f}{unit}"
-
-
-def _numbers(table: Estimates, status: NDArray[Any]) -> dict[str, Any]:
-    return {
-        "runs": int(status.size),
-        "ok": int((status == OK).sum()),
-        "verdicts": _verdicts(table),
-        "unconverged": sum(ending != Ending.CONVERGED for ending in _endings(table).values()),
-        "recovery": [
-            {
-                "estimator": method,
-                "parameter": name,
-                "runs": int(group["value"].size),
-                "rms_deviation": _rms(group["deviation"]),
-                "coverage": group.coverage,
-            }
-            for method, name, group in _groups(table)
-        ],
-    }
-
-
-def _rms(values: NDArray[np.float64]) -> float | None:
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else None
+    return f"{100 * share:{digits}}" if math.isfinite(share) else "–"

@@ -91,7 +91,7 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=chosen,
-        stills={
+        pictures={
             "time": partial(time_comparison, compared[chosen]),
             "phase": partial(phase_comparison, compared[chosen]),
             "left-over": partial(correlation_figure, own[chosen]),

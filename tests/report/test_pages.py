@@ -225,8 +225,8 @@ def test_a_report_is_written_with_its_numbers_and_pictures(pages, written, kind)
     markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", markup)
     assert json.loads((folder / "r.json").read_text())
-    names = {*page.figures, *page.stills}
-    assert set(page.series) <= {*page.stills}
+    names = {*page.figures, *page.pictures}
+    assert set(page.series) <= {*page.pictures}
     assert names
     for name in names:
         for suffix in ("png", "svg"):

@@ -45,6 +45,12 @@ _LEAST = 1e-3  # share of the motion for which a missing term must count, to be 
 _BY_CHANCE = 0.25  # share of logs that may be outside
 _NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
 
+LEVELS = (0.95, 0.99)
+"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
+
+_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
+_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorBand:
@@ -254,13 +260,6 @@ def _failed(run: Run) -> LogMisfit:
 
 def _rms(values: Samples) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-LEVELS = (0.95, 0.99)
-"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
-
-_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
-_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -35,7 +35,8 @@ _OF_GRAVITY = ("p3", "p3_offset")
 _ALIKE = 0.8  # of the likeliest one's share, from which another term looks like it
 _SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
 _PIECES = 10  # of a log, between which what is left is taken to be independent
-_SINGULAR = 1e-8
+_SINGULAR = 1e-8  # size over the largest, below which columns say the same
+_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 
 
 class Balance(NamedTuple):
@@ -170,9 +171,6 @@ def _judged(
         size=likely[terms[0]] if terms else 0.0,
         shows=bool(terms or beyond),
     )
-
-
-_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

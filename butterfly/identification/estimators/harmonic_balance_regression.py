@@ -30,7 +30,7 @@ _SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
 _SWING_STEP = 1e-4  # relative step of the differences in the swing
 _LEAST_SLOPE = 1e-3  # of the inertia's torque: no joint is damped less than half of this
 _EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
-_MAX_ITERATIONS = 60
+_MAX_ITERATIONS = 60  # of reweighting, before the fit counts as one that did not settle
 _TOLERANCE = 1e-10  # relative change of the predicted angles
 
 

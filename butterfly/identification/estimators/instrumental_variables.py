@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.goodness_of_fit import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.free_run import FreeRun, Setting
@@ -29,8 +30,6 @@ from butterfly.identification.normal_equations import Regression, Solution
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 
-LEAST_FIT = 50.0
-"""FIT in per cent of a free run below which its motion is not that of the log."""
 Samples = NDArray[np.float64]
 
 

@@ -42,7 +42,7 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
 
-_LEAST_MASSES = 2
+_LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,7 @@ _NAMES = ("zero", "bias")
 _NEGLIGIBLE = 1e-6  # rad
 _SETTLED = 0.1  # of what the middles leave over
 
-LARGEST_SWING = 1.6
+LARGEST_SINE = 1.6
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
 _UNSETTLED = 0.5  # of the swing: what a sine, its harmonics and a transient leave over
 _CHANGED = 0.5  # of the swing: by how much it grows or falls within the window
@@ -49,7 +49,7 @@ SETTLED = 0.1
 
 ROUGHLY = 2.0
 """The same, of a fit that tells which terms help."""
-_ROUNDS, _ROUNDS_OF_BIAS = 3, 8
+_ROUNDS, _ROUNDS_OF_BIAS = 3, 8  # of correcting phasors by what simulations leave over
 _ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not foretold
 _FEW = 0.5  # share of a mass's logs
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
@@ -240,8 +240,8 @@ def _is_steady(data: DataSet, number: int) -> bool:
     away = math.remainder(point.angle.offset - data.zero_of(log), 2 * math.pi)
     widest = float(np.ptp(log.angle)) / 2
     return (
-        0 < swing <= LARGEST_SWING
-        and widest <= math.pi / 2 + LARGEST_SWING
+        0 < swing <= LARGEST_SINE
+        and widest <= math.pi / 2 + LARGEST_SINE
         and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
         and not abs(point.drift) > _CHANGED
         and (abs(away) < _ELSEWHERE or not data.hangs)

@@ -20,7 +20,7 @@ _NEAR = 2.0  # standard errors from that mass
 _OF_A_MASS = 40.0  # of a whole mass, which takes up some of what the model lacks
 _MATTERS = 0.05  # of the largest mass, below which a correction does not matter
 _EXACT = 1e-12  # of what a correction explains, that rounding leaves
-_LEAST_MASSES = 3
+_LEAST_MASSES = 3  # of which one can be wrong: to call two the same explains everything
 _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is one of them
 
 

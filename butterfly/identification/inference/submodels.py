@@ -19,7 +19,7 @@ from butterfly.model.terms import COMPANIONS
 Samples = NDArray[np.float64]
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
-_LEAST_FOLDS = 2
+_LEAST_FOLDS = 2  # parts of the data: one to predict, one to fit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -35,10 +35,14 @@ NEGLIGIBLE = 1e-6
 _MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
 _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
-_LEAST_FOLDS = 3
-_STRETCHES = 6
+_LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
+_STRETCHES = 6  # of time in all, into which too few logs are cut
+
 SLACK_OF_STRETCHES = 2.0
 """Standard errors where stretches of time are foretold, whose errors are alike."""
+
+SCANNED = "stribeck"
+"""The term whose velocity is tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,10 +283,6 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
             severity=Level.CARE,
         )
     ]
-
-
-SCANNED = "stribeck"
-"""The term whose velocity is tried."""
 
 
 class Equations(Protocol):

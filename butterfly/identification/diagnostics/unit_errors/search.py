@@ -43,6 +43,16 @@ _LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are 
 _EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method refused, no slip
 _ROOM = 0.005  # misfit that makes no difference
 
+_TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
+_LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
+_LONGEST_LOG = 3600.0  # s
+_LONGEST_ARM = 5.0  # m
+_COARSEST = 0.02  # rad that an encoder tells apart; 314 counts per turn
+_HEAVIEST = 10.0  # kg
+_HEAVY = 1.0  # kg, of a motor whose resistance seems to be none
+_STEEL = 7850.0  # kg/m^3
+_LOOKED_AT = 1000  # samples
+
 
 def find_slips(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
     """Name the slips that explain what speaks against an estimate; cheap where nothing does.
@@ -142,18 +152,6 @@ def _grams() -> Finding:
     return Finding(
         kind=FindingKind.SLIP, parameters=(Slip.GRAMS,), number=1e-3, severity=Level.CARE
     )
-
-
-_TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
-
-_LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
-_LONGEST_LOG = 3600.0  # s
-_LONGEST_ARM = 5.0  # m
-_COARSEST = 0.02  # rad that an encoder tells apart; 314 counts per turn
-_HEAVIEST = 10.0  # kg
-_HEAVY = 1.0  # kg, of a motor whose resistance seems to be none
-_STEEL = 7850.0  # kg/m^3
-_LOOKED_AT = 1000  # samples
 
 
 def suspicious(data: DataSet, estimate: Estimate) -> bool:

@@ -28,6 +28,19 @@ _MOST_STEPS = 200_000  # samples that are simulated for a trial, about
 _NONE = 1e3  # misfit of logs that no joint explains
 _HOPELESS = 1.0  # misfit without any terms, from which on terms do not help
 
+PER_TURN = tuple(
+    sorted(
+        {2**k for k in range(6, 25)}
+        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
+        - {360}
+    )
+)
+"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
+
+_SWINGS = (0.02, 3.0)  # rad, that the widest log may have
+_ROUNDING = 1e-6  # of a count
+_COARSE = 5  # of how many numbers one is tried first
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
@@ -195,20 +208,6 @@ OTHERS = (
     of_arms(Slip.MILLIMETRES, 1e-3),
     of_arms(Slip.CENTIMETRES, 1e-2),
 )
-
-
-PER_TURN = tuple(
-    sorted(
-        {2**k for k in range(6, 25)}
-        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
-        - {360}
-    )
-)
-"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
-
-_SWINGS = (0.02, 3.0)  # rad, that the widest log may have
-_ROUNDING = 1e-6  # of a count
-_COARSE = 5  # of how many numbers one is tried first
 
 
 def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:

@@ -150,12 +150,6 @@ class Multisine:
     def _of_low_crest(self) -> tuple[_Lines, float]:
         return _of_low_crest(self.harmonics, self.seed, self._points)
 
-    @property
-    def crest_factor(self) -> float:
-        """Peak over root mean square; sqrt(2) for a sine."""
-        lines, peak = self._of_low_crest()
-        return float(peak / np.sqrt(np.mean(lines.over_a_period(self._points) ** 2)))
-
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
         lines, peak = self._of_low_crest()
