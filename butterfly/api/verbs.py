@@ -25,7 +25,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
-from butterfly.identification.diagnostics.residuals import LeftOver
+from butterfly.identification.diagnostics.residuals import ResidualSummary
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
@@ -440,7 +440,7 @@ def _validation_tables(
     return tuple(tables)
 
 
-def _torque_table(title: str, left_over: LeftOver) -> TextTable:
+def _torque_table(title: str, left_over: ResidualSummary) -> TextTable:
     """Return what the torque left over looks like, and the share of each missing term."""
     rows = [("looks like", left_over.words("the motor's torque"))] + [
         (TERMS[name].looks_like, f"{100 * share:.1f} % of its variance alone")

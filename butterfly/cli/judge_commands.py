@@ -29,7 +29,7 @@ from butterfly.cli.options import (
 from butterfly.cli.show_progress import show_progress
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
-from butterfly.identification.diagnostics.residuals import LeftOver
+from butterfly.identification.diagnostics.residuals import ResidualSummary
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits, judged
@@ -241,7 +241,7 @@ def residual_command(
     end_with(verdict.level)
 
 
-def _show_shares(left_over: LeftOver) -> None:
+def _show_shares(left_over: ResidualSummary) -> None:
     if left_over.shares:
         show_table(
             "Share of its variance that each missing term alone explains",

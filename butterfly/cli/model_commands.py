@@ -215,5 +215,5 @@ def _named(source: Path, mass: float | None, added: float, options: DataOptions)
 
 
 def _carried(added: float, options: DataOptions) -> AddedMass:
-    told = None if options.arm is None else options.arm * Units.told(options.units).factor("arm")
+    told = None if options.arm is None else options.arm * Units.of(options.units).factor("arm")
     return AddedMass(mass=added, arm=_ARM if told is None else told)

@@ -31,7 +31,7 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
         for sentence in physical_sentences(result.separated()):
             say(sentence)
     _show_parameters(title, parameter_rows(result.estimate.table(truth)))
-    if result.data.known.physical and (rows := physical_rows(result.separated())):
+    if rows := physical_rows(result.separated()):
         show_table(TITLE, HEADERS, rows)
     for mass, omega in result.estimate.resonances.items():
         say(f"Resonance with {mass}, as this method finds it: {omega:.4f} rad/s.")

@@ -31,6 +31,7 @@ from butterfly.identification.inference.covariance import (
     compress_all,
     split,
 )
+from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.known import Known
@@ -272,7 +273,7 @@ def _solved(
     scale = np.linalg.norm(rows, axis=0)
     if np.linalg.svd(rows / scale, compute_uv=False)[-1] < _INDEPENDENT:
         return None
-    values = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
+    values = scaled_least_squares(rows, target)
     left = rows @ values - target
     logs = int(cluster[-1]) + 1
     cluster = split(cluster, blocks_of(logs, len(names)))

@@ -394,7 +394,7 @@ class Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
-    def with_slips(self, *slips: Finding) -> Estimate:
+    def with_unit_errors(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""
         if not slips:
             return self

@@ -234,7 +234,7 @@ class Identification(Result):
         ]
         name = f"{self.origin['name']}: {self.estimate.method}"
         tables = [TextTable(name, _HEADERS, rows)]
-        if physical := view.physical_rows(self.separated()) if self._weighed else []:
+        if physical := view.physical_rows(self.separated()):
             tables.append(TextTable(view.TITLE, view.HEADERS, physical))
         if self.estimate.resonances:
             found = [(str(mass), f"{w:.4f}") for mass, w in self.estimate.resonances.items()]

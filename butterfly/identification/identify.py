@@ -15,11 +15,11 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.goodness_of_fit import judge_fit, judge_held_out
 from butterfly.identification.diagnostics.physics import judge_input, judge_knowledge, judge_physics
-from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
 from butterfly.identification.diagnostics.unit_errors.search import (
-    find_slips,
-    find_slips_of_clock,
-    find_slips_of_refused,
+    find_unit_errors,
+    find_unit_errors_of_clock,
+    find_unit_errors_of_refused,
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
@@ -72,10 +72,10 @@ def identify(
 
 def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
     """Return FIT in per cent of each log that is held out, by its name."""
-    if data.held is None:
+    if data.test_logs is None:
         return {}
-    fits = data.held.simulations.fits(estimate)
-    return dict(zip((log.name for log in data.held.logs), fits.tolist(), strict=True))
+    fits = data.test_logs.simulations.fits(estimate)
+    return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
 
 
 def judged(data: DataSet, estimator: Estimator) -> Estimate:
@@ -119,35 +119,35 @@ def judge(
         *judge_input(found, data.input_kind),
         *judge_knowledge(found, data),
     )
-    return told.with_slips(*find_slips(data, estimator, told))
+    return told.with_unit_errors(*find_unit_errors(data, estimator, told))
 
 
 def _of_held_out(
     data: DataSet, found: Estimate, seen: NDArray[np.float64], fits: NDArray[np.float64] | None
 ) -> list[Finding]:
     """Judge by the logs that were held out, but for those that pass the upright."""
-    if data.held is None:
+    if data.test_logs is None:
         return []
-    counted = data.held.counted
-    fits = data.held.simulations.fits(found, counted) if fits is None else fits[counted]
-    return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
+    counted = data.test_logs.counted
+    fits = data.test_logs.simulations.fits(found, counted) if fits is None else fits[counted]
+    return judge_held_out(fits, [data.test_logs.logs[k].name for k in counted], seen)
 
 
 @_UNWARNED
 def estimated(data: DataSet, estimator: Estimator) -> Estimate:
     """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
-    clock = find_slips_of_clock(data, estimator)
+    clock = find_unit_errors_of_clock(data, estimator)
     if clock:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
-        raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
+        raise with_unit_errors(InputError(data.name, "time", step, "seconds"), clock)
     try:
         found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
         _refuse_not_finite(found)
     except ButterflyError as error:
-        raise with_slips(error, find_slips_of_refused(data, estimator)) from None
+        raise with_unit_errors(error, find_unit_errors_of_refused(data, estimator)) from None
     except np.linalg.LinAlgError as error:
         refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
-        raise with_slips(refusal, find_slips_of_refused(data, estimator)) from None
+        raise with_unit_errors(refusal, find_unit_errors_of_refused(data, estimator)) from None
     return found
 
 
@@ -182,7 +182,7 @@ def simulated(
         try_parameters(name, parameters, data, horizon=horizon, track=track)
         for name, parameters in against.items()
     ]
-    held = () if data.held is None else _runs(data.held, estimate)
+    held = () if data.test_logs is None else _runs(data.test_logs, estimate)
     return Identification(
         estimate=estimate,
         estimator=estimate.method,

@@ -219,6 +219,17 @@ def pulled_below(
 
     ``rows``, ``residuals``, ``covariance``: (m, n), (m,) and (n, n).
     """
-    scale = np.linalg.norm(rows, axis=0)
-    step = np.linalg.lstsq(rows / scale, -residuals, rcond=None)[0] / scale
+    step = scaled_least_squares(rows, -residuals)
     return np.asarray(step < -_WELL * np.sqrt(np.diag(covariance)))
+
+
+def scaled_least_squares(
+    rows: NDArray[np.float64], target: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (n,) or (n, k) values, (m, n) rows times which are nearest to (m,) or (m, k) targets.
+
+    Each column of the rows is scaled to be of length 1, so that its unit does not count.
+    """
+    scale = np.linalg.norm(rows, axis=0)
+    values = np.linalg.lstsq(rows / scale, target, rcond=None)[0]
+    return np.asarray((values.T / scale).T)

@@ -41,9 +41,9 @@ class Split(StrEnum):
 class Division:
     """Logs divided into parts, of which one is left out at a time."""
 
-    split: Split  # What the samples of a part have in common; never `Split.AUTO`
-    why: str  # Why this split was taken, in words
-    parts: dict[str, Samples]  # The samples that each part leaves out, by its name
+    split: Split  # what the samples of a part have in common; never `Split.AUTO`
+    why: str  # why this split was taken, in words
+    parts: dict[str, Samples]  # the samples that each part leaves out, by its name
 
     @property
     def said(self) -> str:

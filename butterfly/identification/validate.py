@@ -28,12 +28,12 @@ _LEAST_REPETITIONS = 20  # for one draw beyond a limit of 95 %, on either side
 class HeldOut:
     """Prediction of what was left out."""
 
-    division: Division  # What was left out together
+    division: Division  # what was left out together
     # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
     # the estimate from the others; NaN of logs that were never left out
     fits: NDArray[np.float64]
-    estimates: dict[str, Estimate]  # One for each part left out, by its name
-    horizon: float = math.inf  # Longest stretch in s that was simulated at a time
+    estimates: dict[str, Estimate]  # one for each part left out, by its name
+    horizon: float = math.inf  # longest stretch in s that was simulated at a time
 
     @property
     def summary(self) -> FitSummary:

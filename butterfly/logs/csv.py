@@ -37,7 +37,7 @@ _BY_NUMBER = (
 
 @dataclass(frozen=True)
 class _Table:
-    """Names and columns of a file, and what else it says of them."""
+    """Names and columns of a file, and what else it gives."""
 
     names: Sequence[str]
     columns: Mapping[int, NDArray[np.float64] | pyarrow.ChunkedArray]
@@ -146,20 +146,20 @@ def _loose(path: Path, wanted: Sequence[str | int]) -> _Table:
 
 
 def _own_units(path: Path, table: _Table, places: dict[str, int], units: Units) -> dict[str, str]:
-    """Return the units that a file gives to the wanted columns, but for those that were told."""
+    """Return the units that a file gives to the wanted columns, unless they were given."""
     found = {}
     for field, number in places.items():
-        said = unit_in(table.names[number])
-        if said is not None and known_factor(field, said) is None:
-            said = None  # a bracket may hold anything
+        unit = unit_in(table.names[number])
+        if unit is not None and known_factor(field, unit) is None:
+            unit = None  # a bracket may hold anything
         if table.units is not None:
-            said = table.units[number]
-        if not said or said == "-" or field in units.factors:
+            unit = table.units[number]
+        if not unit or unit == "-" or field in units.factors:
             continue
-        if known_factor(field, said) is None:
+        if known_factor(field, unit) is None:
             expected = f"a unit that is known, or --units {field}=... (units: in the manifest)"
-            raise InputError(path, f"unit of {field}", said, expected)
-        found[field] = said
+            raise InputError(path, f"unit of {field}", unit, expected)
+        found[field] = unit
     return found
 
 

@@ -83,7 +83,7 @@ ColumnMap = Mapping[str, str | int]
 DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: the columns carry the names of the fields of `Log`."""
 
-_SAID = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
+_HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
 _UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 
@@ -121,7 +121,7 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     if number is not None:
         expected = f"a number from 0 to {len(names) - 1}, or a name"
         raise InputError(source, "columns", f"number {number}", expected)
-    expected = f"{nearest(str(wanted), names)} ({_SAID})"
+    expected = f"{nearest(str(wanted), names)} ({_HINT})"
     raise InputError(source, str(wanted), "no such column", expected)
 
 

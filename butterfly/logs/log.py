@@ -127,7 +127,7 @@ class Log:
     source
         File or plant that the log came from, for messages.
     name
-        What tells the log from the others of its data set (see `with_unique_names`).
+        What distinguishes the log from the others of its data set (see `with_unique_names`).
     reading
         How its file was read.
     """
@@ -204,7 +204,7 @@ class Log:
                 columns[column] = frame[name]
             except (KeyError, IndexError, ValueError, TypeError):
                 raise InputError("frame", column, name, "the name of a column") from None
-        return cls(**columns, **properties).converted(Units.told(units, "frame"))
+        return cls(**columns, **properties).converted(Units.of(units, "frame"))
 
     def converted(self, units: Units) -> Log:
         """Return the log of columns that were recorded in other units."""

@@ -1,4 +1,4 @@
-"""Data-set manifests: the one list of what can be said of data.
+"""Data-set manifests: the one list of facts that data may have.
 
 A YAML file, the options of a command and the keywords of `butterfly.read` each fill some of the
 fields of `Manifest`; `described` puts them together and checks them.
@@ -54,7 +54,7 @@ def _require_known(values: Any) -> Any:  # noqa: ANN401 - whatever was given
 
 
 def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
-    Units.told(values)
+    Units.of(values)
     return values
 
 
@@ -170,7 +170,7 @@ class Manifest(StrictModel):
     zero: Uncertain | None = None
     """What the encoder reads in rad where the hand hangs; found from the logs if not given."""
     zeros: list[MassZero] = Field(default_factory=list)
-    """The same for single added masses, before ``zero``; what a log says goes before both."""
+    """The same for single added masses, before ``zero``; that of a log goes before both."""
     units: Annotated[dict[str, str | float], BeforeValidator(_require_units), _Rule.ADDS] = Field(
         default_factory=dict
     )
@@ -206,7 +206,7 @@ class Manifest(StrictModel):
     @property
     def scale(self) -> Units:
         """What makes the project's own units of the manifest's numbers and the files' columns."""
-        return Units.told(self.units).with_sign(self.sign)
+        return Units.of(self.units).with_sign(self.sign)
 
     @property
     def knowledge(self) -> Knowledge:
@@ -227,8 +227,8 @@ class Manifest(StrictModel):
 
     def piece(self, begin: float | None, end: float | None) -> Manifest:
         """Return the manifest of what lies between two instants in s of its single, whole log."""
-        told = {"from": begin, "to": end}
-        given = {name: value for name, value in told.items() if value is not None}
+        ends = {"from": begin, "to": end}
+        given = {name: value for name, value in ends.items() if value is not None}
         if not given:
             return self
         name, value = next(iter(given.items()))
@@ -307,9 +307,9 @@ def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
     InputError
         Naming the field, its value and what was expected.
     """
-    said = {name: value for name, value in given.items() if value is not None}
-    found = validate([], said, _options(), source="data")
-    return {name: getattr(found, name) for name in said}
+    some = {name: value for name, value in given.items() if value is not None}
+    found = validate([], some, _options(), source="data")
+    return {name: getattr(found, name) for name in some}
 
 
 def described(

@@ -1,4 +1,4 @@
-"""Manifests of logs that come without one, from their files' names and what is said of them."""
+"""Manifests of logs that come without one, from their files' names and what else is given."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
     0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Subfolders are searched.
     """
     entries = []
-    units = Units.told(given.get("units"))
+    units = Units.of(given.get("units"))
     for path in log_files(folder):
         entry = _entry_by_name(path, folder, units)
         if entry is not None:
@@ -92,11 +92,11 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
 
 
 def manifest_of_log(path: Path, given: Mapping[str, Any]) -> Manifest:
-    """Generate the manifest of one log; its name tells mass and sine, where it follows the pattern.
+    """Generate the manifest of one log; its name gives mass and sine, where it follows the pattern.
 
     Without an arm the added mass is not placed, and left out.
     """
-    units = Units.told(given.get("units"))
+    units = Units.of(given.get("units"))
     entry = _entry_by_name(path, path.parent, units) or LogEntry(file=path.name)
     if "arm" not in given:
         entry = entry.model_copy(update={"added_mass": 0.0})
@@ -106,7 +106,7 @@ def manifest_of_log(path: Path, given: Mapping[str, Any]) -> Manifest:
 def of_logs(
     name: str, root: Path, entries: Collection[LogEntry], given: Mapping[str, Any]
 ) -> Manifest:
-    """Return the manifest of some logs; the input is a voltage unless something else is said."""
+    """Return the manifest of some logs; the input is a voltage unless given otherwise."""
     content = {"name": name, "root": str(root.resolve()), "logs": list(entries)}
     return described(content, {"input": InputKind.VOLTAGE} | dict(given))
 
@@ -114,7 +114,7 @@ def of_logs(
 def with_columns(manifest: Manifest) -> Manifest:
     """Return a manifest by which its first log can be read: by the first columns, if need be.
 
-    Columns that are told stay, and so does a log that cannot be read in this way either.
+    Columns that are given stay, and so does a log that cannot be read in this way either.
     """
     numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
     if manifest.columns is not None or _is_read(manifest) or not _is_read(numbered):
@@ -133,7 +133,7 @@ def _is_read(manifest: Manifest) -> bool:
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
     """Return what a draft takes for granted, by the key whose value it is and was not given.
 
-    ``named``: whether the names of the files tell masses and sines.
+    ``named``: whether the names of the files give masses and sines.
     """
     asked = {key: text for key, text in _QUESTIONS.items() if key not in given}
     if manifest.columns is not None and "columns" not in given:

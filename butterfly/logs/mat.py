@@ -24,7 +24,7 @@ _OBJECTS = (
     "a MATLAB object (timeseries, table, Simulink.SimulationOutput), which only MATLAB can read",
     "plain vectors, saved as t = x.Time; u = x.Data; save('log.mat', 't', 'u')",
 )
-_VERSION = slice(124, 126)  # of the header, whose bytes tell the version
+_VERSION = slice(124, 126)  # of the header, which hold the version
 _HDF5 = b"\x00\x02"
 _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
@@ -138,7 +138,7 @@ def _vector(path: Path, variables: dict[str, Any], parts: list[str]) -> NDArray[
 
 
 def _refuse_objects(path: Path, wanted: str) -> None:
-    """Raise InputError if a file of before v7.3 holds objects, whose names it does not tell."""
+    """Raise InputError if a file of before v7.3 holds objects, whose names it does not give."""
     if not is_mat73(path) and any(kind == "opaque" for _, _, kind in whosmat(whole(path))):
         raise InputError(path, wanted, *_OBJECTS)
 
@@ -162,7 +162,7 @@ class MatlabObject:
 
 
 def is_mat73(path: Path) -> bool:
-    """Whether a file says of itself that it is one of v7.3."""
+    """Whether a file claims to be one of v7.3."""
     with path.open("rb") as file:
         return file.read(128)[_VERSION] == _HDF5
 
@@ -210,7 +210,7 @@ class _Room:
     left: int
 
     def take(self, size: int) -> None:
-        """Raise ValueError if there are not as many: the sizes of arrays are but told."""
+        """Raise ValueError if there are not as many: a file may claim any size."""
         if not 0 <= size <= self.left:
             raise ValueError(f"arrays of {said(size)} more than there may be")
         self.left -= size

@@ -131,7 +131,7 @@ def _download(address: str, path: Path, timeout: float) -> None:
 
 
 def _why(error: BaseException, timeout: float) -> object:
-    """Return what was at the bottom of a failed transfer, without what requests tells besides."""
+    """Return what was at the bottom of a failed transfer, without what requests adds."""
     if (response := getattr(error, "response", None)) is not None:
         return f"{response.status_code} {response.reason}"
     while (cause := error.__cause__ or error.__context__) is not None:

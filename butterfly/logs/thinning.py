@@ -21,7 +21,7 @@ ENOUGH = 4_000_000
 """Samples of a log, above which their means are taken: an hour at 1.1 kHz."""
 
 _SLOW = 0.1  # rad of its own phase that a motion may go on from one mean to the next
-_ROWS = 100_000  # samples that tell how fast it is
+_ROWS = 100_000  # samples that show how fast it is
 
 
 def thinned(log: Log, enough: int = ENOUGH) -> Log:

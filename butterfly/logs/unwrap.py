@@ -16,7 +16,7 @@ _WHOLE = 0.75  # share of the span that a jump by an unknown turn takes, at leas
 _SMALL = 0.25  # share of it that all other steps stay below
 _SWEPT = 0.5  # share of it that the joint passes between two jumps, at least once
 _BACK = 0.75  # share of the jumps that go against the motion, at least
-_BESIDE = 3  # steps on either side of a jump that tell the motion, or bring an outlier back
+_BESIDE = 3  # steps on either side of a jump that show the motion, or bring an outlier back
 _SNAP = 0.002  # by which an encoder's turn may miss a whole share or multiple of the joint's
 
 

@@ -256,17 +256,16 @@ def _logs_table(identification: Identification) -> Table:
 
 
 def _physical(identification: Identification) -> list[Section]:
-    if not identification.data.known.physical and not identification.separated().unseparated:
-        return []
-    text = "\n".join(physical_sentences(identification.separated()))
+    found = identification.separated()
+    text = "\n".join(physical_sentences(found))
     tables: tuple[Table, ...] = ()
-    if identification.data.known.physical:
+    if rows := physical_rows(found):
         caption = (
-            "What the parameters are made of, as far as what is known of motor and hand tells it."
+            "What follows from the parameters, and what they are made of as far as what is known "
+            "of motor and hand tells it."
         )
-        rows = physical_rows(identification.separated())
         tables = (Table(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption),)
-    return [Section(title=TITLE, text=text, tables=tables)]
+    return [Section(title=TITLE, text=text, tables=tables)] if text or tables else []
 
 
 def _resonances(identification: Identification) -> list[Section]:

@@ -83,7 +83,12 @@ def test_what_parameters_are_made_of_is_told_of_what_is_known(result, tmp_path):
     result.save(tmp_path / "r.json")
     again = bf.load(tmp_path / "r.json").physical(hand_mass=(0.1, 0.001), back_emf_constant=0.05)
     assert again.rows() == found.rows()
-    assert result.physical().rows() == []
+    derived = {row["parameter"]: row for row in result.physical().rows()}
+    assert derived.keys() == {"resonance", "damping_ratio", "decay_time", "speed_gain"}
+    assert derived["resonance"]["value"] == pytest.approx(result.model.resonance())
+    assert derived["speed_gain"]["unit"] == "rad/s/V"
+    assert result.to_dict()["physical"].keys() == derived.keys()
+    assert any("resonance" in row[0] for table in result.tables() for row in table.rows)
     for name in ("p4", "mass"):
         with pytest.raises(bf.InputError, match=name):
             result.physical(**{name: 1.0})

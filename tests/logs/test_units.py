@@ -41,7 +41,7 @@ def test_every_unit_has_its_written_factor():
     written = [(name, unit, f) for name, units in WRITTEN.items() for unit, f in units.items()]
     for name, unit, factor in written + SPELT:
         assert factor_of(name, unit) == pytest.approx(factor, rel=1e-15), (name, unit)
-        assert Units.told({name: unit}).factor(name) == pytest.approx(factor, rel=1e-15)
+        assert Units.of({name: unit}).factor(name) == pytest.approx(factor, rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -62,22 +62,22 @@ def test_every_unit_has_its_written_factor():
 )
 def test_what_is_no_unit_is_refused_with_those_that_are(told, message):
     with pytest.raises(InputError, match=message):
-        Units.told(told)
+        Units.of(told)
 
 
 @pytest.mark.parametrize("minus", ["-", "-1", -1])
 def test_a_minus_alone_turns_the_sign_and_leaves_the_unit_to_the_file(minus):
-    units = Units.told({"angle": minus})
+    units = Units.of({"angle": minus})
     assert units.factor("angle") == -1.0
     assert units.over({"angle": 0.1}).factor("angle") == -0.1
-    assert Units.told({"angle": "rad"}).over({"angle": 0.1}).factor("angle") == 1.0
+    assert Units.of({"angle": "rad"}).over({"angle": 0.1}).factor("angle") == 1.0
 
 
 def test_a_sign_of_the_input_and_a_minus_cancel_each_other():
     assert AS_IS.with_sign(-1).factor("input") == -1.0
     assert AS_IS.with_sign(-1).with_sign(-1).factor("input") == 1.0
-    assert Units.told({"input": "-"}).with_sign(-1).factor("input") == 1.0
-    assert Units.told({"input": "-mV"}).with_sign(-1).factor("input") == pytest.approx(1e-3)
+    assert Units.of({"input": "-"}).with_sign(-1).factor("input") == 1.0
+    assert Units.of({"input": "-mV"}).with_sign(-1).factor("input") == pytest.approx(1e-3)
 
 
 def test_a_frame_is_read_in_its_units():

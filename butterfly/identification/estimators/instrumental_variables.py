@@ -26,7 +26,7 @@ from butterfly.identification.diagnostics.goodness_of_fit import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.normal_equations import Regression, Solution
+from butterfly.identification.normal_equations import Regression, Solution, scaled_least_squares
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 
@@ -141,8 +141,7 @@ def offset_covariance(
     rows, _ = fit.solved.with_prior(fit.solved.jacobian[:, None], fit.solved.residuals)
     rows = rows[:, free]
     errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(uncertain)))])
-    scale = np.linalg.norm(rows, axis=0)
-    moved = -np.linalg.lstsq(rows / scale, errors, rcond=None)[0] / scale[:, None]
+    moved = -scaled_least_squares(rows, errors)
     found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)
     places = [list(names).index(name) for name in found]
     added[np.ix_(places, places)] = moved @ moved.T

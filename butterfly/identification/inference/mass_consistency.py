@@ -28,11 +28,11 @@ _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is
 class Correction:
     """What some logs would have carried, had the rest been told right."""
 
-    told: AddedMass  # What they are said to have carried
-    logs: tuple[int, ...]  # Their numbers
-    change: float  # To be added to the told mass, in kg
+    told: AddedMass  # what they are said to have carried
+    logs: tuple[int, ...]  # their numbers
+    change: float  # to be added to the told mass, in kg
     evidence: float  # F statistic of the change: that of one more parameter
-    mistaken: bool = False  # Whether the corrected mass may be another of those that were told
+    mistaken: bool = False  # whether the corrected mass may be another of those that were told
 
     @property
     def evident(self) -> bool:

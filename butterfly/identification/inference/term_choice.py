@@ -49,14 +49,14 @@ SCANNED = "stribeck"
 class TermChoice:
     """Terms that were chosen, and what speaks for others."""
 
-    names: tuple[str, ...]  # Of the parameters, the terms last
-    terms: tuple[str, ...]  # Chosen
-    values: dict[str, float]  # Of the parameters, by name, as the nested fit foretells them
-    settings: dict[str, float]  # See `Nested`
-    # Values, by name, of the fits that predict as well, with other terms or other settings
+    names: tuple[str, ...]  # of the parameters, the terms last
+    terms: tuple[str, ...]  # chosen
+    values: dict[str, float]  # of the parameters, by name, as the nested fit foretells them
+    settings: dict[str, float]  # see `Nested`
+    # values, by name, of the fits that predict as well, with other terms or other settings
     rivals: tuple[dict[str, float], ...]
-    not_helping: tuple[str, ...]  # Terms that were offered and not chosen
-    inseparable: tuple[str, ...]  # Terms that the data cannot tell from the rest
+    not_helping: tuple[str, ...]  # terms that were offered and not chosen
+    inseparable: tuple[str, ...]  # terms that the data cannot tell from the rest
 
     @property
     def best(self) -> dict[str, float]:
@@ -307,8 +307,8 @@ class Equations(Protocol):
 class ScannedTerms:
     """Terms for a method."""
 
-    chosen: TermChoice  # Those to fit
-    # What would have been chosen from all terms; None if that was not asked
+    chosen: TermChoice  # those to fit
+    # what would have been chosen from all terms; None if that was not asked
     free: TermChoice | None
 
     @classmethod

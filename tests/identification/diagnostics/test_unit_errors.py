@@ -45,7 +45,7 @@ def _with_names(logs):
 def _named(logs, estimator):
     """Return what is named of logs, the level, and all that is said."""
     found = identify(DataSet.of(logs), estimator).estimate
-    slips = [each for each in found.findings if each.kind is FindingKind.SLIP]
+    slips = [each for each in found.findings if each.kind is FindingKind.UNIT_ERROR]
     return slips, found.level, " ".join(estimate_sentences(found))
 
 
