@@ -17,12 +17,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 0,
-    "lines of the package": 0,
-    "lines of tests": 0,
-    "names of classes that exist twice": 0,
-    "modules in import circles": 0,
-    "tuned numbers of identification": 204,
+    "files of the package": 256,
+    "lines of the package": 40_567,
+    "lines of tests": 28_535,
+    "names of classes that exist twice": 7,
+    "modules in import circles": 13,
+    "tuned numbers of identification": 206,
 }
 
 
