@@ -73,10 +73,10 @@ def record(
     """
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
-    with ControlLoop(motor, clock=Clock(step=period)) as bench:
+    with ControlLoop(motor, clock=Clock(step=period)) as loop:
         for sine in sines:
-            come_to_rest(bench)
-            log = driven(bench, sine, seconds, begin=motor.read().time)
+            come_to_rest(loop)
+            log = driven(loop, sine, seconds, begin=motor.read().time)
             motor.command(0.0)  # it would hold the last while the file is written
             entry = LogEntry(
                 file=f"{sine.omega:g}_rad_s.csv", omega=sine.omega, amplitude=sine.amplitude
@@ -91,7 +91,7 @@ def record(
     return folder / MANIFEST_NAME
 
 
-def come_to_rest(bench: ControlLoop) -> None:
+def come_to_rest(loop: ControlLoop) -> None:
     """Command nothing until the joint is at rest.
 
     Raises
@@ -100,18 +100,18 @@ def come_to_rest(bench: ControlLoop) -> None:
         If it is not within `PATIENCE`.
     """
     for _ in range(PATIENCE):
-        if np.ptp(bench.run(lambda _: 0.0, 1.0).angle) < STILL:
+        if np.ptp(loop.run(lambda _: 0.0, 1.0).angle) < STILL:
             return
     raise DriveError(f"the joint still moves after {PATIENCE} s without torque")
 
 
-def driven(bench: ControlLoop, sine: Sine, seconds: float, *, begin: float) -> Log:
+def driven(loop: ControlLoop, sine: Sine, seconds: float, *, begin: float) -> Log:
     """Return the log of a sine that begins at an instant of the motor's clock."""
 
     def law(reading: Reading) -> float:
         return sine.amplitude * math.sin(sine.omega * (reading.time - begin))
 
-    return bench.run(law, seconds, excitation=sine)
+    return loop.run(law, seconds, excitation=sine)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

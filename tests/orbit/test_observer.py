@@ -1,4 +1,4 @@
-"""The velocity that a loop sees, against a simulated truth and closed forms."""
+"""The velocity that an observer sees, against a simulated truth and closed forms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from butterfly.errors import InputError
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import Observer
-from butterfly.plant.sensors import FilteredDifference
 
 ROBOT = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10.0)
 PRESENT = {
@@ -71,17 +70,7 @@ def test_both_poles_of_the_observer_are_at_its_bandwidth():
     np.testing.assert_allclose(found, 0.1 * b**2 * times * np.exp(-b * times), atol=0.01)
 
 
-def test_the_filtered_difference_forgets_a_step_of_the_velocity_exponentially():
-    estimator = FilteredDifference(time_constant=0.05)
-    times = 1e-3 * np.arange(400)
-    found = np.array([estimator.update(t, 2.0 * t, 0.0) for t in times])
-    np.testing.assert_allclose(found, 2.0 * (1 - np.exp(-times / 0.05)), atol=1e-9)
-    assert estimator.update(times[-1], 5.0, 0.0) == found[-1]  # a clock that stood still
-
-
-def test_constants_that_are_not_positive_are_refused():
+def test_a_bandwidth_that_is_not_positive_is_refused():
     for wrong in (0.0, -1.0):
-        with pytest.raises(InputError, match="time_constant"):
-            FilteredDifference(wrong)
         with pytest.raises(InputError, match="bandwidth"):
             Observer(ROBOT, bandwidth=wrong)
