@@ -102,7 +102,8 @@ def test_a_page_s_code_runs_from_top_to_bottom(page, butterfly, quick, quick_dat
     reader = _Reader(butterfly, quick)
     reader.names.update(logs=bf.read(quick_data).logs)
     reader.follow(page)
-    assert reader.names.get("error", 0.0) < 0.05  # of the twin that "Your own robot" makes
+    if page == "docs/your-robot.md":
+        assert reader.names["error"] < 0.05  # of the motion, that its twin misses
 
 
 @pytest.mark.slow
