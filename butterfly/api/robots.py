@@ -9,7 +9,6 @@ from typing import Any
 
 from butterfly.api.answers import Inspection, RobotModel
 from butterfly.api.sources import RESULT, Named, is_data, manifest_of, read
-from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
@@ -26,6 +25,7 @@ from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
 from butterfly.report.inspection import Inspected, conditions_text, health_rows, hints, inspect_logs
 from butterfly.report.numbers.estimate_numbers import estimate_numbers

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from butterfly.api.usable import require_possible
 from butterfly.cli.console import show_page
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
@@ -37,6 +36,7 @@ from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identify import judged
 from butterfly.identification.splits import Split
+from butterfly.report.finding_texts import require_possible
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page, write_page
 from butterfly.report.ranking_pages import leaderboard_page

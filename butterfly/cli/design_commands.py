@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from butterfly.api.usable import require_possible
 from butterfly.cli.console import say, say_verdict, show_table
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.estimator_options import takes_estimator
@@ -27,6 +26,7 @@ from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identify import judged
 from butterfly.model.harmonic import LARGEST_SWING
+from butterfly.report.finding_texts import require_possible
 from butterfly.report.numbers.table_numbers import told_design
 from butterfly.report.summary import best_experiment_text
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from butterfly.api.sources import is_data
-from butterfly.api.usable import require_possible
 from butterfly.cli.console import say, say_verdict, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
@@ -27,6 +26,7 @@ from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.stand_alone import command_of, stand_alone
 from butterfly.plant.watch.picture import render
+from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
 from butterfly.report.numbers.table_numbers import rests_on
 
