@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 236,
-    "lines of the package": 38_913,
+    "files of the package": 235,
+    "lines of the package": 38_886,
     "lines of tests": 28_093,
     "names of classes that exist twice": 7,
     "modules in import circles": 12,
