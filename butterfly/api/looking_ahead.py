@@ -15,7 +15,6 @@ from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read, read_experiment
-from butterfly.api.usable import require_possible
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import planned_logs
@@ -31,6 +30,7 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import require_possible
 
 
 def predict(

@@ -16,7 +16,6 @@ from butterfly.api.answers import Leaderboard, Residual, Selection
 from butterfly.api.saved import load
 from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
-from butterfly.api.usable import require_possible
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
@@ -39,7 +38,7 @@ from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hol
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.finding_texts import estimate_verdict, require_possible
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
@@ -63,7 +62,7 @@ def identify(
     data: Data,
     method: Method = DEFAULT_METHOD,
     *,
-    against: Mapping[str, Identification | LumpedParameters | Mapping[str, float]] | None = None,
+    against: Mapping[str, Identification | LumpedParameters | Mapping[str, Any]] | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
