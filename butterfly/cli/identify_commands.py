@@ -24,7 +24,7 @@ from butterfly.cli.show_identification import show_identification
 from butterfly.cli.show_progress import show_progress
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identify import identify
-from butterfly.identification.other_parameters import told_parameters
+from butterfly.identification.parameters_by_hand import read_parameters
 
 
 @answers_in_json("identification")
@@ -70,7 +70,7 @@ def identify_command(
     """
     require_report(figures, report)
     others = {
-        text: told_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
+        text: read_parameters(parse_pairs(text, "--against"), "--against") for text in against or []
     }
     logs = options.read(data).holding_out(parse_names(holdout))
     chosen = estimator.suited(logs)
