@@ -62,7 +62,7 @@ def identify(
     data: Data,
     method: Method = DEFAULT_METHOD,
     *,
-    against: Mapping[str, Identification | LumpedParameters | Mapping[str, float]] | None = None,
+    against: Mapping[str, Identification | LumpedParameters | Mapping[str, Any]] | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator

@@ -103,7 +103,7 @@ def _built(robot: Robot, added: AddedMass, *, scene: bool, assisted: bool) -> El
             "bristle_stiffness",
             0,
             "more than 0: MuJoCo's friction sticks harder with bristles only, or by the actuators "
-            "that `butterfly model export` adds",
+            "that `butterfly export` adds",
         )
     root = _parse(shipped(MODEL))
     _set_gravity(root, robot.hand.tilt)

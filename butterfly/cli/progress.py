@@ -9,7 +9,7 @@ from collections.abc import Sized
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
-from butterfly.cli.loudness import is_quiet
+from butterfly.cli.output import asked
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -24,7 +24,7 @@ _telling: set[threading.Event] = set()  # by which lines that are told end
 
 def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
     """Show a bar on terminals, and elsewhere a plain line every `EVERY` seconds."""
-    if is_quiet():
+    if asked.quiet:
         return items
     if not sys.stderr.isatty():
         return _told(items, description)

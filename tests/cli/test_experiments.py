@@ -2,7 +2,7 @@
 
 import yaml
 
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.output import ExitCode
 from butterfly.identification.estimators import harmonic_balance_regression
 from tests.cli.one_line import assert_one_line_error
 

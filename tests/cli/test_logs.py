@@ -72,7 +72,7 @@ def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, qu
     assert plot.stat().st_size > 1e6
     assert butterfly("inspect", file)[1] in out
     assert_one_line_error(butterfly("inspect", quick_data, "--plot", plot), "12 logs", "--log N")
-    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "--log", "from 0 to 11")
+    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "logs", "from 0 to 11")
 
 
 def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_data, tmp_path):
@@ -106,7 +106,7 @@ def test_inspect_says_where_the_hand_hangs_and_how_that_is_known(butterfly, log_
     assert "(steady swing)" in butterfly("inspect", quick_data)[1]
     out = butterfly("inspect", quick_data, "--zero", "0.1+-0.02")[1]
     assert "hangs at 0.1000 ± 0.02 rad (told)" in out
-    assert_one_line_error(butterfly("inspect", log_file, "--zero", "left"), "--zero", "left")
+    assert_one_line_error(butterfly("inspect", log_file, "--zero", "left"), "zero", "left")
 
 
 def test_a_log_that_a_manifest_beside_it_does_not_list_is_read_all_the_same(

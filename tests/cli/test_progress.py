@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from butterfly.cli import show_progress as module
-from butterfly.cli.show_progress import show_progress, tell_no_more
+from butterfly.cli import progress as module
+from butterfly.cli.progress import show_progress, tell_no_more
 
 
 @pytest.fixture
