@@ -55,7 +55,7 @@ def record(
     Parameters
     ----------
     motor
-        Real or simulated, told torques.
+        Real or simulated, driven with torques.
     sines
         In rad/s and N m.
     folder
@@ -130,36 +130,38 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--seconds", type=float, default=40.0, help="length of each log")
     add("--uncertainty", type=float, default=0.0, help="of the torque, as a share of it")
     add("--out", type=Path, default=Path("logs"), help="folder of the logs")
-    told = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        manifest = record_as(told)
+        manifest = record_as(options)
     except (DriveError, InputError) as error:
         sys.exit(f"Stopped: {error}")
     except can.CanError as error:
         sys.exit(
             f"No message gets through: {error}. If the axis is armed, its watchdog alone stops it"
         )
-    print(f"{manifest} names them: butterfly identify {told.out}")
+    print(f"{manifest} names them: butterfly identify {options.out}")
 
 
-def record_as(told: argparse.Namespace) -> Path:
+def record_as(options: argparse.Namespace) -> Path:
     """Record what the command line names; return the manifest's path."""
-    sines = [Sine(omega=omega, amplitude=told.amplitude) for omega in told.omegas]
-    gain = Known(value=1.0, uncertainty=told.uncertainty)
-    with bus_of(told) as bus:
-        motor = ODrive(bus, limit=told.limit, node=told.node, period=told.period, gear=told.gear)
-        timing = {"seconds": told.seconds, "period": told.period}
-        return record(motor, sines, told.out, **timing, gain=gain)
+    sines = [Sine(omega=omega, amplitude=options.amplitude) for omega in options.omegas]
+    gain = Known(value=1.0, uncertainty=options.uncertainty)
+    with bus_of(options) as bus:
+        motor = ODrive(
+            bus, limit=options.limit, node=options.node, period=options.period, gear=options.gear
+        )
+        timing = {"seconds": options.seconds, "period": options.period}
+        return record(motor, sines, options.out, **timing, gain=gain)
 
 
-def bus_of(told: argparse.Namespace) -> can.BusABC:
+def bus_of(options: argparse.Namespace) -> can.BusABC:
     """Open the bus that the command line names."""
-    if told.rehearse:
-        return rehearsal(node=told.node, period=told.period)
+    if options.rehearse:
+        return rehearsal(node=options.node, period=options.period)
     try:
-        return can.Bus(interface=told.interface, channel=told.channel)
+        return can.Bus(interface=options.interface, channel=options.channel)
     except (OSError, can.CanError) as error:
-        raise DriveError(f"no bus {told.channel} of {told.interface}: {error}") from None
+        raise DriveError(f"no bus {options.channel} of {options.interface}: {error}") from None
 
 
 if __name__ == "__main__":
