@@ -23,8 +23,8 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
-from butterfly.identification.given import given_estimate, judged_on, outdone
 from butterfly.identification.identification import Identification
+from butterfly.identification.parameters_by_hand import given_estimate, judged_on, outdone
 from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Known

@@ -31,8 +31,8 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import held_out_fits, judged
 from butterfly.identification.identify import identify as identify_data
-from butterfly.identification.other_parameters import told_parameters
 from butterfly.identification.parameter import unit_of
+from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hold_out, select_terms
 from butterfly.model.parameters import LumpedParameters
@@ -454,7 +454,7 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     if not isinstance(given, Mapping):
         expected = "parameters by their names, such as {'p1': 0.003, ...}"
         raise InputError("against", name, given, expected)
-    return told_parameters(given, f"against {name}")
+    return read_parameters(given, f"against {name}")
 
 
 def _require_count(name: str, value: object, least: int) -> None:

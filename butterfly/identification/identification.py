@@ -21,8 +21,8 @@ from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun
-from butterfly.identification.other_parameters import OtherParameters
 from butterfly.identification.parameter import or_nan
+from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest

@@ -12,7 +12,7 @@ from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
 from butterfly.identification.identify import identify, judged
-from butterfly.identification.other_parameters import best_gain, try_parameters
+from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.logs.manifest import read_manifest

@@ -9,7 +9,7 @@ import pytest
 
 from butterfly.identification import segments
 from butterfly.identification.data import DataSet
-from butterfly.identification.other_parameters import best_gain, try_parameters
+from butterfly.identification.parameters_by_hand import best_gain, try_parameters
 from butterfly.identification.simulation import Simulation
 from tests.identification.simulated import ROBOT, SWINGS, steady
 
