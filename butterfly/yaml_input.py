@@ -28,6 +28,12 @@ _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 
 _LONGEST = 120  # characters of a value that a message repeats
 
+_PLAINER = {
+    "a valid dictionary": "a mapping",
+    "a valid frozenset": "a list",
+    "a valid list": "a list",
+}
+
 _NOWHERE = object()
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -36,7 +42,9 @@ _Model = TypeVar("_Model", bound=BaseModel)
 class StrictModel(BaseModel):
     """Base of all YAML schemas: immutable, unknown keys refused, no infinities."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 class OneOf(StrictModel):
@@ -61,13 +69,16 @@ def read_yaml(path: Path, schema: type[_Model]) -> _Model:
 
 
 def validate(
-    documents: Sequence[Document], content: dict[str, Any], schema: type[_Model]
+    documents: Sequence[Document],
+    content: dict[str, Any],
+    schema: type[_Model],
+    source: object = "content",
 ) -> _Model:
-    """Validate parsed ``content``; a slip is blamed on the first document that has its field."""
+    """Validate ``content``; a slip is blamed on the document with its field, else on ``source``."""
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        raise _translate(documents, content, schema, error) from None
+        raise _translate(documents, content, schema, error, source) from None
 
 
 def _translate(
@@ -75,12 +86,13 @@ def _translate(
     content: dict[str, Any],
     schema: type[BaseModel],
     error: ValidationError,
+    origin: object,
 ) -> InputError:
     unknown = [e for e in error.errors() if e["type"] in _UNKNOWN_KEY]
     first = (unknown or error.errors())[0]  # a slip in a key is also a missing key, which says less
     location = [str(part) for part in first["loc"]]
     field = _field(content, location, lacking=first["type"] == "missing")
-    source = _source(documents, location)
+    source = _source(documents, location, origin)
     if unknown:
         names = _fields_at(schema, location[:-1])
         return InputError(source, field, "an unknown key", nearest(location[-1], names))
@@ -89,14 +101,16 @@ def _translate(
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         if not location:  # of the whole file, by a rule that names the field
-            source = _source(documents, [cause.field])
+            source = _source(documents, [cause.field], origin)
             return InputError(source, cause.field, cause.value, cause.expected)
-        return InputError(source, f"{field}.{cause.field}", cause.value, cause.expected)
+        inner = cause.field.startswith(f"{field}.")
+        named = cause.field if inner else f"{field}.{cause.field}"
+        return InputError(source, named, cause.value, cause.expected)
     message = first["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     value = repr(first["input"])
     if len(value) > _LONGEST:
         value = value[:_LONGEST] + " ..."
-    return InputError(source, field, value, message)
+    return InputError(source, field, value, _PLAINER.get(message, message))
 
 
 def _field(content: Any, location: Sequence[str], *, lacking: bool) -> str:  # noqa: ANN401 - whatever a file may say
@@ -125,13 +139,13 @@ def _value(content: Any, part: str) -> Any:  # noqa: ANN401 - whatever a file ma
     return _NOWHERE
 
 
-def _source(documents: Sequence[Document], location: Sequence[str]) -> str:
+def _source(documents: Sequence[Document], location: Sequence[str], origin: object) -> str:
     """Name the file, and the line in it, that says what stands at ``location``."""
     for document in documents:
         line = document.line(location)
         if line is not None:
             return f"{document.path}:{line}"
-    return str(documents[0].path)
+    return str(documents[0].path if documents else origin)
 
 
 def _fields_at(schema: type[object], location: Sequence[str]) -> list[str]:

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.api.result import Result, TextTable
 from butterfly.errors import InputError
-from butterfly.logs.remarks import Condition
 from butterfly.report.numbers.document import Told
 from butterfly.report.page import Page, write_html
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from butterfly.report.inspection import Inspected
@@ -48,7 +47,7 @@ class Answer(Result):
         return self.content.summary
 
     @property
-    def judged(self) -> SaidVerdict | None:  # type: ignore[override]
+    def judged(self) -> Verdict | None:  # type: ignore[override]
         """The verdict on the estimate that it rests on; None if it rests on none."""
         return self.content.verdict
 
@@ -136,7 +135,7 @@ class Inspection(Answer):
     @property
     def unusable(self) -> int:
         """How many logs cannot be used."""
-        return sum(each.condition is Condition.UNUSABLE for each in self.logs)
+        return sum(each.condition is Level.WARNING for each in self.logs)
 
     def require_usable(self) -> None:
         """Raise InputError if there are logs that cannot be used."""

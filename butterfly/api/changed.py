@@ -16,7 +16,6 @@ from butterfly.api.tabulated import Tabulated
 from butterfly.comparison.change import change
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.unit_errors.names import listed
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.report.change import (
@@ -27,6 +26,7 @@ from butterfly.report.change import (
     untested_sentences,
 )
 from butterfly.report.figures import GREY, PALETTE
+from butterfly.verdict import Level
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -123,7 +123,7 @@ def _with_reserve(said: list[str], *both: Identified) -> list[str]:
     places = [
         place
         for place, each in zip(_PLACES, both, strict=True)
-        if each.judged.standing is Standing.NOT
+        if each.judged.level is Level.WARNING
     ]
     if not places:
         return said
@@ -135,7 +135,7 @@ def _warnings(*both: Identified) -> list[str]:
     said = [
         f"The verdict on {place}: {each.judged.sentence}"
         for place, each in zip(_PLACES, both, strict=True)
-        if each.judged.standing is not Standing.GOOD
+        if each.judged.level is not Level.GOOD
     ]
     one, other = (each.estimate for each in both)
     if both[0].estimator != both[1].estimator:

@@ -39,8 +39,8 @@ from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Page, write_page
 from butterfly.report.sweep import sweep_page
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import fit_said, verdict_on
+from butterfly.verdict import Verdict
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
@@ -297,7 +297,7 @@ def _told(document: Mapping[str, Any]) -> Told:
     return Told(
         kind=document["schema"].removeprefix("butterfly."),
         title=document["title"],
-        verdict=SaidVerdict.of_numbers(document),
+        verdict=Verdict.of_numbers(document),
         summary=tuple(document["summary"]),
         content={key: value for key, value in document.items() if key not in HEAD},
         units=document["units"],

@@ -19,13 +19,13 @@ from butterfly.api.result import Result, TextTable, aligned, text, texts
 from butterfly.api.separated import Separated
 from butterfly.api.usable import require_possible
 from butterfly.errors import InputError
-from butterfly.experiment.estimate_record import ParameterRecord, or_nan
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification, simulated
+from butterfly.identification.parameter import or_nan
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
@@ -39,7 +39,6 @@ from butterfly.model.parameters import (
 )
 from butterfly.report.identification import write_report
 from butterfly.report.numbers.document import Told
-from butterfly.report.numbers.estimate_json import estimate_of
 from butterfly.report.numbers.estimate_numbers import chosen_numbers
 from butterfly.report.numbers.identification_numbers import (
     BESIDES,
@@ -48,12 +47,12 @@ from butterfly.report.numbers.identification_numbers import (
     titled,
     told_of_parts,
 )
-from butterfly.report.parameter_rows import rows_of, unit_of
+from butterfly.report.parameter_table import parameter_rows
 from butterfly.report.physical import HEADERS as PHYSICAL_HEADERS
 from butterfly.report.physical import TITLE as PHYSICAL_TITLE
 from butterfly.report.physical import physical_rows, physical_sentences
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import fit_said, sentences, summary, verdict_on
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     import control
@@ -116,17 +115,17 @@ class Identified(Result):
 
     @classmethod
     def of_content(cls, content: dict[str, Any]) -> Identified:
-        """Return what `to_dict` told of (see `estimate_of` for what is raised)."""
+        """Return what `to_dict` told of (see `Estimate.from_dict` for what is raised)."""
         origin = dict(content["data"])
         InputKind(origin["input"])
         if origin["manifest"] is not None:
             manifest = origin["manifest"]
             Manifest.model_validate({**manifest, "root": manifest["root"] or "."})
         result = cls(
-            estimate=estimate_of(content["estimate"]),
+            estimate=_usable(Estimate.from_dict(content)),
             estimator=text(content["estimator"]),
             origin=origin | {"name": text(origin["name"])},
-            fits=_fits(content["fits"]),
+            fits=_some(_fits(content["fits"])),
             summary=texts(content["summary"]),
             held_out=_fits(content.get("held_out", {})),
             saved={key: content[key] for key in BESIDES if key in content},
@@ -173,23 +172,14 @@ class Identified(Result):
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: value, standard error, 95 % interval, unit."""
-        kind = InputKind(self.origin["input"])
-        records = ParameterRecord.all_of(self.estimate)
+        shown = ("value", "standard_error", "lower", "upper", "unit")
         return [
-            {
-                "parameter": each.parameter,
-                "value": each.value,
-                "standard_error": each.standard_error,
-                "lower": each.lower,
-                "upper": each.upper,
-                "unit": unit_of(each.parameter, kind, self._joint),
-            }
-            for each in records
+            {"parameter": each.name, **{name: getattr(each, name) for name in shown}}
+            for each in self.estimate.table()
         ]
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the table of parameters with the digits that their errors leave."""
-        records = ParameterRecord.all_of(self.estimate)
         return [
             {
                 "parameter": row.symbol,
@@ -198,19 +188,17 @@ class Identified(Result):
                 "95 % interval": row.interval,
                 "unit": row.unit,
             }
-            for row in rows_of(records, InputKind(self.origin["input"]), self._joint)
+            for row in parameter_rows(self.estimate.table())
         ]
 
     def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
         """Return parameters beside the true ones if known, physical ones, and FIT of others."""
-        records = ParameterRecord.all_of(self.estimate, truth)
-        kind = InputKind(self.origin["input"])
         rows = [
             (
                 *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
                 *(row.unit, row.left_out),
             )
-            for row in rows_of(records, kind, self._joint)
+            for row in parameter_rows(self.estimate.table(truth))
         ]
         name = f"{self.origin['name']}: {self.estimate.method}"
         tables = [TextTable(name, _HEADERS, rows)]
@@ -241,7 +229,7 @@ class Identified(Result):
         return f"<Identified: {self.title}{self._unless_good()}: {values}>"
 
     @property
-    def judged(self) -> SaidVerdict:  # type: ignore[override]
+    def judged(self) -> Verdict:  # type: ignore[override]
         """The verdict on its values."""
         return verdict_on(self.estimate)
 
@@ -405,3 +393,23 @@ def _comparisons(found: Identification) -> TextTable:
 
 def _fits(content: dict[str, Any]) -> dict[str, float]:
     return {str(name): float(or_nan(fit)) for name, fit in content.items()}
+
+
+def _some(fits: dict[str, float]) -> dict[str, float]:
+    if not fits:
+        raise ValueError("no logs")
+    return fits
+
+
+_LARGEST = 1e60  # of any number: squares of such are numbers too
+
+
+def _usable(estimate: Estimate) -> Estimate:
+    """Return an estimate that results can be made of; a ValueError says why it is none."""
+    arrays = (estimate.values, *estimate.left_out.values(), *estimate.rivals)
+    if not all(np.isfinite(each).all() for each in arrays):
+        raise ValueError("values that are no numbers")
+    others = (estimate.covariance, estimate.lower, estimate.upper, np.array(estimate.condition))
+    if any((np.abs(each) > _LARGEST).any() for each in (*arrays, *others)):
+        raise ValueError(f"numbers above {_LARGEST:g}")
+    return estimate

@@ -11,7 +11,7 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.figures import middle
 from butterfly.report.frequency_figure import frequency_response_figure
-from butterfly.report.parameter_rows import parameter_rows
+from butterfly.report.parameter_table import parameter_rows
 from butterfly.report.time_figure import time_figure
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class IdentifiedPlots:
 
     def parameters(self, truth: LumpedParameters | None = None) -> Figure:
         """Draw the estimates with their intervals, beside the truth where it is known."""
-        return parameter_figure(parameter_rows(self.identification, truth))
+        return parameter_figure(parameter_rows(self.identification.estimate.table(truth)))
 
     def correlations(self) -> Figure | None:
         """Draw how the errors of the parameters go together; None without a covariance."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
 from butterfly.logs.log import SAMPLED, Log
-from butterfly.model.parameters import AddedMass
+from butterfly.logs.manifest import Manifest
 
 
 class Frame(Protocol):
@@ -28,8 +28,6 @@ class Frame(Protocol):
 Table: TypeAlias = Frame | Mapping[str, Any] | NDArray[Any]
 """Columns by name, or by number."""
 
-_OF_FILES = ("root", "arm")
-
 
 def is_table(source: object) -> TypeGuard[Table]:
     """Whether an object is a frame, a mapping, or an array."""
@@ -38,35 +36,22 @@ def is_table(source: object) -> TypeGuard[Table]:
     return hasattr(source, "columns") and hasattr(source, "__getitem__")
 
 
-def log_of_table(table: Table, told: Mapping[str, Any]) -> Log:
-    """Make a log of a table.
-
-    Parameters
-    ----------
-    table
-        The table.
-    told
-        What `butterfly.api.sources.read` was told besides.
+def log_of_table(table: Table, manifest: Manifest) -> Log:
+    """Make a log of a table, by a manifest whose only entry it is.
 
     Raises
     ------
     InputError
-        If the table lacks a column, or one holds no numbers, or something was told that only files
-        have.
+        If the table lacks a column, or one holds no numbers.
     """
-    for key in _OF_FILES:
-        if key in told:
-            expected = "none beside a table: bf.Log has the field added_mass"
-            raise InputError("read", key, told[key], expected)
     columns = _columns(table)
     names = list(columns)
-    mapping = checked_map("table", told.get("columns") or _default_map(names, table))
-    places = {field: place("table", names, name) for field, name in mapping.items()}
-    chosen = {field: columns[names[number]] for field, number in places.items()}
-    velocity = "velocity" if "velocity" in chosen else None
-    about = {key: told[key] for key in ("units", "input_kind", "intersample") if key in told}
-    carried = AddedMass(**{key: told[key] for key in ("joint", "gravity") if key in told})
-    return Log.from_frame(chosen, velocity=velocity, source="table", added_mass=carried, **about)
+    mapping = checked_map("table", manifest.columns or _default_map(names, table))
+    chosen: dict[str, Any] = {
+        field: columns[names[place("table", names, name)]] for field, name in mapping.items()
+    }
+    log = Log(**chosen, source="table", **manifest.properties(manifest.logs[0]))
+    return log.converted(manifest.scale)
 
 
 def _columns(table: Table) -> dict[str, Any]:
@@ -86,8 +71,5 @@ def _default_map(names: list[str], table: Table) -> dict[str, Any]:
     """Return the fields' own names, or their order in an array without names."""
     if isinstance(table, np.ndarray) and table.dtype.names is None:
         return dict(zip(SAMPLED, range(len(names)), strict=False))
-    return {
-        name: name
-        for name in (*DEFAULT_COLUMNS, "velocity")
-        if name in names or name in DEFAULT_COLUMNS
-    }
+    velocity = {"velocity": "velocity"} if "velocity" in names else {}
+    return {**DEFAULT_COLUMNS, **velocity}

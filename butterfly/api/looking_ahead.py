@@ -15,10 +15,9 @@ from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
-from butterfly.api.sources import Data, Named, read, read_experiment
+from butterfly.api.sources import Data, Named, is_data, read, read_experiment
 from butterfly.api.usable import require_possible
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.experiment.data_source import is_data
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import planned_logs
 from butterfly.files import locate

@@ -11,7 +11,6 @@ import numpy as np
 
 from butterfly.api.drawn import Drawn
 from butterfly.api.tabulated import Tabulated
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
@@ -19,6 +18,7 @@ from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section
 from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
 from butterfly.report.words import fit_said, sentences, verdict_on
+from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -81,7 +81,7 @@ class Predicted(Tabulated):
             title=f"{name!r} predicted",
             summary=(
                 verdict.sentence,
-                *_followed(predictions, verdict.standing, measured=measured),
+                *_followed(predictions, verdict.level, measured=measured),
                 *said,
                 *sentences(estimate)[1:],
             ),
@@ -89,7 +89,7 @@ class Predicted(Tabulated):
             table=tuple(_row(each, measured=measured) for each in predictions),
             besides={
                 "data": {"name": name, "input": str(log.input_kind), "logs": len(predictions)},
-                **estimate_numbers(estimate, log.input_kind, log.added_mass.joint),
+                **estimate_numbers(estimate),
             },
             predictions=tuple(predictions),
             drawn=drawn,
@@ -148,9 +148,7 @@ def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
     return row
 
 
-def _followed(
-    predictions: Sequence[Prediction], standing: Standing, *, measured: bool
-) -> list[str]:
+def _followed(predictions: Sequence[Prediction], level: Level, *, measured: bool) -> list[str]:
     """Say how well the logs are followed, and how many samples lie inside the bands."""
     count = f"{len(predictions)} logs" if len(predictions) > 1 else "1 log"
     if not measured:
@@ -158,7 +156,7 @@ def _followed(
     fits = np.array([each.run.fit for each in predictions])
     fit = FitSummary.of(fits, predictions[0].run.horizon)
     start = "in segments, each from a start that was fitted to it" if fit.over else ""
-    like = "They move like this robot: " if standing is Standing.GOOD else ""
+    like = "They move like this robot: " if level is Level.GOOD else ""
     said = [
         f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
         f"FIT{fit.over} "

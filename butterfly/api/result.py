@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from butterfly.errors import ButterflyError
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.report.numbers.document import SCHEMA_NUMBER, Told, write_document
 from butterfly.report.page import Page, Section, Table, write_page
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,13 +45,13 @@ class Result(ABC):
     summary: tuple[str, ...]
     """What it says, in plain English, the verdict first, then the most important."""
 
-    judged: SaidVerdict | None
+    judged: Verdict | None
     """The verdict on the estimate that it rests on; None of a result of an older program."""
 
     @property
-    def standing(self) -> Standing | None:
+    def standing(self) -> str | None:
         """What may be done with the estimate that it rests on: good, use with care, do not use."""
-        return None if self.judged is None else self.judged.standing
+        return None if self.judged is None else self.judged.level.verdict
 
     @property
     def verdict(self) -> list[str]:
@@ -170,7 +169,7 @@ class Result(ABC):
 
     def _unless_good(self) -> str:
         """Return what a line says of the verdict: nothing if it is good."""
-        return f", {self.standing}" if self.standing not in {None, Standing.GOOD} else ""
+        return f", {self.standing}" if self.standing not in {None, Level.GOOD.verdict} else ""
 
     def _repr_html_(self) -> str:
         return html_of(self.title, self.shown_rows(), self.summary)

@@ -10,19 +10,18 @@ from typing import Any
 from butterfly.api.answers import Inspection, RobotModel
 from butterfly.api.identified import Identified
 from butterfly.api.result import TextTable
-from butterfly.api.sources import Named, read
+from butterfly.api.sources import RESULT, Named, is_data, manifest_of, read
 from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT, is_data, manifest_of
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.logs.pieces import Cut, read_pieces, with_parts
-from butterfly.model.known import Knowledge, known_of
+from butterfly.logs.pieces import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import Robot
@@ -33,9 +32,8 @@ from butterfly.report.inspection import Inspected, conditions_said, health_rows,
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
-from butterfly.report.parameter_rows import unit_of
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.zeros import zeros_said
+from butterfly.verdict import Verdict
 
 ARM = 0.104  # m
 
@@ -52,7 +50,7 @@ class NamedRobot:
     carried: AddedMass
     input_kind: InputKind
     command: Mapping[str, float]
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     note: str = ""
     besides: dict[str, Any] = field(default_factory=dict)
 
@@ -94,7 +92,7 @@ def inspect(
             path, hand_mass=hand_mass, added_mass=added_mass, arm=description.get("arm")
         )
         return _robot_model(named)
-    manifest = with_parts(_described(path, **description))
+    manifest = with_parts(manifest_of(path, massless=True, **description))
     numbers = numbers_of_logs("inspect", logs, len(manifest.logs))
     part = manifest.model_copy(update={"logs": [manifest.logs[k] for k in numbers]})
     seen = inspect_logs(part, track)
@@ -171,7 +169,7 @@ def _twin(result: Identified, carried: AddedMass, mass: float | None) -> NamedRo
         besides={
             "data": document["data"],
             "chosen": document["chosen"],
-            **estimate_numbers(found, kind, joint),
+            **estimate_numbers(found),
         },
     )
 
@@ -214,27 +212,6 @@ def _numbers_of(part: object) -> str:
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
     )
-
-
-def _described(
-    source: Path,
-    *,
-    known: Mapping[str, Any] | None = None,
-    zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
-    joint: str | None = None,
-    gravity: float | None = None,
-    piece: tuple[float | None, float | None] | None = None,
-    restarts: bool = False,
-    **about: Any,  # noqa: ANN401 - what `manifest_of` takes
-) -> Manifest:
-    """Return the manifest of data of which more is said; loose folders may hold any logs."""
-    manifest = manifest_of(source, loose=True, **about)
-    manifest = manifest.moving(None if joint is None else JointKind(joint), gravity)
-    manifest = manifest.knowing(Knowledge.told(known or {}, "data"))
-    if zero is not None:
-        manifest = manifest.with_zero(known_of(zero, "data", "zero"))
-    begin, end = piece or (None, None)
-    return Cut(begin=begin, end=end, restarts=restarts).of(manifest)
 
 
 def _one_log(manifest: Manifest, seen: Inspected) -> TextTable:

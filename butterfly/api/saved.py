@@ -12,9 +12,9 @@ from butterfly.api.drawn import Drawn
 from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.separated import Separated
+from butterfly.api.sources import root_of
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import root_of
 
 _SAVED = (Identified, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
@@ -46,7 +46,9 @@ def load(
         raise InputError(file, "schema", schema, expected)
     kind = _KINDS[schema]
     number = content.get("schema_number")
-    if number != kind.schema_number:
+    if number == _BEFORE:
+        content = _upgraded(file, content)
+    elif number != kind.schema_number:
         newer = isinstance(number, int) and number > kind.schema_number
         remedy = "a newer butterfly" if newer else "the result saved again by this butterfly"
         expected = f"{kind.schema_number}: this file needs {remedy}"
@@ -62,6 +64,66 @@ def load(
         expected = "a result as its method save writes it"
         raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
     return result
+
+
+_BEFORE = 1  # the schema number before an estimate was told once
+
+
+def _upgraded(file: Path, content: dict[str, Any]) -> dict[str, Any]:
+    """Return what butterfly 0.2.0 saved as it is saved now."""
+    if content["schema"] != "butterfly.identification":
+        return content
+    try:
+        old = content["estimate"]
+        names, findings = old["names"], content["misfit"].get("findings", ())
+        limits = {key: dict(zip(names, old[key], strict=True)) for key in ("lower", "upper")}
+        values = dict(zip(names, old["values"], strict=True))
+        rows = {
+            name: {"value": values[name], **{key: limits[key][name] for key in limits}}
+            for name in names
+        }
+        left_out = [
+            {
+                **({"added_mass": key} if isinstance(key, dict) else {"without": key}),
+                "values": dict(zip(names, each, strict=True)),
+            }
+            for key, each in old["left_out"]
+        ]
+        apart = [
+            name
+            for each in old["findings"]
+            if each["kind"] == "not-estimated"
+            for name in each["parameters"]
+        ]
+        horizon = old.get("horizon")
+        same = (
+            "method",
+            "ending",
+            "condition",
+            "findings",
+            "on_bound",
+            "held",
+            "known",
+            "resonances",
+            "local",
+            "rivals",
+            "freedom",
+        )
+        return {
+            **content,
+            **{key: old[key] for key in same if key in old},
+            "parameters": rows,
+            "unestimated": {name: values[name] for name in apart},
+            "covariance": {"names": names, "matrix": old["covariance"]},
+            "left_out": left_out,
+            "horizon": "whole" if horizon == 0 else horizon,
+            "input": content["data"]["input"],
+            "joint": content["data"].get("joint", "hinge"),
+            "misfit": {**content["misfit"], "findings": list(findings)},
+        }
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        expected = "a result as butterfly 0.2.0 saved it; identify its logs again"
+        raise InputError(file, "content", f"{type(error).__name__}: {error}", expected) from None
 
 
 def _content(file: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from butterfly.api.result import aligned
 from butterfly.api.tabulated import Tabulated
 from butterfly.identification.physical import PhysicalParameters
 from butterfly.report.physical import TITLE, physical_numbers, physical_sentences
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -19,7 +19,7 @@ class Separated(Tabulated):
     kind: ClassVar[str] = "physical"
 
     @classmethod
-    def of(cls, parameters: PhysicalParameters, name: str, judged: SaidVerdict) -> Separated:
+    def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
         """Wrap what is told of the robot of some data."""
         return cls(
             title=f"{TITLE} of {name!r}",

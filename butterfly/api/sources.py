@@ -2,35 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import json
+import os
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 from butterfly.api.identified import Identified
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import named_data
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.files import locate
-from butterfly.identification.data import DataSet
-from butterfly.logs.column_map import ColumnMap
-from butterfly.logs.health import DEFAULT_REPAIRS, Repair
-from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.logs.pieces import WHOLE, Cut
+from butterfly.identification.data import DataSet, read_data_set
+from butterfly.logs.formats import ENDINGS, FORMATS
+from butterfly.logs.health import DEFAULT_REPAIRS
+from butterfly.logs.log import Log
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    LogEntry,
+    Manifest,
+    Split,
+    checked_options,
+    described,
+    read_manifest,
+)
+from butterfly.logs.manifest_draft import draft, of_logs
+from butterfly.logs.pieces import pieces_of
 from butterfly.model.known import NOTHING, Knowledge, known_of
-from butterfly.model.parameters import JointKind
+from butterfly.progress import Track, untracked
+from butterfly.yaml_input import load_yaml
 
-_OWN: tuple[dict[str, Any], frozenset[Repair]] = ({}, frozenset())  # of logs that are read already
+RESULT = ".json"
+"""Ending of a saved result."""
+
+_OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
+_YAML = {".yaml", ".yml"}
+_PATTERN = frozenset("*?[")
+_OF_READ_LOGS = {"known", "zero", "holdout", "name"}  # what may be said of logs that are read
 
 Named: TypeAlias = str | PathLike[str]
-"""A path, or the name of something shipped."""
+"""A path, a glob pattern, or the name of something shipped."""
 
 One: TypeAlias = DataSet | Identified | Log | Named | Table
 """Whatever holds logs by itself."""
-
-_CHOICES = (("input_kind", InputKind), ("intersample", Intersample), ("joint", JointKind))
 
 Data: TypeAlias = One | Sequence[One]
 """Whatever `read` takes."""
@@ -40,156 +56,193 @@ def read(
     source: Data,
     *,
     root: Named | None = None,
-    arm: float | None = None,
-    input_kind: str | None = None,
-    intersample: str | None = None,
-    columns: ColumnMap | None = None,
-    units: Mapping[str, str | float] | None = None,
-    repair: Collection[str] | None = None,
-    known: Mapping[str, Any] | None = None,
-    joint: str | None = None,
-    gravity: float | None = None,
-    zero: Any = None,  # noqa: ANN401 - a number, with or without an uncertainty
-    piece: tuple[float | None, float | None] | None = None,
-    restarts: bool | None = None,
-    name: str = "logs",
+    track: Track = untracked,
+    **description: Any,  # noqa: ANN401 - fields of the manifest
 ) -> DataSet:
     """Read logs, check them, repair what may be repaired, and fit the steady response of sines.
 
     Parameters
     ----------
     source
-        A manifest; a folder with one, or with logs named like Data_52__8__002.mat; a log file; a
-        saved result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identified`; a
-        pandas frame, a mapping of arrays, or an array with named columns or of the columns t, u,
-        q[, dq]; or several of these, whose files are then not remembered.
+        A manifest; a folder, with a manifest or of logs alone; a log file; a glob pattern; a saved
+        result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identified`; a pandas
+        frame, a mapping of arrays, or an array with named columns or of the columns t, u, q[, dq];
+        or several of these.
     root
         Folder of the logs, if not the one that the manifest names.
-    arm
-        Pivot to added mass in m, where no manifest says it.
-    input_kind, intersample
-        What the input commands (``voltage``, if not given, or ``torque``), and how it is held
-        (``zero_order_hold``, if not given, or ``first_order_hold``), where no manifest says so.
-    columns, units
-        What holds ``time``, ``input`` and ``angle``: columns or variables, by name or number; and
-        their units, such as ``{"time": "ms", "angle": "deg"}`` (see `butterfly.logs.units`). Both
-        go before what a manifest says.
-    repair
-        Repairs that may be made besides: ``backward``, ``non_finite``, ``unwrap``.
-    known
-        What is known of the robot besides what manifests say: parameters of the model (``p4``,
-        ``p3``, ...), of motor and hand (``resistance``, ``hand_mass``, ...), each a number, or a
-        pair of a value and its standard uncertainty.
-    joint, gravity
-        How the joint moves (``hinge`` or ``slide``), and the gravity in m/s^2 across its axis, if
-        not as manifests say.
-    zero
-        What the encoder reads in rad where the hand hangs, in place of what manifests and logs
-        tell: a number, or a pair of a value and its standard uncertainty.
-    piece
-        First and last instant in s, by its own clock, of what is meant of a single log; None for
-        its ends.
-    restarts
-        Whether a file whose clock falls back holds several recordings, each a log.
-    name
-        Of the data set, where several logs are put together.
+    track
+        Shows progress.
+    description
+        Fields of a manifest, by name; a manifest may say some of them itself. None says nothing.
+
+        - ``name``: of the data set.
+        - ``arm`` (pivot to added mass in m), ``input_kind`` (``voltage`` or ``torque``) and
+          ``intersample`` (``zero_order_hold`` or ``first_order_hold``): where no manifest says it.
+        - ``columns``: what holds ``time``, ``input`` and ``angle``, by name or number;
+          ``joint`` (``hinge`` or ``slide``); ``gravity`` in m/s^2 across its axis; ``sign`` (-1
+          where a positive command turns towards negative angles); ``zero``, what the encoder reads
+          in rad where the hand hangs: in place of what manifests say.
+        - ``units`` of the columns, such as ``{"time": "ms", "angle": "deg"}``; ``known``, what is
+          known of the robot, such as ``{"p4": (1.0, 0.02)}`` (value and standard uncertainty);
+          ``repair`` (``backward``, ``non_finite``, ``unwrap``); ``holdout``, names or glob patterns
+          of logs that are only predicted: besides what manifests say.
+        - ``piece``: first and last instant in s, by its own clock, of what is meant of a log; None
+          for its ends. ``restarts``: whether a file whose clock falls back holds several logs.
 
     Raises
     ------
     InputError
         Naming file, field, value and what was expected.
     """
-    begin, end = _ends(piece)
-    cut = Cut(begin=begin, end=end, restarts=bool(restarts))
-    about: dict[str, Any] = {
-        "joint": joint,
-        "gravity": gravity,
-        "root": root,
-        "arm": arm,
-        "input_kind": input_kind,
-        "intersample": intersample,
-        "columns": columns,
-        "units": units,
-        "cut": None if cut == WHOLE else cut,
-    }
-    repairs = _repairs(repair)
-    data = _read(source, about, repairs, name).knowing(Knowledge.told(known or {}, "read"))
-    return data if zero is None else data.with_zero(known_of(zero, "read", "zero"))
+    folder = None if root is None else Path(root)
+    return _read(source, folder, _given(description), track)
 
 
-def _read(source: Data, about: Mapping[str, Any], repairs: frozenset[Repair], name: str) -> DataSet:
-    """Read a source, or several, about which something is told (see `read`)."""
-    told = {key: value for key, value in about.items() if value is not None}
+def manifest_of(
+    source: Named | Sequence[Named],
+    *,
+    root: Named | None = None,
+    massless: bool = False,
+    **description: Any,  # noqa: ANN401 - as `read` takes it
+) -> Manifest:
+    """Describe files, as `read` takes them, as a manifest.
+
+    ``massless``: whether the added masses that names of files tell may be left out, without an arm.
+
+    Raises
+    ------
+    InputError
+        If a source cannot be read, or several have too little in common for one manifest.
+    """
+    folder, given = None if root is None else Path(root), _given(description)
+    sources = [source] if isinstance(source, str | PathLike) else source
+    manifests = [_manifest(path, folder, given, massless=massless) for path in _paths(sources)]
+    whole = _joined(manifests, given)
+    if whole is None:
+        raise InputError("data", "source", f"{len(manifests)} manifests", "files of one manifest")
+    return whole
+
+
+def _given(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what keywords say, by the fields of a manifest, and ``begin`` and ``end``."""
+    said = {name: value for name, value in description.items() if value is not None}
+    if "input_kind" in said:
+        said["input"] = said.pop("input_kind")
+    if said.pop("restarts", False):
+        said["split"] = Split.RESTARTS
+    if "piece" in said:
+        piece = said.pop("piece")
+        if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end
+            expected = "first and last instant in s, such as (1.5, None)"
+            raise InputError("data", "piece", piece, expected)
+        said["begin"], said["end"] = piece
+    return checked_options(said)
+
+
+def _read(source: Data, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet:
     if isinstance(source, DataSet | Identified | Log):
-        if told:
-            expected = "none beside logs that are read already"
-            raise InputError("read", next(iter(told)), next(iter(told.values())), expected)
-        return _repaired(source, repairs, name)
-    if isinstance(source, Sequence) and not isinstance(source, str):
-        return _together(source, name, about, repairs)
-    return _read_one(source, told, repairs, name)
-
-
-def _read_one(
-    source: Named | Table, told: dict[str, Any], repairs: frozenset[Repair], name: str
-) -> DataSet:
-    """Read a path, a name or a table."""
-    if "root" in told:
-        told["root"] = Path(told["root"])
-    for key, kind in _CHOICES:
-        if key in told:
-            told[key] = choice(kind, "read", key, told[key])
-    if isinstance(source, str | PathLike):
-        return named_data(_path("read", "source", source), repair=repairs, **told)
+        return _of_read_logs(source, root, given)
+    if _is_several(source) and len(source) == 1 and not isinstance(source[0], Log):
+        return _read(source[0], root, given, track)
+    if isinstance(source, str | PathLike) or _is_several(source):
+        own = {name: value for name, value in given.items() if name != "holdout"}
+        sources: Sequence[Any] = source if _is_several(source) else [source]
+        gather = _of_files if all(map(_is_path, sources)) else _together
+        data = gather(sources, root, own, track)
+        return data.holding_out(given.get("holdout", []))
     if is_table(source):
-        return _repaired(log_of_table(source, told), repairs, name)
+        return _of_table(source, root, given)
     expected = "a path, a name, logs, a table, or several of these"
     raise InputError("read", "source", type(source).__name__, expected)
 
 
-def _ends(piece: tuple[float | None, float | None] | None) -> tuple[float | None, float | None]:
-    if piece is None:
-        return None, None
-    if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end
-        raise InputError("read", "piece", piece, "first and last instant in s, such as (1.5, None)")
-    return piece[0], piece[1]
+def _is_several(source: object) -> TypeGuard[Sequence[Any]]:
+    return isinstance(source, Sequence) and not isinstance(source, str)
 
 
-def _repairs(told: Collection[str] | None) -> frozenset[Repair]:
-    if told is None:
-        return frozenset()
-    if isinstance(told, str) or not isinstance(told, Collection):
-        raise InputError("read", "repair", repr(told), f"a list such as [{str(told)!r}]")
-    return frozenset(choice(Repair, "read", "repair", each) for each in told)
+def _is_path(source: object) -> bool:
+    return isinstance(source, str | PathLike)
 
 
-def _repaired(source: DataSet | Identified | Log, repairs: frozenset[Repair], name: str) -> DataSet:
-    """Return the data set of what is read already, with more repairs."""
+def _of_read_logs(
+    source: DataSet | Identified | Log, root: Path | None, given: Mapping[str, Any]
+) -> DataSet:
+    """Return the data set of logs that are read already, and what is known of them besides."""
+    repairs = given.get("repair", frozenset())
     if isinstance(source, Log):
-        return DataSet.of([source], name=source.name or name, repairs=DEFAULT_REPAIRS | repairs)
-    data = source if isinstance(source, DataSet) else source.data
-    if repairs:
-        raise InputError(
-            "read", "repair", ", ".join(sorted(repairs)), "none of a repaired data set"
-        )
-    return data
+        name = source.name or given.get("name", "logs")
+        data = DataSet.of([source], name=name, repairs=DEFAULT_REPAIRS | repairs)
+    else:
+        data = source if isinstance(source, DataSet) else source.data
+        if repairs:
+            listed = ", ".join(sorted(repairs))
+            raise InputError("read", "repair", listed, "none of a repaired data set")
+    told = {"root": root} | dict(given)
+    for name in told.keys() - _OF_READ_LOGS - {"repair"}:
+        if told[name] is not None:
+            expected = "none beside logs that are read already"
+            raise InputError("read", name, told[name], expected)
+    return _more_known(data, given)
+
+
+def _more_known(data: DataSet, given: Mapping[str, Any]) -> DataSet:
+    data = data.knowing(Knowledge.told(given.get("known", {})))
+    if "zero" in given:
+        data = data.with_zero(known_of(given["zero"]))
+    return data.holding_out(given.get("holdout", []))
+
+
+def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> DataSet:
+    """Return the data set of a table; what only files have is refused."""
+    for name, value in (("root", root), ("arm", given.get("arm"))):
+        if value is not None:
+            expected = "none beside a table: bf.Log has the field added_mass"
+            raise InputError("read", name, value, expected)
+    manifest = of_logs("logs", Path(), [LogEntry(file="table")], given)
+    manifest = manifest.piece(given.get("begin"), given.get("end"))
+    pieces = pieces_of(manifest, manifest.logs[0], log_of_table(table, manifest))
+    data = DataSet.of(
+        [log for _, log in pieces],
+        name=manifest.name,
+        known=manifest.knowledge,
+        repairs=manifest.repair,
+    )
+    return data.holding_out(manifest.holdout)
+
+
+def _of_files(
+    sources: Sequence[Named], root: Path | None, given: Mapping[str, Any], track: Track
+) -> DataSet:
+    """Return the data set of files, of one manifest if they have enough in common."""
+    manifests = [_manifest(path, root, given) for path in _paths(sources)]
+    whole = _joined(manifests, given)
+    if whole is not None:
+        return read_data_set(whole, track)
+    parts = [read_data_set(manifest, track) for manifest in manifests]
+    return _union(parts, given)
 
 
 def _together(
-    sources: Sequence[Any], name: str, about: Mapping[str, Any], repairs: frozenset[Repair]
+    sources: Sequence[Any], root: Path | None, given: Mapping[str, Any], track: Track
 ) -> DataSet:
     """Read several sources as one data set; every source's own repairs are made."""
-    if len(sources) == 1 and not isinstance(sources[0], Log):
-        return _read(sources[0], about, repairs, name)
-    said = about, repairs
-    parts = [
-        each if isinstance(each, Log) else _read(each, *(_OWN if _is_read(each) else said), name)
-        for each in sources
-    ]
+    parts: list[DataSet | Log] = []
+    for each in sources:
+        if isinstance(each, Log):
+            parts.append(each)
+        elif isinstance(each, DataSet | Identified):
+            parts.append(_read(each, None, {}, track))
+        else:
+            parts.append(_read(each, root, given, track))
+    return _union(parts, given)
+
+
+def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
+    """Return the data set of all logs of several."""
     logs: list[Log] = []
     held: list[Log] = []
     known = NOTHING
-    repairs |= DEFAULT_REPAIRS
+    repairs = DEFAULT_REPAIRS | given.get("repair", frozenset())
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)
@@ -199,12 +252,150 @@ def _together(
         held.extend(() if part.held is None else part.held.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
-    data = DataSet.of([*logs, *held], name=name, known=known, repairs=repairs)
-    return data.holding(range(len(logs), len(data.logs)))
+    data = DataSet.of([*logs, *held], name=given.get("name", "logs"), known=known, repairs=repairs)
+    return _more_known(data.holding(range(len(logs), len(data.logs))), given)
 
 
-def _is_read(source: object) -> bool:
-    return isinstance(source, DataSet | Identified)
+def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest | None:
+    """Return the manifest of the logs of several; None if these do not say the same of them."""
+    first = manifests[0]
+    if len(manifests) == 1:
+        return first
+    own = {"name", "description", "root", "logs"}
+    facts = [manifest.model_dump(exclude=own) for manifest in manifests]
+    if any(each != facts[0] for each in facts):
+        return None
+    root = Path(os.path.commonpath([manifest.root for manifest in manifests]))
+    entries = [
+        entry.model_copy(
+            update={"file": (Path(manifest.root) / entry.file).relative_to(root).as_posix()}
+        )
+        for manifest in manifests
+        for entry in manifest.logs
+    ]
+    name = given.get("name", "logs")
+    return first.model_copy(
+        update={"name": name, "description": "", "root": str(root), "logs": entries}
+    )
+
+
+def _paths(sources: Sequence[Named]) -> list[Path]:
+    """Return the paths that a user named, glob patterns expanded."""
+    found: list[Path] = []
+    for each in sources:
+        if not str(each):
+            raise InputError("read", "source", "an empty text", "a path or a name")
+        path = Path(each)
+        if path.exists() or not _PATTERN & set(str(each)):
+            found.append(locate(path))
+            continue
+        base = Path(path.anchor) if path.is_absolute() else Path()
+        matching = sorted(base.glob(str(path.relative_to(base))))
+        if not matching:
+            raise InputError("read", "source", each, "a pattern of files that there are")
+        found += matching
+    if not found:
+        raise InputError("read", "source", "none", "at least one path")
+    return found
+
+
+def _manifest(
+    path: Path, root: Path | None, given: Mapping[str, Any], *, massless: bool = False
+) -> Manifest:
+    """Return what is said of data by a manifest, or draft one, and what is given besides."""
+    manifest = _described(path, root, given, massless=massless)
+    return manifest.piece(given.get("begin"), given.get("end"))
+
+
+def _described(
+    path: Path, root: Path | None, given: Mapping[str, Any], *, massless: bool
+) -> Manifest:
+    suffix, beside = path.suffix.lower(), path.parent / MANIFEST_NAME
+    if path.is_dir():
+        if (path / MANIFEST_NAME).exists():
+            return read_manifest(path / MANIFEST_NAME, root, given)
+        _refuse_sweep(path)
+        return draft(path, given, massless=massless)
+    if suffix in FORMATS:
+        listed = _entry_of(path, beside, root, given) if beside.exists() else None
+        return listed or draft(path, given)
+    if suffix == RESULT:
+        return _saved_manifest(path, root, given)
+    if suffix not in _YAML:
+        expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT})"
+        raise InputError(path, "file name", path.suffix or "no ending", expected)
+    try:
+        return read_manifest(path, root, given)
+    except InputError:
+        _refuse_experiment(path)
+        raise
+
+
+def _entry_of(
+    path: Path, beside: Path, root: Path | None, given: Mapping[str, Any]
+) -> Manifest | None:
+    """Return the part of a manifest that describes one of its files, if it does."""
+    manifest = read_manifest(beside, root, given)
+    folder, wanted = Path(manifest.root), path.resolve()
+    own = [entry for entry in manifest.logs if (folder / entry.file).resolve() == wanted]
+    part = {"logs": own, "name": given.get("name", path.name)}
+    held = {"holdout": given.get("holdout", [])}  # what was asked for is used
+    return manifest.model_copy(update=part | held) if own else None
+
+
+def _refuse_sweep(folder: Path) -> None:
+    from butterfly.experiment.store import SWEEP  # noqa: PLC0415 - slow to import
+
+    if (folder / SWEEP).exists():
+        logs = sorted(path.parent for path in folder.glob(f"runs/*/*/{MANIFEST_NAME}"))
+        which = f"the logs of one run, as {logs[0]}" if logs else "results with keep_signals: true"
+        raise InputError(folder, "data", "the results of a sweep", which)
+
+
+def _refuse_experiment(path: Path) -> None:
+    said = load_yaml(path).content.keys()
+    if "logs" not in said and said & _OF_EXPERIMENTS:
+        expected = f"data, as `butterfly run {path.name}` makes them in results/"
+        raise InputError(path, "data", "an experiment", expected)
+
+
+def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> Manifest:
+    """Return what a saved identification knows of its data."""
+    expected = "an identification that butterfly saved"
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))["data"]["manifest"]
+        told = found and found["root"]
+        manifest = found and described({**found, "root": told or "."}, given, source=path)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(path, "data.manifest", "none that can be used", expected) from None
+    if manifest is None:
+        expected = "one whose logs came from one source of files, to be read again"
+        raise InputError(path, "data.manifest", "none", expected)
+    if told is None and root is None:
+        expected = "--root, the folder of the logs: this result does not say where they lie"
+        raise InputError(path, "data.manifest.root", "nothing", expected)
+    folder = root_of(path, manifest.root, root)
+    if not folder.is_dir():
+        raise InputError(path, "data.manifest.root", folder, "the folder of the logs, or --root")
+    return manifest.model_copy(update={"root": str(folder)})
+
+
+def root_of(path: Path, said: str, root: Path | None = None) -> Path:
+    """Return the folder of the logs of which a result in a file says that they lie in ``said``.
+
+    That is absolute, or relative to the file's folder; ``root`` is where they lie if moved.
+    """
+    return (path.parent / said).resolve() if root is None else root.absolute()
+
+
+def is_data(path: Path) -> bool:
+    """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
+    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT}:
+        return True
+    try:
+        return "logs" in load_yaml(path).content
+    except InputError:
+        return False
 
 
 def read_experiment(path: Named) -> Experiment:
@@ -215,7 +406,9 @@ def read_experiment(path: Named) -> Experiment:
     InputError
         On the first field that does not follow the schema, with file and line.
     """
-    return experiment_in(locate(_path("read_experiment", "path", path)))
+    if not str(path):
+        raise InputError("read_experiment", "path", "an empty text", "a path or a name")
+    return experiment_in(locate(Path(path)))
 
 
 def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN401 - any enumeration of texts
@@ -230,9 +423,3 @@ def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN
         return kind(value)
     except ValueError:
         raise InputError(verb, field, value, " or ".join(map(str, kind))) from None
-
-
-def _path(verb: str, field: str, given: Named) -> Path:
-    if not str(given):
-        raise InputError(verb, field, "an empty text", "a path or a name")
-    return Path(given)

@@ -20,7 +20,7 @@ from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.numbers.document import HEAD, Told
 from butterfly.report.page import Page
 from butterfly.report.three_way import three_way_page
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -44,7 +44,7 @@ class Tabulated(Result):
     title: str
     summary: tuple[str, ...]
     table: tuple[dict[str, Any], ...]
-    judged: SaidVerdict | None = None
+    judged: Verdict | None = None
     besides: dict[str, Any] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     printed: tuple[TextTable, ...] = ()
@@ -76,7 +76,7 @@ class Tabulated(Result):
             title=text(content["title"]),
             summary=texts(content["summary"]),
             table=tuple(dict(row) for row in content["rows"]),
-            judged=SaidVerdict.of_numbers(content),
+            judged=Verdict.of_numbers(content),
             besides={key: content[key] for key in content if key not in {*HEAD, "rows"}},
             units={str(key): str(unit) for key, unit in content.get("units", {}).items()},
         )

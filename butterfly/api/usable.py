@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from butterfly.errors import UnusableError
+from butterfly.identification.diagnostics.findings import is_impossible
 from butterfly.identification.estimate import Estimate
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.words import verdict_on
+from butterfly.verdict import Verdict
 
 
-def require_possible(estimate: Estimate) -> SaidVerdict:
+def require_possible(estimate: Estimate) -> Verdict:
     """Return the verdict on an estimate from which simulations or a model are to be made.
 
     Raises
@@ -17,6 +18,6 @@ def require_possible(estimate: Estimate) -> SaidVerdict:
         If no joint has its values; the verdict is the message.
     """
     verdict = verdict_on(estimate)
-    if estimate.verdict.impossible:
+    if any(is_impossible(each) for each in estimate.reasons):
         raise UnusableError(verdict.sentence, verdict.reasons)
     return verdict

@@ -16,13 +16,12 @@ from butterfly.api.answers import Leaderboard, Residual, Selection
 from butterfly.api.identified import Identified
 from butterfly.api.result import TextTable
 from butterfly.api.saved import load
-from butterfly.api.sources import Data, choice, read
+from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
 from butterfly.api.usable import require_possible
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import RESULT
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
@@ -39,6 +38,7 @@ from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.term_selection import select_terms
 from butterfly.identification.inference.validation import HeldOut, hold_out
 from butterfly.identification.other_parameters import told_parameters
+from butterfly.identification.parameter import unit_of
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
@@ -52,7 +52,6 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.residual_page import residual_page
 from butterfly.report.words import verdict_on
 

@@ -116,7 +116,7 @@ def _show(page: Page, report: Path | None, figures: bool, answer: JsonAnswer) ->
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.write(page.numbers)
-    end_with(None if page.verdict is None else page.verdict.standing)
+    end_with(None if page.verdict is None else page.verdict.level)
 
 
 def _own_root(options: DataOptions, data: Path) -> DataOptions:

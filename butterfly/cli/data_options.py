@@ -25,7 +25,6 @@ from butterfly.cli.options import (
 from butterfly.cli.show_progress import show_progress
 from butterfly.cli.signature import option, with_options
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.pieces import WHOLE, Cut
 from butterfly.model.known import NOTHING, Knowledge, Known, known_of
 
 if TYPE_CHECKING:
@@ -37,12 +36,10 @@ if TYPE_CHECKING:
     from butterfly.logs.manifest import Manifest
     from butterfly.model.parameters import JointKind
 
-_BESIDES = {"known", "zero", "joint", "gravity", "cut"}  # said after a manifest is found
-
 
 @dataclass(frozen=True, kw_only=True)
 class DataOptions:
-    """What was said of data, beside naming it (see `butterfly.experiment.data_source`)."""
+    """What was said of data, beside naming it (see `butterfly.logs.manifest`)."""
 
     root: Path | None = None
     arm: float | None = None
@@ -55,22 +52,24 @@ class DataOptions:
     zero: Known | None = None
     joint: JointKind | None = None
     gravity: float | None = None
-    cut: Cut = WHOLE
+    begin: float | None = None
+    end: float | None = None
+    restarts: bool = False
 
     def manifest(self, source: Path, *, loose: bool = False) -> Manifest:
         """Describe the data that a user named; loose if it may be a folder of any logs."""
-        from butterfly.experiment.data_source import manifest_of  # noqa: PLC0415 - slow to import
+        from butterfly.api.sources import manifest_of  # noqa: PLC0415 - slow to import
 
-        about = {name: value for name, value in vars(self).items() if name not in _BESIDES}
-        told = manifest_of(source, loose=loose, **about)
-        moving = told.moving(self.joint, self.gravity)
-        return self.cut.of(moving.knowing(self.known).with_zero(self.zero))
+        return manifest_of(source, massless=loose, **self._description())
 
     def read(self, source: Path) -> DataSet:
         """Read the data that a user named."""
-        from butterfly.identification.data import read_data_set  # noqa: PLC0415 - slow to import
+        from butterfly.api.sources import read  # noqa: PLC0415 - slow to import
 
-        return read_data_set(self.manifest(source), show_progress)
+        return read(source, track=show_progress, **self._description())
+
+    def _description(self) -> dict[str, Any]:
+        return vars(self) | {"known": self.known.as_told()}
 
 
 def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -103,7 +102,6 @@ def takes_data_options(command: Callable[..., Any]) -> Callable[..., Any]:
         facts = NOTHING if known is None else Knowledge.told(known, "data")
         reading = None if zero is None else known_of(zero, "data", "--zero")
         repair = told.pop("repair") or ()
-        cut = Cut(**{name: told.pop(name) for name in ("begin", "end", "restarts")})
-        return DataOptions(**pairs, repair=repair, known=facts, zero=reading, cut=cut, **told)
+        return DataOptions(**pairs, repair=repair, known=facts, zero=reading, **told)
 
     return with_options(command, "options", declared, make)

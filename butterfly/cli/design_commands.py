@@ -88,4 +88,4 @@ def design_command(
         Designed.of_told(tell()).report(report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(tell)
-    end_with(found.verdict.standing)
+    end_with(found.level)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from butterfly.identification.diagnostics.verdict import Standing
+    from butterfly.verdict import Level
 
 
 class ExitCode(IntEnum):
@@ -27,9 +27,9 @@ class ExitCode(IntEnum):
         return _MEANINGS[self]
 
 
-def end_with(standing: Standing | None) -> None:
+def end_with(level: Level | None) -> None:
     """End with the exit code that says so, if what an answer rests on is not to be used."""
-    if standing is not None and not standing.usable:
+    if level is not None and not level.usable:
         raise typer.Exit(ExitCode.NOT_TO_BE_USED)
 
 

@@ -88,4 +88,4 @@ def identify_command(
 
         Identified.of(result, chosen.label).save(save)
         typer.echo(f"Saved: {save}")
-    end_with(result.estimate.verdict.standing)
+    end_with(result.estimate.level)

@@ -103,10 +103,9 @@ def answers_in_json(kind: str) -> Callable[..., Any]:
 
 
 def _refused(kind: str, reasons: tuple[str, ...]) -> Told:
-    from butterfly.identification.diagnostics.verdict import Standing  # noqa: PLC0415 - slow to import
     from butterfly.report.numbers.document import Told  # noqa: PLC0415
-    from butterfly.report.verdict import SaidVerdict  # noqa: PLC0415
+    from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
-    verdict = SaidVerdict(Standing.NOT, reasons)
+    verdict = Verdict(Level.WARNING, reasons)
     title = "Nothing is made of values that no joint has"
     return Told(kind=kind, title=title, verdict=verdict, summary=(verdict.sentence,))

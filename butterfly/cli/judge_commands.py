@@ -37,13 +37,13 @@ from butterfly.identification.inference.bootstrap import bootstrap
 from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.term_selection import select_terms
 from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.parameter import unit_of
 from butterfly.model.terms import TERMS
 from butterfly.report.numbers.table_numbers import (
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.recommendations import chosen_said
 from butterfly.report.words import held_out_sentences, verdict_on
 
@@ -136,7 +136,7 @@ def validate_command(
         Validated.of_told(tell()).report(report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(tell)
-    end_with(whole.verdict.standing)
+    end_with(whole.level)
 
 
 @answers_in_json("selection")
@@ -182,7 +182,7 @@ def select_command(
         write_page(selection_page(logs, passed, tell()), report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(tell)
-    end_with(found.verdict.standing)
+    end_with(found.level)
 
 
 @answers_in_json("residual")
@@ -238,7 +238,7 @@ def residual_command(
             write_residual(torques[worst], misfit.logs[worst], verdict, plot, joint=logs.joint)
             typer.echo(f"Plot: {plot}")
     answer.give(lambda: told_residual(logs, suited, estimate, misfit, misfit_sentences(misfit)))
-    end_with(verdict.standing)
+    end_with(verdict.level)
 
 
 def _show_shares(left_over: LeftOver) -> None:

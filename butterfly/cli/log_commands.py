@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,27 +23,27 @@ from butterfly.cli.options import (
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.drafted import (
+from butterfly.logs.formats import FORMATS
+from butterfly.logs.health import examine
+from butterfly.logs.log import InputKind, Intersample
+from butterfly.logs.manifest import MANIFEST_NAME, checked_options
+from butterfly.logs.manifest_draft import (
+    draft,
     draft_text,
     has_thesis_names,
-    manifest_from_names,
-    manifest_of_files,
     open_questions,
     with_columns,
 )
-from butterfly.logs.formats import FORMATS
-from butterfly.logs.health import DEFAULT_REPAIRS, examine
-from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import MANIFEST_NAME
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
-from butterfly.logs.remarks import Condition
 from butterfly.report.inspection import (
+    STATES,
     conditions_said,
     health_rows,
     hints,
     inspect_logs,
 )
 from butterfly.report.numbers.other_numbers import told_inspection
+from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,25 +145,25 @@ def manifest_command(
     path = out or folder / MANIFEST_NAME
     if out is None and path.exists():
         raise InputError(path, "path", "a manifest that is there", "--out with another file")
-    said: dict[str, Any] = {
+    said = {
         "arm": arm,
-        "input_kind": input_kind or InputKind.VOLTAGE,
-        "intersample": intersample or Intersample.ZERO_ORDER_HOLD,
+        "input": input_kind,
+        "intersample": intersample,
         "columns": None if columns is None else parse_pairs(columns, "--columns"),
-        "units": {} if units is None else parse_pairs(units, "--units"),
-        "repair": DEFAULT_REPAIRS | frozenset(repair or ()),
+        "units": None if units is None else parse_pairs(units, "--units"),
+        "repair": repair,
     }
     named = has_thesis_names(folder)
     if named and arm is None:
         raise InputError(folder, "--arm", "nothing", "the arm in m, of the masses in the names")
-    manifest = with_columns((manifest_from_names if named else manifest_of_files)(folder, **said))
+    manifest = with_columns(draft(folder, checked_options(said)))
     if out is None:
         manifest = manifest.model_copy(update={"root": "."})
     given = {"input": input_kind, "intersample": intersample, "columns": columns}
     told = {key for key, value in given.items() if value is not None}
     asked = open_questions(manifest, told, named=named)
-    with replacing(path) as draft:
-        draft.write_text(draft_text(manifest, asked), encoding="utf-8")
+    with replacing(path) as file:
+        file.write_text(draft_text(manifest, asked), encoding="utf-8")
     typer.echo(f"Manifest of {len(manifest.logs)} logs: {path}")
     if asked:
         say("Settle in it, before it is used:")
@@ -180,7 +180,7 @@ def _show_all(data: Path, seen: Sequence[Inspected]) -> None:
         numbers = ("–", "–", "–")
         if health is not None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        rows.append((each.name, each.condition, *numbers, each.findings))
+        rows.append((each.name, STATES[each.condition], *numbers, each.findings))
     show_table(str(data), ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 
@@ -202,6 +202,6 @@ def _zeros_said(logs: list[Log], manifest: Manifest) -> list[str]:
 
 def _refuse_unusable(data: Path, seen: Sequence[Inspected]) -> None:
     """Raise InputError if there are logs that cannot be used: all were told by now."""
-    refused = sum(each.condition is Condition.UNUSABLE for each in seen)
+    refused = sum(each.condition is Level.WARNING for each in seen)
     if refused:
         raise InputError(data, "logs", f"{refused} that cannot be used", "logs without such faults")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from butterfly.api.sources import is_data
 from butterfly.api.usable import require_possible
 from butterfly.cli.console import say, say_verdict, show_pairs
 from butterfly.cli.data_options import DataOptions, takes_data_options
@@ -15,11 +16,11 @@ from butterfly.cli.exit_codes import end_with
 from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import DATA, HandMassOption
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import is_data
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
 from butterfly.identification.identification import judged
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
@@ -28,16 +29,14 @@ from butterfly.plant.twin import MASS, carrying_twin, command_of
 from butterfly.plant.watch.picture import render
 from butterfly.report.field_names import unit_of_field
 from butterfly.report.numbers.table_numbers import rests_on
-from butterfly.report.parameter_rows import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from butterfly.identification.diagnostics.verdict import Standing
     from butterfly.logs.log import InputKind
     from butterfly.plant.robot import Robot
     from butterfly.report.numbers.document import Told
-    from butterfly.report.verdict import SaidVerdict
+    from butterfly.verdict import Level, Verdict
 
 SourceArgument = Annotated[
     Path, typer.Argument(help=f"An experiment file or a shipped one's name, or data: {DATA}.")
@@ -80,7 +79,7 @@ def show_command(
     }
     show_pairs(rows.items())
     answer.give(named.told)
-    end_with(named.standing)
+    end_with(named.level)
 
 
 def _numbers(part: object) -> str:
@@ -112,7 +111,7 @@ def render_command(
     named = _named(source, hand_mass, added_mass, options)
     render(named.robot, named.carried, angle, out, size)
     typer.echo(f"Picture: {out}")
-    end_with(named.standing)
+    end_with(named.level)
 
 
 @takes_data_options
@@ -135,7 +134,7 @@ def export_command(
     typer.echo(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
     for said in written.left_out:
         say(said)
-    end_with(named.standing)
+    end_with(named.level)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,12 +149,12 @@ class _Named:
     carried: AddedMass
     input_kind: InputKind
     command: Mapping[str, float]
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     besides: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def standing(self) -> Standing | None:
-        return None if self.verdict is None else self.verdict.standing
+    def level(self) -> Level | None:
+        return None if self.verdict is None else self.verdict.level
 
     def told(self) -> Told:
         """Return it for programs."""

@@ -47,4 +47,4 @@ def calibrate_orbit_command(
     write_page(page, folder / "report.html", figures=figures)
     typer.echo(f"Report: {folder / 'report.html'}")
     answer.write(page.numbers)
-    end_with(study.estimate.verdict.standing)
+    end_with(study.estimate.level)

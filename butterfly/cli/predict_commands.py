@@ -9,6 +9,7 @@ import typer
 
 from butterfly.api.looking_ahead import draws as parameters_of
 from butterfly.api.looking_ahead import predict
+from butterfly.api.sources import is_data
 from butterfly.cli.console import show_page
 from butterfly.cli.data_options import DataOptions, takes_data_options
 from butterfly.cli.exit_codes import end_with
@@ -16,7 +17,6 @@ from butterfly.cli.json_answer import JsonAnswer, answers_in_json
 from butterfly.cli.options import DATA, FiguresOption, ReportOption, parse_pairs, require_report
 from butterfly.cli.show_progress import show_progress
 from butterfly.errors import InputError
-from butterfly.experiment.data_source import is_data
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.draws import COUNT, LEAST
@@ -97,7 +97,7 @@ def predict_command(
         write_page(page, report, figures=figures)
         typer.echo(f"Report: {report}")
     answer.give(found.told)
-    end_with(found.standing)
+    end_with(found.judged.level if found.judged else None)
 
 
 def _result(given: str) -> Path | dict[str, str]:

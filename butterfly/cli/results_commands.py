@@ -24,26 +24,25 @@ from butterfly.cli.picked_rows import chosen_rows, without_formulas
 from butterfly.cli.shown_rows import show_rows, shown_text
 from butterfly.errors import InputError, nearest
 from butterfly.experiment.columns import ESTIMATES, RUNS, TABLES
-from butterfly.experiment.estimate_record import or_nan
 from butterfly.experiment.record import OK
 from butterfly.experiment.source import EXPERIMENT, read_experiment
 from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
+from butterfly.identification.parameter import or_nan
 from butterfly.logs.log import InputKind
 from butterfly.report.field_names import said_field, said_name
-from butterfly.report.format import with_error
 from butterfly.report.numbers.record_numbers import (
     told_record,
     told_rows,
     told_runs,
     told_table,
 )
-from butterfly.report.parameter_rows import rows_of
-from butterfly.report.words import verdict_of
+from butterfly.report.parameter_table import parameter_rows, with_error
+from butterfly.report.words import verdict_on
 
 if TYPE_CHECKING:
-    from butterfly.experiment.estimate_record import ParameterRecord
     from butterfly.experiment.record import RunRecord
+    from butterfly.identification.parameter import Parameter
 
 FolderArgument = Annotated[Path, typer.Argument(help="A sweep's results, as results/NAME.")]
 FilterOption = Annotated[
@@ -103,8 +102,8 @@ def show_command(
     store = ResultStore(folder)
     record = _record(store, run)
     for each in record.estimates:
-        if each.parameters:
-            say(f"{each.estimator}: {verdict_of(each).sentence}")
+        if each.estimate is not None:
+            say(f"{each.estimator}: {verdict_on(each.estimate).sentence}")
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
     pairs += [(said_field(name), str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
@@ -119,7 +118,7 @@ def show_command(
                 ("", "true", "estimate", "95 % interval", "unit"),
                 [
                     (row.symbol, row.true, row.value, row.interval, row.unit)
-                    for row in rows_of(each.parameters, _input_kind(folder))
+                    for row in parameter_rows(each.parameters)
                 ],
             )
         if not each.converged:
@@ -129,7 +128,7 @@ def show_command(
     logs = store.files_path(record.key)
     if logs.exists():
         typer.echo(f"Logs: {logs} (butterfly identify takes this folder)")
-    answer.give(lambda: told_record(record, _input_kind(folder)))
+    answer.give(lambda: told_record(record))
 
 
 @answers_in_json("table")
@@ -223,8 +222,8 @@ def compare_command(
     others = {each.estimator: each for each in second.estimates}
     for each in first.estimates:
         for name, of in ((one, each), (other, others.get(each.estimator))):
-            if of is not None and of.parameters:
-                say(f"{each.estimator}, {name}: {verdict_of(of).sentence}")
+            if of is not None and of.estimate is not None:
+                say(f"{each.estimator}, {name}: {verdict_on(of.estimate).sentence}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
     unlike = [
@@ -239,18 +238,17 @@ def compare_command(
     for each in first.estimates:
         if each.estimator not in others:
             continue
-        twins = {row.parameter: row for row in others[each.estimator].parameters}
+        twins = {row.name: row for row in others[each.estimator].parameters}
         show_table(
             each.estimator,
             ("parameter", one, other, "difference", "in std. errors"),
             [
-                (row.parameter, *_difference(row, twins[row.parameter]))
+                (row.name, *_difference(row, twins[row.name]))
                 for row in each.parameters
-                if row.parameter in twins
+                if row.name in twins
             ],
         )
-    kinds = [_input_kind(folder), _input_kind(other_results or folder)]
-    answer.give(lambda: told_runs((first, second), kinds))
+    answer.give(lambda: told_runs((first, second)))
 
 
 def _compare_identifications(
@@ -316,7 +314,7 @@ def _record(store: ResultStore, run: str) -> RunRecord:
     return record
 
 
-def _difference(row: ParameterRecord, twin: ParameterRecord) -> tuple[str, ...]:
+def _difference(row: Parameter, twin: Parameter) -> tuple[str, ...]:
     change = twin.value - row.value
     errors = [each.standard_error for each in (row, twin) if each.standard_error is not None]
     spread = math.hypot(*errors)

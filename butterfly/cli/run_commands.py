@@ -175,14 +175,14 @@ def _run_here(
     _warn_of_wide_swings(experiment)
     record = None if force else store.latest(task.key)
     if record is not None and record.status != FAILED:
-        show_record(record, experiment.input_kind)
+        show_record(record)
         say("1 run: found done; --force does it again.")
         _show_reports(folder, record)
         if record.status != OK:
             raise ButterflyError(record.reason)
         if asked.answer.wanted:
             asked.answer.write(json.loads((folder / RESULT).read_text(encoding="utf-8")))
-        end_with(record.standing)
+        end_with(record.level)
         return
     kept = keep_experiment(asked.source, folder)
     store.begin()
@@ -210,7 +210,7 @@ def _run_here(
     if result.error is not None:
         raise result.error
     asked.answer.write(told)
-    end_with(result.record.standing)
+    end_with(result.record.level)
 
 
 def _report_names() -> Iterator[str]:

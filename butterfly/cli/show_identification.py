@@ -5,18 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from butterfly.cli.console import say, say_verdict, show_table
-from butterfly.report.parameter_rows import parameter_rows, rows_of
+from butterfly.report.parameter_table import parameter_rows
 from butterfly.report.physical import HEADERS, TITLE, physical_rows, physical_sentences
-from butterfly.report.words import fit_said, sentences_of, summary
+from butterfly.report.words import fit_said, sentences, summary
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from butterfly.experiment.record import RunRecord
     from butterfly.identification.identification import Identification
-    from butterfly.logs.log import InputKind
     from butterfly.model.parameters import LumpedParameters
-    from butterfly.report.parameter_rows import ParameterRow
+    from butterfly.report.parameter_table import ParameterRow
 
 
 def show_identification(result: Identification, truth: LumpedParameters | None = None) -> None:
@@ -29,7 +28,7 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
     if result.data.known.physical:
         for sentence in physical_sentences(result.physical):
             say(sentence)
-    _show_parameters(title, parameter_rows(result, truth))
+    _show_parameters(title, parameter_rows(result.estimate.table(truth)))
     if result.data.known.physical and (rows := physical_rows(result.physical)):
         show_table(TITLE, HEADERS, rows)
     for mass, omega in result.estimate.resonances.items():
@@ -53,12 +52,15 @@ def _show_parameters(title: str, rows: Sequence[ParameterRow]) -> None:
     )
 
 
-def show_record(record: RunRecord, input_kind: InputKind) -> None:
+def show_record(record: RunRecord) -> None:
     """Print what is kept of a run that was done before."""
     for estimate in record.estimates:
-        values = {row.parameter: row.value for row in estimate.parameters}
-        said = sentences_of(estimate.verdict, estimate.findings, values)
-        if estimate.parameters:
+        said = (
+            ["The estimator gave no values."]
+            if estimate.estimate is None
+            else sentences(estimate.estimate)
+        )
+        if estimate.estimate is not None:
             say_verdict(said[0])
         if estimate.fit is not None:
             fit = estimate.fit
@@ -69,7 +71,7 @@ def show_record(record: RunRecord, input_kind: InputKind) -> None:
         for sentence in said[1:]:
             say(sentence)
         if estimate.parameters:
-            _show_parameters(estimate.estimator, rows_of(estimate.parameters, input_kind))
+            _show_parameters(estimate.estimator, parameter_rows(estimate.parameters))
     show_estimates(record)
 
 

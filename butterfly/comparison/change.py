@@ -24,40 +24,22 @@ LEVEL = 1 - CONFIDENCE
 _OF_EACH = LEVEL / 2  # for the parameters one by one, by Holm's method
 _OF_ALL = LEVEL / 2  # for all of them together
 _POWER = float(ndtri(0.8))  # a detectable change is found four times in five
-_LEARNT = 0.9  # of a told uncertainty; logs that leave more of it are no evidence
+_INFORMATIVE = 0.9  # share of a prior's uncertainty; logs that leave more of it are no evidence
 _SINGULAR = 1e12  # condition number of a correlation matrix
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterChange:
-    """One parameter before and after.
+    """One parameter, or a ratio of two, before and after."""
 
-    Parameters
-    ----------
-    name
-        Of the parameter, or ``x/y`` of a ratio.
-    before, after
-        Its values.
-    error
-        Standard error of the difference, not less than the intervals say.
-    freedom
-        Degrees of freedom of that error; infinite if not known.
-    probability
-        Of so large a difference by chance, of this parameter alone.
-    corrected
-        The same, corrected by Holm for the number of parameters that are tested.
-    detectable
-        Difference that would have been found four times in five.
-    """
-
-    name: str
+    name: str  # of the parameter, or x/y of a ratio
     before: float
     after: float
-    error: float
-    freedom: float
-    probability: float
-    corrected: float
-    detectable: float
+    error: float  # standard error of the difference, not less than the intervals say
+    freedom: float  # degrees of freedom of that error; infinite if not known
+    probability: float  # of so large a difference by chance, of this parameter alone
+    corrected: float  # the same, corrected by Holm for the number of parameters that are tested
+    detectable: float  # difference that would have been found four times in five
 
     @property
     def difference(self) -> float:
@@ -71,7 +53,7 @@ class ParameterChange:
         return self.difference / abs(self.before) if known else math.nan
 
     @property
-    def limits(self) -> tuple[float, float]:
+    def interval(self) -> tuple[float, float]:
         """95 % interval of the difference, of this parameter alone."""
         reach = float(_quantile(self.freedom, 0.5 + CONFIDENCE / 2)) * self.error
         return self.difference - reach, self.difference + reach
@@ -84,25 +66,12 @@ class ParameterChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """Two identifications compared.
+    """Two identifications compared."""
 
-    Parameters
-    ----------
-    parameters
-        Those that were estimated in both.
-    joint
-        Probability of so large a difference of all of them together by chance; NaN where the
-        covariances do not tell.
-    ratio
-        Of two parameters, that which has changed most clearly; None if there is none.
-    untested
-        Why parameters are not tested, in words.
-    """
-
-    parameters: tuple[ParameterChange, ...]
-    joint: float
-    ratio: ParameterChange | None
-    untested: dict[str, str]
+    parameters: tuple[ParameterChange, ...]  # those that were estimated in both
+    joint_probability: float  # of so large a difference of all by chance; NaN if not known
+    ratio: ParameterChange | None  # of two parameters, that which has changed most clearly
+    untested: dict[str, str]  # why other parameters are not tested
 
     @property
     def changed(self) -> tuple[ParameterChange, ...]:
@@ -111,9 +80,9 @@ class Change:
         return tuple(sorted(found, key=lambda each: each.probability))
 
     @property
-    def together(self) -> bool:
+    def jointly_changed(self) -> bool:
         """Whether the parameters together have changed beyond what chance explains."""
-        return self.joint <= _OF_ALL
+        return self.joint_probability <= _OF_ALL
 
 
 def change(before: Estimate, after: Estimate) -> Change:
@@ -121,18 +90,8 @@ def change(before: Estimate, after: Estimate) -> Change:
 
     Each by Student's t with Welch's degrees of freedom, corrected for their number (Holm, Scand. J.
     Stat. 6, 1979); all together by Hotelling's T^2. Standard errors are not less than what the
-    intervals say, which left-out masses and rivals have widened. Half of `LEVEL` is spent on each
-    kind of test.
-
-    Parameters
-    ----------
-    before, after
-        Two estimates of the same robot, in the same units.
-
-    Raises
-    ------
-    InputError
-        If no parameter was estimated in both with an uncertainty.
+    intervals say, which left-out masses and competing models have widened. Half of `LEVEL` is spent
+    on each kind of test. InputError if no parameter was estimated in both with an uncertainty.
     """
     untested = _untested(before, after)
     names = [name for name in before.names if name in after.names and name not in untested]
@@ -159,15 +118,17 @@ def change(before: Estimate, after: Estimate) -> Change:
             error=float(error),
             freedom=float(nu),
             probability=float(alone),
-            corrected=float(held),
-            detectable=float(seen),
+            corrected=float(holm),
+            detectable=float(detectable),
         )
-        for name, one, other, error, nu, alone, held, seen in zip(names, *columns, strict=True)
+        for name, one, other, error, nu, alone, holm, detectable in zip(
+            names, *columns, strict=True
+        )
     )
     covariance = sides[0].covariance + sides[1].covariance
     return Change(
         parameters=parameters,
-        joint=_joint(difference, covariance, float(np.median(freedom))),
+        joint_probability=_joint_probability(difference, covariance, float(np.median(freedom))),
         ratio=_clearest_ratio(parameters, sides),
         untested=untested,
     )
@@ -207,12 +168,12 @@ class _Side:
 
 
 def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
-    """Say of which parameters there is no evidence, and why."""
+    """Return by name why there is no evidence on a parameter."""
     both = (before, after)
-    told = [name for each in both for name in (*each.names, *each.known.parameters)]
+    names = [name for each in both for name in (*each.names, *each.known.parameters)]
     why: dict[str, str] = {}
-    for name in dict.fromkeys(told):
-        known = [name in each.known.parameters and not _learnt(each, name) for each in both]
+    for name in dict.fromkeys(names):
+        known = [name in each.known.parameters and not _informed(each, name) for each in both]
         fixed = [name in each.held or name in each.known.exact for each in both]
         fitted = [name in each.names for each in both]
         if all(known):
@@ -226,12 +187,12 @@ def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
     return why
 
 
-def _learnt(estimate: Estimate, name: str) -> bool:
-    """Whether logs tell a parameter better than it was told."""
+def _informed(estimate: Estimate, name: str) -> bool:
+    """Whether logs determine a parameter better than its prior."""
     if name not in estimate.names:
         return False
     error = estimate.standard_errors[estimate.names.index(name)]
-    return bool(error < _LEARNT * estimate.known.parameters[name].uncertainty)
+    return bool(error < _INFORMATIVE * estimate.known.parameters[name].uncertainty)
 
 
 def _which(flags: Sequence[bool]) -> str:
@@ -261,7 +222,7 @@ def _holm(tails: Values) -> Values:
     return corrected
 
 
-def _joint(difference: Values, covariance: Values, freedom: float) -> float:
+def _joint_probability(difference: Values, covariance: Values, freedom: float) -> float:
     """Return the probability of so large a distance by chance (Hotelling's T^2)."""
     count = difference.size
     spread = np.sqrt(np.diag(covariance))

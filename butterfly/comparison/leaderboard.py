@@ -21,34 +21,16 @@ from butterfly.progress import Track, untracked
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Entry:
-    """One estimator on one data set.
+    """One estimator on one data set."""
 
-    Parameters
-    ----------
-    data, method
-        Their names.
-    in_sample, held_out
-        FIT of the logs that the estimator saw, and of what was left out; None if it could not.
-    left_out
-        What was left out at a time, in words.
-    estimate
-        From all logs, judged; None if the estimator refused them.
-    seconds
-        Taken by the fit to all logs, checks included.
-    error
-        Why there is no estimate, or none with a mass left out.
-    input_kind, joint
-        Of the data set.
-    """
-
-    data: str
-    method: str
-    in_sample: FitSummary | None
-    held_out: FitSummary | None
-    left_out: str
-    estimate: Estimate | None
-    seconds: float
-    error: str
+    data: str  # its name
+    method: str  # its label
+    in_sample: FitSummary | None  # of the logs that the estimator saw; None if it refused them
+    held_out: FitSummary | None  # of what was left out; None if nothing could be
+    left_out: str  # what was left out at a time, in words
+    estimate: Estimate | None  # from all logs, judged; None if the estimator refused them
+    seconds: float  # taken by the fit to all logs, checks included
+    error: str  # why there is no estimate, or no held-out FIT
     input_kind: InputKind = InputKind.VOLTAGE
     joint: JointKind = JointKind.HINGE
 
@@ -60,19 +42,7 @@ def leaderboard(
     split: Split = Split.AUTO,
     track: Track = untracked,
 ) -> list[Entry]:
-    """Try every estimator on every data set; the best first, by median FIT of what is left out.
-
-    Parameters
-    ----------
-    sets
-        The data sets.
-    estimators
-        Told what they are to be told.
-    split
-        What is left out together (see `butterfly.identification.inference.splits.divide`).
-    track
-        Shows progress.
-    """
+    """Try every estimator on every data set; the best first, by median FIT of what is left out."""
     pairs = [(data, estimator) for data in sets for estimator in estimators]
     entries = [
         _entry(data, estimator, split) for data, estimator in track(pairs, "Comparing estimators")

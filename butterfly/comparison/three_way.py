@@ -23,31 +23,15 @@ from butterfly.signals.frequency_response import response_point
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThreeWay:
-    """One log, and what both simulators make of its input.
-
-    Parameters
-    ----------
-    log
-        The log.
-    zero
-        Encoder reading in rad where the models' angle is 0.
-    parameters
-        That both simulators had, of the bare hand.
-    mujoco, greybox
-        (n,) simulated angles in rad, from the encoder's zero.
-    residual
-        Torque that all terms of the model leave over in the log.
-    gains
-        For a sine, by simulator: its response over the log's, complex.
-    """
+    """One log, and what both simulators make of its input."""
 
     log: Log
-    zero: float
-    parameters: LumpedParameters
-    mujoco: NDArray[np.float64]
+    zero: float  # encoder reading in rad where the models' angle is 0
+    parameters: LumpedParameters  # that both simulators had, of the bare hand
+    mujoco: NDArray[np.float64]  # (n,) angles in rad, from the encoder's zero
     greybox: NDArray[np.float64]
-    residual: ResidualTorque
-    gains: dict[str, complex]
+    residual: ResidualTorque  # that no term of the model explains
+    gains: dict[str, complex]  # for a sine, by simulator: its response over the log's
 
     @property
     def fits(self) -> dict[str, float]:
@@ -69,25 +53,9 @@ def compare_three(
     mass: float | None = None,
     track: Track = untracked,
 ) -> list[ThreeWay]:
-    """Simulate logs of a data set in MuJoCo and by the grey-box equation, from rest.
+    """Simulate the logs of these numbers in MuJoCo and by the grey-box equation, from rest.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    estimate
-        Parameters, and whatever else was found for each log.
-    numbers
-        Of the logs.
-    mass
-        Of the hand in kg, for MuJoCo; see `butterfly.plant.twin.twin`.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    InputError
-        If no hand moves as the parameters say, or a simulation diverges.
+    ``mass`` in kg is that of MuJoCo's hand (see `butterfly.plant.twin.twin`).
     """
     predictor = data.simulations
     found = []

@@ -10,8 +10,9 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import pyarrow as pa
 
-from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
-from butterfly.experiment.record import PlannedRun, RunRecord
+from butterfly.experiment.record import EstimateRecord, PlannedRun, RunRecord
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.parameter import Parameter, or_none
 
 RUNS, ESTIMATES = "runs", "estimates"
 TABLES = (RUNS, ESTIMATES)
@@ -28,8 +29,9 @@ _Row = TypeVar("_Row")
 class Found(NamedTuple):
     """A row of the table of estimates: one parameter, of one estimate."""
 
-    estimate: EstimateRecord
-    parameter: ParameterRecord
+    record: EstimateRecord
+    estimate: Estimate
+    parameter: Parameter
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ def _of_parameter(name: str) -> Column[Found]:
 
 def _of_fit(which: str, statistic: str) -> Column[Found]:
     """Column of a statistic of FIT, if there is one."""
-    return Column(_NUMBER, lambda row: getattr(getattr(row.estimate, which), statistic, None))
+    return Column(_NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None))
 
 
 _PLACE: dict[str, Column[PlannedRun]] = {
@@ -66,7 +68,7 @@ _RUN: dict[str, Column[RunRecord | None]] = {
     "status": Column(_TEXT, lambda record: record.status if record else MISSING),
     "error": Column(_TEXT, lambda record: record.reason if record else "not run"),
     "logs": Column(_COUNT, lambda record: record.logs if record else None),
-    "verdict": Column(_TEXT, lambda record: record.standing if record else None),
+    "verdict": Column(_TEXT, lambda record: record.verdict if record else None),
     "unconverged": Column(_COUNT, lambda record: record.unconverged if record else None),
     "orbit_rounds": _of_orbit("rounds", _COUNT),
     "orbit_target": _of_orbit("target_rad"),
@@ -76,11 +78,11 @@ _RUN: dict[str, Column[RunRecord | None]] = {
 }
 
 _ESTIMATE: dict[str, Column[Found]] = {
-    "estimator": Column(_TEXT, lambda row: row.estimate.estimator),
-    "verdict": Column(_TEXT, lambda row: row.estimate.standing),
+    "estimator": Column(_TEXT, lambda row: row.record.estimator),
+    "verdict": Column(_TEXT, lambda row: row.record.verdict),
     "ending": Column(_TEXT, lambda row: row.estimate.ending),
     "findings": Column(_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
-    "parameter": Column(_TEXT, lambda row: row.parameter.parameter),
+    "parameter": Column(_TEXT, lambda row: row.parameter.name),
     "on_bound": Column(_TRUTH, lambda row: row.parameter.on_bound),
     "known": Column(_TRUTH, lambda row: row.parameter.known),
     "value": _of_parameter("value"),
@@ -91,7 +93,7 @@ _ESTIMATE: dict[str, Column[Found]] = {
     "largest_left_out": _of_parameter("largest_left_out"),
     "true": _of_parameter("true"),
     "deviation": _of_parameter("deviation"),
-    "condition": Column(_NUMBER, lambda row: row.estimate.condition),
+    "condition": Column(_NUMBER, lambda row: or_none(row.estimate.condition)),
     "fit_median": _of_fit("fit", "median"),
     "fit_mean": _of_fit("fit", "mean"),
     "fit_worst": _of_fit("fit", "worst"),
@@ -140,7 +142,8 @@ class Columns:
             return
         for estimate in record.estimates if record else ():
             for parameter in estimate.parameters:
-                found = Found(estimate, parameter)
+                assert estimate.estimate is not None  # noqa: S101 - it has parameters
+                found = Found(estimate, estimate.estimate, parameter)
                 yield place | {name: column.value(found) for name, column in _ESTIMATE.items()}
 
 

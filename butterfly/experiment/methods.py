@@ -30,29 +30,17 @@ def options_of(kind: type[Estimator]) -> list[str]:
 
 
 def kind_of(
-    method: str, told: Iterable[str] = (), *, written: Callable[[str], str] = str
+    method: str, options: Iterable[str] = (), *, written: Callable[[str], str] = str
 ) -> type[Estimator]:
-    """Return the estimator of a name, and refuse options that are not its own.
+    """Return the estimator of a name; InputError if there is none, or an option is not its own.
 
-    Parameters
-    ----------
-    method
-        Its name.
-    told
-        Names of options that it was told.
-    written
-        How the name of an option is written where the user wrote it.
-
-    Raises
-    ------
-    InputError
-        Naming the methods that there are, or the options that it has.
+    ``written`` says how the name of an option is written where the user wrote it.
     """
     if method not in ESTIMATORS:
         raise InputError("estimator", written("method"), method, nearest(method, ESTIMATORS))
     kind = ESTIMATORS[method]
     own = [written(name) for name in options_of(kind)]
-    for name in map(written, told):
+    for name in map(written, options):
         if name not in own:
             expected = nearest(name, own) if own else "no option"
             raise InputError(
@@ -62,18 +50,12 @@ def kind_of(
 
 
 def _named(estimator: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
-    """Complete an estimator that does not say which it is, and refuse options that are not its own.
-
-    Raises
-    ------
-    InputError
-        Naming those that it has.
-    """
+    """Complete an estimator that does not say which it is, and refuse options of others."""
     if not isinstance(estimator, dict):
         return estimator
-    told = {"method": DEFAULT_OF_EXPERIMENTS} | estimator
-    kind_of(str(told["method"]), [str(name) for name in told if name != "method"])
-    return told
+    named = {"method": DEFAULT_OF_EXPERIMENTS} | estimator
+    kind_of(str(named["method"]), [str(name) for name in named if name != "method"])
+    return named
 
 
 if TYPE_CHECKING:
@@ -91,13 +73,7 @@ _ADAPTER: TypeAdapter[Any] = TypeAdapter(AnyEstimator)
 
 
 def make_estimator(method: str | Estimator, options: Mapping[str, Any]) -> Estimator:
-    """Return the estimator of a method with its options; an estimator stays as it is.
-
-    Raises
-    ------
-    InputError
-        If there is no such method, or it has no such option, or a value makes no sense.
-    """
+    """Return the estimator of a method with its options, or InputError; an estimator as it is."""
     if isinstance(method, Estimator):
         if options:
             expected = "none beside an estimator, whose fields they are"

@@ -7,8 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from butterfly.experiment.estimate_record import ParameterRecord, or_none
-from butterfly.identification.diagnostics.verdict import Standing
+from butterfly.identification.parameter import or_none
 from butterfly.orbit.study import OrbitStudy
 
 
@@ -34,8 +33,6 @@ class OrbitRecord:
         Why the rounds ended, in words.
     absolute
         Whether the parameters are, or ratios to p1.
-    parameters
-        Of the last round.
     free_run_rms_rad
         Errors of the models' free runs, by model.
     cross_orbit
@@ -48,10 +45,9 @@ class OrbitRecord:
     amplitudes_rad: tuple[float | None, ...]
     ending: str
     absolute: bool
-    parameters: tuple[ParameterRecord, ...]
     free_run_rms_rad: dict[str, float]
     cross_orbit: CrossRecord
-    verdict: Standing | None = None
+    verdict: str | None = None
 
     @classmethod
     def of(cls, study: OrbitStudy) -> OrbitRecord:
@@ -63,8 +59,7 @@ class OrbitRecord:
             amplitudes_rad=tuple(or_none(each.amplitude) for each in rounds),
             ending=study.calibration.ending,
             absolute=last.is_absolute,
-            parameters=ParameterRecord.all_of(study.estimate),
-            verdict=study.estimate.verdict.standing,
+            verdict=study.estimate.level.verdict,
             free_run_rms_rad=study.errors,
             cross_orbit=CrossRecord(
                 amplitudes_rad=study.amplitudes,
@@ -93,10 +88,8 @@ class OrbitRecord:
         return self.free_run_rms_rad.get("re-calibrated")
 
     def numbers(self) -> dict[str, Any]:
-        """Return what it says besides the parameters and the verdict on them, for programs."""
-        numbers: dict[str, Any] = _ORBIT.dump_python(
-            self, mode="json", exclude={"parameters", "verdict"}
-        )
+        """Return what it says besides the verdict, for programs."""
+        numbers: dict[str, Any] = _ORBIT.dump_python(self, mode="json", exclude={"verdict"})
         return numbers
 
 

@@ -10,17 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.orbit import hold_orbit
 from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.experiment.plan import Task
 from butterfly.experiment.provenance import versions
-from butterfly.experiment.record import FAILED, OK, REFUSED, Outcome, RunRecord
+from butterfly.experiment.record import FAILED, OK, REFUSED, EstimateRecord, Outcome, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification, identify
@@ -168,7 +166,7 @@ class _Run:
             estimator = self._threaded(spec.suited(data))
             identification = identify(data, estimator, track=self._track)
         except ButterflyError as error:
-            refused = EstimateRecord(estimator=spec.label, ending=Ending.REFUSED, error=str(error))
+            refused = EstimateRecord(estimator=spec.label, error=str(error))
             self.estimates.append(refused)
             return
         found, fit = identification.estimate, identification.summary

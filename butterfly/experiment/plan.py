@@ -23,30 +23,14 @@ _ASKED_OTHERWISE = {"method", "terms", "estimators", "signals"}
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One run of a sweep: all that a worker needs but the tables, wherever it is.
+    """One run of a sweep: all that a worker needs but the tables, wherever it is."""
 
-    Parameters
-    ----------
-    number
-        In the sweep's order, from 0 on.
-    key
-        Address of the result: a hash of the experiment and its defaults, seed, code and versions.
-    overrides
-        Fields that this run sets, by their paths.
-    repetition
-        From 0 on.
-    seed
-        Fixes everything random.
-    content
-        The experiment's mapping, without its sweep; digests stand for tables read from files.
-    """
-
-    number: int
-    key: str
-    overrides: Overrides
-    repetition: int
+    number: int  # in the sweep's order, from 0 on
+    key: str  # address of its result
+    overrides: Overrides  # fields that it sets, by their paths
+    repetition: int  # from 0 on
     seed: int
-    content: dict[str, Any]
+    content: dict[str, Any]  # the experiment without its sweep; digests stand for tables of files
 
     @property
     def planned(self) -> PlannedRun:
@@ -74,35 +58,18 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SweepPlan:
-    """A sweep: the experiment it starts from, and its runs.
+    """A sweep: the experiment it starts from, and its runs."""
 
-    Parameters
-    ----------
-    experiment
-        The one without overrides.
-    fields
-        Paths of the fields that vary.
-    tasks
-        The runs, in order.
-    tables
-        Signals read from files, by the digests that the tasks name.
-    """
-
-    experiment: Experiment
-    fields: tuple[str, ...]
-    tasks: tuple[Task, ...]
-    tables: Mapping[str, Table]
+    experiment: Experiment  # the one without overrides
+    fields: tuple[str, ...]  # paths of those that vary
+    tasks: tuple[Task, ...]  # in order
+    tables: Mapping[str, Table]  # signals read from files, by their digests
 
 
 def plan_sweep(source: Source) -> SweepPlan:
     """List the runs of an experiment file; one without ``sweep`` has one.
 
     Every run is validated here, so that a slip shows before anything is simulated.
-
-    Raises
-    ------
-    InputError
-        If the file, or a variation of it, does not follow the schema.
     """
     experiment = source.experiment()
     sweep = experiment.sweep
@@ -138,13 +105,6 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
     """Return where the result of an experiment lies.
 
     It covers all that the result depends on: defaults, the code, and the versions it ran with.
-
-    Parameters
-    ----------
-    experiment
-        The experiment.
-    content
-        What it was read from; digests stand for tables read from files.
     """
     asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
     asked["estimators"] = [_options(each) for each in experiment.all_estimators]

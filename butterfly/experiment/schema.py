@@ -27,7 +27,7 @@ from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.inference.splits import Split
 from butterfly.logs.log import InputKind, Sine
-from butterfly.logs.manifest import Told
+from butterfly.logs.manifest import Uncertain
 from butterfly.model.friction import Friction
 from butterfly.model.harmonic import predicted_swing
 from butterfly.model.known import Knowledge
@@ -75,7 +75,8 @@ class PlantSpec(StrictModel):
     drive: DriveSpec | None = None
     friction: Friction = Friction()
     clutch: Clutch | None = None
-    lumped: LumpedParameters | None = None  # in place of the four above; with a torque drive
+    lumped: LumpedParameters | None = None
+    """p1..p4 and friction terms, as an identification gives them, in place of the four above."""
     simulator: Simulator = Simulator.MUJOCO
     clock: Clock = Clock()
     encoder: Encoder = Encoder()
@@ -144,7 +145,8 @@ class ValidationSpec(StrictModel):
     """What is left out together, to be predicted by the rest."""
 
     split: Split = Split.AUTO
-    folds: Annotated[int, Field(ge=2)] | None = None  # of frequency, log and time
+    folds: Annotated[int, Field(ge=2)] | None = None
+    """How many, of the splits frequency, log and time."""
 
 
 class ReportSpec(StrictModel):
@@ -158,23 +160,35 @@ class Experiment(StrictModel):
 
     name: Annotated[str, Field(pattern=r"^[\w.-]+$")]
     description: str = ""
-    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0  # of everything random
+    seed: Annotated[int, Field(ge=0, lt=SEEDS)] = 0
+    """Fixes everything random."""
     plant: PlantSpec
     added_masses: Annotated[list[AddedMass], Field(min_length=1)]
     excitations: tuple[Sine, ...] = ()
-    signals: tuple[SignalSpec, ...] = ()  # other inputs, for weak-form and output-error
-    duration: Annotated[float, Field(gt=0)]  # of each run in s
+    signals: tuple[SignalSpec, ...] = ()
+    """Inputs other than sines, which the methods weak-form and output-error take."""
+    duration: Annotated[float, Field(gt=0)]
+    """Length of each run in s."""
     method: MethodName = DEFAULT_OF_EXPERIMENTS
-    terms: tuple[str, ...] | None = None  # that it fits besides p1..p4, Coulomb torque and delay
-    estimators: tuple[AnyEstimator, ...] = ()  # in place of method and terms
-    known: dict[str, Told] = Field(default_factory=dict)  # of the robot, as in a manifest
-    holdout: tuple[str, ...] = ()  # names or patterns of logs that no fit sees
-    validation: ValidationSpec | None = None  # of each run
+    terms: tuple[str, ...] | None = None
+    """Fitted besides p1..p4, Coulomb torque and delay; the method's own choice if not given."""
+    estimators: tuple[AnyEstimator, ...] = ()
+    """Several, each with its options, in place of method and terms."""
+    known: dict[str, Uncertain] = Field(default_factory=dict)
+    """What the estimators know of the robot, as in a manifest."""
+    holdout: tuple[str, ...] = ()
+    """Names or glob patterns of logs that no fit sees, only a test."""
+    validation: ValidationSpec | None = None
+    """Of each run, by predicting data that were left out; none if not given."""
     report: ReportSpec = ReportSpec()
     control: ControlSpec | None = None
+    """An orbit to hold, and the re-calibration next to it."""
     sweep: SweepSpec | None = None
-    keep_signals: bool = False  # of each run of a sweep, as Parquet
-    extends: str | None = None  # another file, beside this one or shipped, which this one changes
+    """Variations, each a run of its own."""
+    keep_signals: bool = False
+    """Whether the runs of a sweep keep their logs, as Parquet."""
+    extends: str | None = None
+    """Another experiment file, beside this one or shipped, which this one changes."""
 
     @field_validator("name")
     @classmethod

@@ -35,24 +35,6 @@ def simulate(
 
     Each run draws from its own random stream, so its log depends on the seed and its place in the
     experiment only.
-
-    Parameters
-    ----------
-    experiment
-        With excitations or signals.
-    threads
-        Of the simulation; one per core if not given.
-    track
-        Shows progress.
-
-    Yields
-    ------
-    The logs in order, each named by its run.
-
-    Raises
-    ------
-    InputError
-        If a simulation diverges.
     """
     setup, runs, seeds = experiment.plant.setup, experiment.runs(), experiment.seeds()
     for log in simulate_runs(setup, runs, experiment.duration, seeds, threads=threads, track=track):
@@ -76,11 +58,6 @@ def planned_logs(experiment: Experiment) -> list[Log]:
 
     The robot of the experiment does not count: nothing is fed back, so that its inputs are what
     they are with any other.
-
-    Parameters
-    ----------
-    experiment
-        With excitations or signals.
     """
     plain = replace(
         experiment.plant.setup,
@@ -98,17 +75,7 @@ def planned_logs(experiment: Experiment) -> list[Log]:
 
 
 def write_logs(experiment: Experiment, logs: Iterable[Log], folder: Path) -> Path:
-    """Write the logs of an experiment in the form of the real ones, and their manifest.
-
-    Returns
-    -------
-    Path of the manifest, which is written last.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
-    """
+    """Write logs in the form of the real ones; return the path of the manifest, written last."""
     entries = []
     for log in logs:
         entries.append(_entry(log, file_of(log)))

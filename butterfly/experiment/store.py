@@ -36,13 +36,7 @@ _STALE = 600.0  # s after which nobody finishes a file any more
 
 
 class ResultStore:
-    """A folder of results.
-
-    Parameters
-    ----------
-    folder
-        Made when something is written.
-    """
+    """A folder of results."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -56,7 +50,7 @@ class ResultStore:
         return self.folder / "runs" / key[:2] / key
 
     def read(self, key: str) -> RunRecord | None:
-        """Return a run's record; None if there is none, or it cannot be read or is foreign."""
+        """Return a run's record; None if there is none, or none that this version reads."""
         try:
             text = self.record_path(key).read_text(encoding="utf-8")
         except (OSError, ValueError):
@@ -77,13 +71,7 @@ class ResultStore:
         return record if whole else None
 
     def begin(self) -> None:
-        """Note that something else is done here from now on (see `latest`).
-
-        Raises
-        ------
-        InputError
-            If the folder cannot be one of results.
-        """
+        """Note that something else is done here from now on (see `latest`)."""
         path = self.folder / SWEEP
         try:
             path.unlink(missing_ok=True)
@@ -114,8 +102,8 @@ class ResultStore:
     def end_sweep(self, sweep: SweepRecord) -> None:
         """Put the tables together from the records, in the sweep's order; write what was asked.
 
-        Where another process does so too, the tables are in the end those of the sweep that is
-        told: whoever wrote last looks once more.
+        Where another process does so too, the tables are in the end those of ``sweep.json``:
+        whoever wrote last looks once more.
         """
         for _ in range(_ENDS):
             tables = self._tables(sweep)
@@ -132,13 +120,7 @@ class ResultStore:
             draft.write_text(sweep.to_json(), encoding="utf-8")
 
     def sweep(self) -> SweepRecord:
-        """Read what was asked.
-
-        Raises
-        ------
-        InputError
-            If the folder holds no results, or those of another version.
-        """
+        """Read what was asked."""
         path = self.folder / SWEEP
         try:
             sweep = SweepRecord.from_json(path.read_text(encoding="utf-8"))
@@ -170,13 +152,7 @@ class ResultStore:
         return {_file_of(name): file.getvalue() for name, file in files.items()}
 
     def table(self, name: str) -> pa.Table:
-        """Read a table.
-
-        Raises
-        ------
-        InputError
-            If there is no such table, or not as the sweep wrote it.
-        """
+        """Read a table; InputError if there is none, or not as the sweep wrote it."""
         path = self.folder / _file_of(name)
         for _ in range(_LOOKS):
             try:
@@ -199,17 +175,8 @@ class ResultStore:
     def clean(self, *, failed: bool = False) -> list[Path]:
         """Remove what no run of the sweep has: records, logs without one, unfinished files.
 
-        Nothing is removed that a link leads to, here or elsewhere, and no file that may be in
-        writing.
-
-        Parameters
-        ----------
-        failed
-            Whether to remove those of runs that did not succeed, too, to have them done again.
-
-        Returns
-        -------
-        What was removed.
+        Those of ``failed`` runs too, if asked, to have them done again. Nothing is removed that a
+        link leads to, here or elsewhere, and no file that may be in writing. Returns what was.
         """
         wanted = {run.key for run in self.sweep().runs}
         removed = [path for path in self.folder.rglob(f"{DRAFT}*") if _is_stale(path)]

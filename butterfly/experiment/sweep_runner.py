@@ -19,7 +19,7 @@ from butterfly.progress import Track, untracked
 
 @dataclass(frozen=True, kw_only=True)
 class SweepSummary:
-    """How a sweep went: numbers of runs in all, done now, found done, and not successful."""
+    """How a sweep went: numbers of runs in all, done now, found done, and without a result."""
 
     runs: int
     done: int
@@ -40,28 +40,7 @@ def run_sweep(
 
     Killed at any moment, it goes on where it stopped. A run that was refused (bad input, not
     identifiable) would be refused again and is left; one that failed unexpectedly is tried again.
-
-    Parameters
-    ----------
-    plan
-        The sweep.
-    folder
-        Of the results.
-    engine
-        Where the runs are done.
-    force
-        Whether to do them again.
-    only
-        Numbers of the runs to do, as ``0,3,10-19``; all if not given.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    InputError
-        If ``only`` names no runs, or the folder cannot be written.
-    StoppedError
-        If it is interrupted: what is done is kept.
+    Interrupted, it raises StoppedError.
     """
     store = ResultStore(folder)
     chosen = chosen_of(plan.tasks, only)
@@ -115,13 +94,7 @@ def kept_status(store: ResultStore, task: Task) -> str | None:
 
 
 def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:
-    """Return the tasks whose numbers are named.
-
-    Raises
-    ------
-    InputError
-        If ``only`` is not of the form ``0,3,10-19``, or names none of them.
-    """
+    """Return the tasks whose numbers are named, as ``0,3,10-19``; InputError if none is."""
     if only is None:
         return tasks
     numbers: set[int] = set()

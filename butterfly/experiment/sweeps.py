@@ -72,26 +72,21 @@ class RandomSpec(StrictModel):
 class SweepSpec(StrictModel):
     """Variations of an experiment; what is given is combined, each with each.
 
-    Parameters
-    ----------
-    grid
-        Values of fields, all combinations. A field is named by its path, as ``plant.hand.mass`` or
-        ``added_masses.1.mass``.
-    rows
-        In YAML ``list``: values of fields, set together.
-    random, latin_hypercube
-        Random points, independent or evenly spread over each field.
-    repetitions
-        Of each point, with seeds of their own.
+    A field is named by its path, as ``plant.hand.mass`` or ``added_masses.1.mass``.
     """
 
     model_config = ConfigDict(populate_by_name=True)
 
     grid: dict[str, Annotated[list[Any], Field(min_length=1)]] = Field(default={})
+    """Values of fields, all combinations."""
     rows: list[dict[str, Any]] = Field(default=[], alias="list")
+    """Values of fields, set together."""
     random: RandomSpec | None = None
+    """Random points, independent of each other."""
     latin_hypercube: RandomSpec | None = None
+    """Random points, evenly spread over each field."""
     repetitions: Annotated[int, Field(gt=0)] = 1
+    """Of each point, with seeds of their own."""
 
     @model_validator(mode="after")
     def _each_field_set_once(self) -> SweepSpec:
@@ -130,18 +125,6 @@ class SweepSpec(StrictModel):
         A run's seed depends on the experiment's seed, the repetition and the values set alone, so
         a sweep that grows keeps the runs that it had. A seed that is set is that of its first
         repetition; those of the others are derived from it.
-
-        Parameters
-        ----------
-        seed
-            Of the experiment.
-        source
-            Its file, for messages.
-
-        Raises
-        ------
-        InputError
-            If there are more than memory holds the plan of.
         """
         runs = f"{self._count:,} runs"
         require_room(source, "sweep", runs, _BYTES_PER_RUN * self._count)
@@ -164,12 +147,8 @@ def apply(content: Mapping[str, Any], overrides: Overrides, source: object) -> d
     """Return an experiment's mapping with fields set by their paths.
 
     Mappings on the way to a field are made if need be. Mappings and lists on the way are copied,
-    all else is shared: a hundred thousand variations must fit into memory.
-
-    Raises
-    ------
-    InputError
-        If a path leads through a value that has no parts, or beyond the end of a list.
+    all else is shared: a hundred thousand variations must fit into memory. InputError if a path
+    leads through a value that has no parts, or beyond the end of a list.
     """
     changed = dict(content)
     for path, value in overrides.items():

@@ -41,30 +41,16 @@ class Engine(Protocol):
     def run(
         self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
     ) -> Generator[Outcome]:
-        """Yield the outcome of each task as it is done.
+        """Yield the outcome of each task as it is done; closed, end what is under way.
 
-        Closing the generator ends what is under way.
-
-        Parameters
-        ----------
-        work
-            What is done with a task and the tables; a function of a module, which workers import.
-        tasks
-            To be done.
-        tables
-            Signals by their digests, which workers are sent once.
+        ``work`` is a function of a module, which workers import, of a task and the tables: signals
+        by their digests, which workers are sent once.
         """
         ...
 
 
 class LocalEngine:
-    """Processes of this machine.
-
-    Parameters
-    ----------
-    jobs
-        How many; one per core if not given.
-    """
+    """Processes of this machine; one per core if ``jobs`` are not given."""
 
     def __init__(self, jobs: int | None = None) -> None:
         if jobs is not None and jobs < 1:
@@ -78,11 +64,6 @@ class LocalEngine:
 
         A task whose worker dies is tried again; after three times it has failed. The other workers
         go on meanwhile.
-
-        Raises
-        ------
-        ButterflyError
-            If no worker can be started.
         """
         pending, attempts, stuck = deque(tasks), Counter[str](), 0
         with _environment(_ONE_THREAD):
@@ -180,15 +161,7 @@ def _died(task: Task) -> Outcome:
 
 
 class DaskEngine:
-    """A Dask cluster.
-
-    Parameters
-    ----------
-    scheduler
-        Its address; a cluster of processes on this machine, bound to loopback, if not given.
-    jobs
-        Processes of the latter; one per core if not given.
-    """
+    """A Dask cluster: a scheduler's, or ``jobs`` processes on this machine, bound to loopback."""
 
     def __init__(self, scheduler: str | None = None, jobs: int | None = None) -> None:
         self._scheduler, self._jobs = scheduler, jobs or os.cpu_count() or 1
@@ -196,13 +169,7 @@ class DaskEngine:
     def run(
         self, work: Work, tasks: Iterable[Task], tables: Tables = _NO_TABLES
     ) -> Generator[Outcome]:
-        """Yield the outcome of each task as it is done; Dask repeats those whose worker dies.
-
-        Raises
-        ------
-        ButterflyError
-            If Dask is not installed, or the scheduler does not answer.
-        """
+        """Yield the outcome of each task as it is done; Dask repeats those whose worker dies."""
         try:
             from distributed import Client, KilledWorker, LocalCluster, as_completed  # noqa: PLC0415 - an extra
         except ImportError:

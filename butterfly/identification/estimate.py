@@ -2,28 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.files import finite
+from butterfly.identification.diagnostics.findings import (
+    Ending,
+    Finding,
+    FindingKind,
+    grade,
+)
 from butterfly.identification.diagnostics.knowledge import (
     disagreements,
     moved_by_masses,
     scale_apart,
 )
-from butterfly.identification.diagnostics.verdict import Verdict
 from butterfly.identification.inference.covariance import cluster_covariance, robust
-from butterfly.identification.inference.identifiability import Conditioning, sort_by_precision
+from butterfly.identification.inference.identifiability import (
+    Conditioning,
+    precision,
+    sort_by_precision,
+)
 from butterfly.identification.inference.intervals import honest_limits
 from butterfly.identification.inference.mass_consistency import Correction, corrections
+from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.identification.solved import Solved, pulled_below
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import NOTHING, Knowledge
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import TERMS
+from butterfly.verdict import Level
+
+Truth: TypeAlias = LumpedParameters | Mapping[str, float]
+"""True values, where they are known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,9 +57,7 @@ class Estimate:
     covariance
         (n, n); NaN where the method has no statement to make.
     lower, upper
-        (n,) limits of the intervals at `butterfly.identification.intervals.CONFIDENCE`.
-    held
-        Parameters that were held at values other than the model's defaults.
+        (n,) limits of the 95 % intervals.
     left_out
         (n,) estimates with the logs of one added mass (or one run) left out; empty if there are
         too few.
@@ -55,6 +69,8 @@ class Estimate:
         How the estimation ended.
     findings
         What can and cannot be concluded.
+    held
+        Parameters that were held at values other than the model's defaults.
     resonances
         Where the method rests on resonance frequencies: these, in rad/s, per added mass.
     local
@@ -73,6 +89,12 @@ class Estimate:
         What was known of the robot before; what is known exactly is among ``held``.
     freedom
         (n,) degrees of freedom of the standard errors; None where they are not known.
+    unestimated
+        Names to which the method gives a value without estimating it.
+    ratios
+        Whether the values are ratios to p1, gains excepted.
+    input_kind, joint
+        What drives how it moves, which give the units; None for an input of unknown unit.
     """
 
     method: str
@@ -94,6 +116,10 @@ class Estimate:
     horizon: float | None = None
     known: Knowledge = NOTHING
     freedom: NDArray[np.float64] | None = None
+    unestimated: tuple[str, ...] = ()
+    ratios: bool = False
+    input_kind: InputKind | None = None
+    joint: JointKind = JointKind.HINGE
 
     @classmethod
     def from_rows(
@@ -112,36 +138,15 @@ class Estimate:
         blocks: int = 1,
         known: Knowledge = NOTHING,
         besides: NDArray[np.float64] | None = None,
+        ratios: bool = False,
     ) -> Estimate:
         """Judge a solver's end: conditioning, covariance, intervals, bounds, findings.
 
-        Parameters
-        ----------
-        solved
-            The values and their equations.
-        method
-            How they were obtained.
-        left_out
-            (n,) values from parts of the data, which widen the intervals.
-        rivals
-            (n,) values of other fits that predict as well, which widen them too.
-        shared
-            How many values, from the first on, are parameters of the robot; all if not given.
-        findings, held, local, horizon
-            As the estimate has them; the findings come after those on the values.
-        masses
-            What each log carried, where the clusters are logs, or blocks of them.
-        blocks
-            Clusters of each log.
-        known
-            What was known of the robot.
-        besides
-            (n, n) covariance of what was taken as given, to be added to that of the equations.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If the equations are singular for every practical purpose.
+        ``left_out`` (from parts of the data) and ``rivals`` (other fits that predict as well)
+        widen the intervals; the first ``shared`` values are the robot's; ``masses`` is what each
+        log carried, of which each has ``blocks`` clusters; ``besides`` is an (n, n) covariance of
+        what was taken as given, added to that of the equations. IdentifiabilityError says that
+        these are singular for every practical purpose.
         """
         rows, residuals = solved.by_cluster()
         whole, left = solved.with_prior(rows, residuals)
@@ -194,6 +199,7 @@ class Estimate:
             rivals=tuple(rivals),
             horizon=horizon,
             freedom=freedom[own],
+            ratios=ratios,
         )
 
     @property
@@ -202,16 +208,157 @@ class Estimate:
         found = dict(zip(self.names, self.values.tolist(), strict=True))
         return LumpedParameters(**self.held | found)
 
-    @property
-    def unestimated(self) -> frozenset[str]:
-        """Parameters to which the method gives a value without estimating it."""
-        told = [each for each in self.findings if each.kind is FindingKind.NOT_ESTIMATED]
-        return frozenset(name for each in told for name in each.parameters)
+    def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
+        """Return a row for each parameter, beside the truth if it is known.
+
+        Those that were known exactly come last; those that were not estimated have none.
+        """
+        if isinstance(truth, LumpedParameters):
+            truth = asdict(truth)
+        errors, claims = self.standard_errors, precision(self.values, self.lower, self.upper)
+        rows = []
+        for k, name in enumerate(self.names):
+            if name in self.unestimated:
+                continue
+            left_out = [float(values[k]) for values in self.left_out.values()]
+            known = math.isfinite(self.lower[k]) and math.isfinite(self.upper[k])
+            rows.append(
+                Parameter(
+                    **self._about(name, truth),
+                    value=float(self.values[k]),
+                    standard_error=or_none(errors[k]),
+                    lower=or_none(self.lower[k]),
+                    upper=or_none(self.upper[k]),
+                    least_left_out=min(left_out, default=None),
+                    largest_left_out=max(left_out, default=None),
+                    on_bound=name in self.on_bound,
+                    claim=str(claims[k]) if known else "",
+                )
+            )
+        rows += [
+            Parameter(
+                **self._about(name, truth),
+                value=value,
+                standard_error=0.0,
+                lower=value,
+                upper=value,
+                known=True,
+                claim="known",
+            )
+            for name, value in self.known.exact.items()
+        ]
+        return tuple(rows)
+
+    def _about(self, name: str, truth: Mapping[str, float] | None) -> dict[str, Any]:
+        term = TERMS[name]
+        meaning = (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
+        if self.joint is JointKind.SLIDE:
+            meaning = meaning.replace("inertia", "mass that moves").replace("torque", "force")
+        return {
+            "name": name,
+            "symbol": term.symbol,
+            "meaning": meaning,
+            "unit": self.unit_of(name),
+            "true": None if truth is None else float(truth[name]),
+        }
+
+    def unit_of(self, name: str) -> str:
+        """Return the unit of a parameter of this estimate."""
+        unit = unit_of(name, self.input_kind, self.joint)
+        if not self.ratios or TERMS[name].of_gain:
+            return unit
+        return f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
+
+    def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
+        """Return all that it holds but its corrections, as JSON can hold it."""
+        rows = {row["name"]: row for row in map(asdict, self.table(truth))}
+        values = dict(zip(self.names, self.values.tolist(), strict=True))
+        content = {
+            "method": self.method,
+            "ending": str(self.ending),
+            "input": None if self.input_kind is None else str(self.input_kind),
+            "joint": str(self.joint),
+            "ratios": self.ratios,
+            "parameters": rows,
+            "unestimated": {name: values[name] for name in self.unestimated},
+            "covariance": {"names": list(self.names), "matrix": self.covariance.tolist()},
+            "left_out": left_out_content(self.names, self.left_out),
+            "rivals": [each.tolist() for each in self.rivals],
+            "freedom": None if self.freedom is None else self.freedom.tolist(),
+            "condition": self.condition,
+            "findings": [asdict(finding) for finding in self.findings],
+            "on_bound": list(self.on_bound),
+            "held": dict(self.held),
+            "known": self.known.as_told(),
+            "resonances": [[asdict(mass), omega] for mass, omega in self.resonances.items()],
+            "horizon": "whole" if self.horizon == math.inf else self.horizon,
+            "local": [[_key(whose), values] for whose, values in self.local.items()],
+        }
+        found: dict[str, Any] = finite(content)
+        return found
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
+        """Return the estimate of which `to_dict` told; others of its keys are not looked at.
+
+        KeyError, TypeError or ValueError say that something is missing or not what it should be.
+        """
+        names = tuple(map(str, content["covariance"]["names"]))
+        rows, others = content["parameters"], content["unestimated"]
+        values = [others[name] if name in others else rows[name]["value"] for name in names]
+        limits = [[rows.get(name, {}).get(key) for name in names] for key in ("lower", "upper")]
+        freedom = content.get("freedom")
+        left_out: dict[Hashable, NDArray[np.float64]] = {
+            _mass(part["added_mass"]) if "added_mass" in part else part["without"]: _array(
+                [part["values"][name] for name in names]
+            )
+            for part in content["left_out"]
+        }
+        found = cls(
+            method=str(content["method"]),
+            names=names,
+            values=_array(values),
+            covariance=_array(content["covariance"]["matrix"]).reshape(2 * (len(names),)),
+            lower=_array(limits[0]),
+            upper=_array(limits[1]),
+            left_out=left_out,
+            rivals=tuple(_array(each) for each in content.get("rivals", ())),
+            freedom=None if freedom is None else _array(freedom),
+            condition=float(_array(content["condition"])),
+            on_bound=tuple(content["on_bound"]),
+            ending=Ending(content["ending"]),
+            findings=tuple(map(Finding.from_dict, content["findings"])),
+            held={str(name): float(value) for name, value in content["held"].items()},
+            known=Knowledge.told(content.get("known", {})),
+            resonances={_mass(key): float(_array(each)) for key, each in content["resonances"]},
+            horizon=_horizon(content.get("horizon")),
+            local={
+                _mass(key) if isinstance(key, dict) else key: dict(each)
+                for key, each in content["local"]
+            },
+            unestimated=tuple(map(str, others)),
+            ratios=bool(content.get("ratios", False)),
+            input_kind=None if content.get("input") is None else InputKind(content["input"]),
+            joint=JointKind(content.get("joint", JointKind.HINGE)),
+        )
+        named = {*names, *found.on_bound, *found.held, *found.unestimated}
+        if not named <= TERMS.keys() or len({*names}) < len(names):
+            raise ValueError("names that are no parameters, or twice the same")
+        if any(each.shape != found.values.shape for each in (*found.rivals, *left_out.values())):
+            raise ValueError("not as many values as names")
+        if (np.diag(found.covariance) < 0).any():
+            raise ValueError("variances below 0")
+        return found
 
     @property
-    def verdict(self) -> Verdict:
-        """What may be done with the values."""
-        return Verdict.of(self.ending, self.findings)
+    def level(self) -> Level:
+        """How much speaks against the values."""
+        return grade(self.ending, self.findings)[0]
+
+    @property
+    def reasons(self) -> tuple[Finding, ...]:
+        """The findings for which the verdict is no better."""
+        return grade(self.ending, self.findings)[1]
 
     @property
     def standard_errors(self) -> NDArray[np.float64]:
@@ -263,8 +410,8 @@ class Estimate:
 def _of_bounds(on_bound: tuple[str, ...], pulled: set[str]) -> list[Finding]:
     """Say what a bound holds; it needs care only where the data would go far beyond."""
     groups = {
-        Severity.CARE: tuple(name for name in on_bound if name in pulled),
-        Severity.NOTE: tuple(name for name in on_bound if name not in pulled),
+        Level.CARE: tuple(name for name in on_bound if name in pulled),
+        Level.NOTE: tuple(name for name in on_bound if name not in pulled),
     }
     return [
         Finding(kind=FindingKind.ON_BOUND, parameters=names, severity=severity)
@@ -277,4 +424,36 @@ def _of_signs(names: Sequence[str]) -> list[Finding]:
     unknown = tuple(name for name in names if not TERMS[name].sign_observable)
     if not unknown:
         return []
-    return [Finding(kind=FindingKind.SIGN_UNKNOWN, parameters=unknown, severity=Severity.CARE)]
+    return [Finding(kind=FindingKind.SIGN_UNKNOWN, parameters=unknown, severity=Level.CARE)]
+
+
+def left_out_content(
+    names: Sequence[str], left_out: Mapping[Hashable, Iterable[float]]
+) -> list[dict[str, Any]]:
+    """Return what the estimates would have been without one added mass, log or part each."""
+    content = []
+    for key, values in left_out.items():
+        carried = {"added_mass": asdict(key)} if isinstance(key, AddedMass) else {}
+        found = dict(zip(names, map(float, values), strict=True))
+        content.append({"without": str(key), **carried, "values": found})
+    return content
+
+
+def _array(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - whatever is in the file
+    """Return numbers as an array; null is NaN, anything else a TypeError or ValueError."""
+    return np.array(values, dtype=np.float64)
+
+
+def _key(key: object) -> object:
+    """Return what a value belongs to: a log by its name, an added mass by its numbers, or all."""
+    return asdict(key) if isinstance(key, AddedMass) else key
+
+
+def _mass(key: dict[str, Any]) -> AddedMass:
+    return AddedMass(**key | {"joint": JointKind(key.get("joint", JointKind.HINGE))})
+
+
+def _horizon(content: str | float | None) -> float | None:
+    if content is None:
+        return None
+    return math.inf if content == "whole" else float(content)

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.following import judge_fit
 from butterfly.identification.diagnostics.physics import is_possible, judge_physics
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.other_parameters import best_gain, told_parameters
 from butterfly.model.known import Knowledge, Known
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.terms import PARAMETERS
+from butterfly.verdict import Level
 
 METHOD = "given parameters"
 
@@ -82,6 +83,8 @@ def given_estimate(
         findings=(),
         held={name: value for name, value in found.items() if name not in PARAMETERS},
         local=local,
+        input_kind=None if data is None else data.input_kind,
+        joint=JointKind.HINGE if data is None else data.joint,
     )
     return estimate.with_findings(*judge_physics(estimate, masses))
 
@@ -131,7 +134,7 @@ def outdone(
     left, given = 100 - reached, 100 - float(np.median(fits))
     if given <= max(_FAR_MORE * left, _NOTABLE):
         return []
-    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Severity.CARE)]
+    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
 def _angle(value: object, source: str) -> float:

@@ -201,7 +201,7 @@ def estimated(data: DataSet, estimator: Estimator) -> Estimate:
         step = f"a mean step of {data.logs[0].mean_step:.3g} s"
         raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
     try:
-        found = estimator(data)
+        found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
         _refuse_not_finite(found)
     except ButterflyError as error:
         raise with_slips(error, find_slips_of_refused(data, estimator)) from None

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.verdict import Level
 
 LARGEST_SWING = 1.6
 """In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
@@ -33,7 +34,7 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
         Finding(
             kind=FindingKind.LEFT_OUT,
             number=len(sines),
-            severity=Severity.CARE if len(lost) >= _MANY * len(sines) else Severity.NOTE,
+            severity=Level.CARE if len(lost) >= _MANY * len(sines) else Level.NOTE,
             logs=tuple(data.logs[k].name for k in lost),
         )
     ]

@@ -15,10 +15,11 @@ from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
 from butterfly.logs.log import Lead, Log
 from butterfly.logs.plausible import refuse_implausible
-from butterfly.logs.remarks import Condition, Remark, remarks_on
+from butterfly.logs.remarks import Remark, remarks_on
 from butterfly.logs.stamps import increasing, repeated, restarts
 from butterfly.logs.turns import Wrapping, find_wrapping, unwrapped
 from butterfly.model.parameters import JointKind
+from butterfly.verdict import Level
 
 GAP_FACTOR = 3.0
 """A sampling interval longer than this many median intervals is a gap."""
@@ -104,9 +105,9 @@ class Health:
         return remarks_on(self)
 
     @property
-    def condition(self) -> Condition:
+    def condition(self) -> Level:
         """What may be done with the log."""
-        return Condition.worst(remark.condition for remark in self.remarks)
+        return Level.worst(remark.condition for remark in self.remarks)
 
     @property
     def findings(self) -> list[str]:

@@ -1,10 +1,15 @@
-"""Data-set manifests: which files, and what each experiment was."""
+"""Data-set manifests: the one list of what can be said of data.
+
+A YAML file, the options of a command and the keywords of `butterfly.read` each fill some of the
+fields of `Manifest`; `described` puts them together and checks them.
+"""
 
 from __future__ import annotations
 
 import os
 import re
-from enum import StrEnum
+from collections.abc import Mapping, Sequence
+from enum import Enum, StrEnum
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
@@ -13,6 +18,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainSerializer,
+    create_model,
     field_validator,
     model_validator,
 )
@@ -26,31 +32,32 @@ from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.units import Units
 from butterfly.model.known import Knowledge, Known, known_of, plain
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
-from butterfly.yaml_input import StrictModel, read_yaml
+from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
 from butterfly.yaml_output import yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
 
-_SELDOM = {  # not written where it is as usual
-    "sign": 1,
-    "joint": "hinge",
-    "gravity": GRAVITY,
-    "known": {},
-    "zeros": [],
-    "units": {},
-    "holdout": [],
-}
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
-def _read_known(value: Any) -> Known:  # noqa: ANN401 - whatever YAML holds
-    if not isinstance(value, Known | dict | str):
+def _read_known(value: Any) -> Known:  # noqa: ANN401 - whatever was given
+    if not isinstance(value, Known | dict | str | tuple):
         raise ValueError("a number, or {value: ..., uncertainty: ...}")
     return known_of(value)
 
 
-Told = float | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
+def _require_known(values: Any) -> Any:  # noqa: ANN401 - whatever was given
+    Knowledge.told(values)
+    return values
+
+
+def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
+    Units.told(values)
+    return values
+
+
+Uncertain = float | Annotated[Known, BeforeValidator(_read_known), PlainSerializer(plain)]
 """A number, or {value: ..., uncertainty: ...}."""
 
 Size = (
@@ -67,46 +74,22 @@ class Split(StrEnum):
 
 
 class LogEntry(StrictModel):
-    """One file of a data set, or a piece of one.
-
-    Parameters
-    ----------
-    file
-        Path below the data set's root.
-    added_mass
-        In kg, with or without an uncertainty.
-    arm
-        In m, with or without an uncertainty; the data set's own ``arm`` if not given.
-    omega, amplitude
-        Of the sine that was commanded, in rad/s and in units of the input; neither for any other
-        input.
-    zero
-        What the encoder reads in rad where the hand hangs, with or without an uncertainty, if it is
-        known of this log by itself.
-    begin, end
-        Called ``from`` and ``to``: first and last instant in s of the piece that is meant, by the
-        file's own clock.
-    part
-        Which of the recordings that were put together in the file is meant, from 1 on: one ends
-        where the clock falls back.
-    split
-        ``restarts``: each of these recordings is a log.
-    """
+    """One file of a data set, or a piece of one."""
 
     model_config = ConfigDict(
         validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
     )
 
-    file: str
-    added_mass: Size = 0.0
-    arm: Size | None = None
-    omega: Annotated[float, Field(gt=0)] | None = None
-    amplitude: Annotated[float, Field(gt=0)] | None = None
-    zero: Told | None = None
-    begin: Annotated[float | None, Field(alias="from")] = None
+    file: str  # path below the data set's root
+    added_mass: Size = 0.0  # kg
+    arm: Size | None = None  # m; the data set's own if not given
+    omega: Annotated[float, Field(gt=0)] | None = None  # rad/s, of the sine that was commanded
+    amplitude: Annotated[float, Field(gt=0)] | None = None  # in units of the input
+    zero: Uncertain | None = None  # rad, what the encoder reads where the hand hangs
+    begin: Annotated[float | None, Field(alias="from")] = None  # s, by the file's own clock
     end: Annotated[float | None, Field(alias="to")] = None
-    part: Annotated[int, Field(ge=1)] | None = None
-    split: Split | None = None
+    part: Annotated[int, Field(ge=1)] | None = None  # number of a recording in the file
+    split: Split | None = None  # each recording in the file is a log
 
     @field_validator("file")
     @classmethod
@@ -131,85 +114,46 @@ class LogEntry(StrictModel):
 
 
 class MassZero(StrictModel):
-    """The encoder's zero in the logs with one added mass.
+    """The encoder's zero in the logs with one added mass."""
 
-    Parameters
-    ----------
-    added_mass
-        In kg, as the logs say it.
-    zero
-        What the encoder reads in rad where the hand hangs, with or without an uncertainty.
-    """
+    added_mass: Annotated[float, Field(ge=0)]  # kg, as the logs say it
+    zero: Uncertain  # rad
 
-    added_mass: Annotated[float, Field(ge=0)]
-    zero: Told
+
+class _Rule(Enum):
+    """What an option or keyword does to a field that a manifest has; else it replaces it."""
+
+    FILLS = "only where the manifest is silent"
+    ADDS = "besides what the manifest says, and before it"
 
 
 class Manifest(StrictModel):
     """A data set: its files and what they have in common.
 
-    Parameters
-    ----------
-    name, description
-        For reports.
-    root
-        Folder of the files, relative to the manifest; ``${NAME}`` stands for an environment
-        variable, and a folder that begins with one is relative to where the command runs.
-    input
-        What the input column commands.
-    intersample
-        How the command is held between its samples.
-    sign
-        -1 where a positive command turns the hand towards negative angles: the input is negated.
-    arm
-        Pivot to added mass in m, with or without an uncertainty; needed where a mass is added to a
-        hinge.
-    joint
-        ``hinge``, or ``slide``, whose way is in m, and whose parameters are masses and forces.
-    gravity
-        In m/s^2, across the joint's axis; 0 for a joint that turns about the vertical.
-    known
-        What is known of the robot: parameters of the model, of motor and hand, each a number or
-        ``{value: ..., uncertainty: ...}`` (see `butterfly.model.known`).
-    zero
-        What the encoder reads in rad where the hand hangs, with or without an uncertainty; found
-        from the logs if not given. What a log says of its own goes before what ``zeros`` say, and
-        that before this.
-    zeros
-        The same for single added masses.
-    units
-        Units of the columns, and of ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`).
-    columns
-        What holds time, input and angle: columns of a table or variables of a .mat file, by name
-        or number.
-    repair
-        Repairs that may be made (see `butterfly.logs.health.Repair`).
-    split
-        ``restarts``: files in which the clock falls back are several recordings put together, and
-        each is a log, unless an entry says which piece is meant.
-    holdout
-        Files, or glob patterns of them, that are not used for a fit, only to be foretold by it.
-    logs
-        The files.
+    A new fact is a field here, and what uses it. Marks say what an option does to the field.
     """
 
     name: str
     description: str = ""
-    root: str = "."
-    input: InputKind
-    intersample: Intersample = Intersample.ZERO_ORDER_HOLD
-    sign: Literal[1, -1] = 1
-    arm: Size | None = None
+    root: str = "."  # folder of the files (see `expanded_root`)
+    input: Annotated[InputKind, _Rule.FILLS]  # what the input column commands
+    intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
+    sign: Literal[1, -1] = 1  # -1 where a positive command turns towards negative angles
+    arm: Annotated[Size | None, _Rule.FILLS] = None  # m, pivot to added mass
     joint: JointKind = JointKind.HINGE
-    gravity: Annotated[float, Field(ge=0)] = GRAVITY
-    known: dict[str, Told] = Field(default_factory=dict)
-    zero: Told | None = None
-    zeros: list[MassZero] = Field(default_factory=list)
-    units: dict[str, str | float] = Field(default_factory=dict)
-    columns: dict[str, str | int] | None = None
-    repair: frozenset[Repair] = DEFAULT_REPAIRS
-    split: Split | None = None
-    holdout: list[str] = Field(default_factory=list)
+    gravity: Annotated[float, Field(ge=0)] = GRAVITY  # m/s^2, across the joint's axis
+    known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
+        default_factory=dict
+    )  # of the robot (see `butterfly.model.known`)
+    zero: Uncertain | None = None  # rad, what the encoder reads where the hand hangs
+    zeros: list[MassZero] = Field(default_factory=list)  # before `zero`, after those of single logs
+    units: Annotated[dict[str, str | float], BeforeValidator(_require_units), _Rule.ADDS] = Field(
+        default_factory=dict
+    )  # of the columns, and of mass, arm and omega (see `butterfly.logs.units`)
+    columns: dict[str, str | int] | None = None  # what holds time, input and angle
+    repair: Annotated[frozenset[Repair], _Rule.ADDS] = DEFAULT_REPAIRS
+    split: Split | None = None  # of all files, but for entries that say which piece is meant
+    holdout: Annotated[list[str], _Rule.ADDS] = Field(default_factory=list)  # names, glob patterns
     logs: Annotated[list[LogEntry], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -218,16 +162,6 @@ class Manifest(StrictModel):
             for entry in self.logs:
                 if known_of(entry.added_mass).value and entry.arm is None:
                     raise ValueError(f"arm, in m, since {entry.file} carries a mass")
-        return self
-
-    @model_validator(mode="after")
-    def _known_names(self) -> Manifest:
-        Knowledge.told(self.known)
-        return self
-
-    @model_validator(mode="after")
-    def _known_units(self) -> Manifest:
-        Units.told(self.units)
         return self
 
     @model_validator(mode="after")
@@ -256,26 +190,39 @@ class Manifest(StrictModel):
         both = self.knowledge.also(known)
         return self.model_copy(update={"known": {**both.parameters, **both.physical}})
 
-    def moving(self, joint: JointKind | None, gravity: float | None) -> Manifest:
-        """Return the manifest of a joint that moves otherwise, as far as that is said."""
-        said = {"joint": joint, "gravity": gravity}
-        return self.model_copy(
-            update={name: each for name, each in said.items() if each is not None}
-        )
-
-    def with_zero(self, zero: Known | None) -> Manifest:
-        """Return the manifest with another encoder's zero of all logs, if one is given."""
-        if zero is None:
-            return self
+    def with_zero(self, zero: Known) -> Manifest:
+        """Return the manifest with another encoder's zero, of all logs."""
         logs = [entry.model_copy(update={"zero": None}) for entry in self.logs]
         return self.model_copy(update={"zero": zero, "zeros": [], "logs": logs})
+
+    def piece(self, begin: float | None, end: float | None) -> Manifest:
+        """Return the manifest of what lies between two instants in s of its single log.
+
+        Raises
+        ------
+        InputError
+            If it has several logs, or a piece of one already.
+        """
+        told = {"from": begin, "to": end}
+        given = {name: value for name, value in told.items() if value is not None}
+        if not given:
+            return self
+        name, value = next(iter(given.items()))
+        (entry, *others) = self.logs
+        if others or self.split or (entry.begin, entry.end) != (None, None):
+            expected = "a whole log by itself, of which a piece is meant (else in a manifest)"
+            raise InputError("data", name, value, expected)
+        if begin is not None and end is not None and not begin < end:
+            raise InputError("data", "from", begin, f"less than {end:g} s, the end")
+        own = entry.model_copy(update={"begin": begin, "end": end, "split": None})
+        return self.model_copy(update={"logs": [own]})
 
     def zero_of(self, entry: LogEntry) -> Known | None:
         """Return what is known of the encoder's zero in a log."""
         mass = rounded(known_of(entry.added_mass).value)
         of_mass = (each.zero for each in self.zeros if rounded(each.added_mass) == mass)
-        told = next((each for each in (entry.zero, *of_mass, self.zero) if each is not None), None)
-        return None if told is None else known_of(told)
+        given = next((each for each in (entry.zero, *of_mass, self.zero) if each is not None), None)
+        return None if given is None else known_of(given)
 
     def added_mass(self, entry: LogEntry) -> AddedMass:
         """Return what the hand carried in a log."""
@@ -300,23 +247,95 @@ class Manifest(StrictModel):
             amplitude=abs(self.scale.factor("input")) * entry.amplitude,
         )
 
+    def properties(self, entry: LogEntry) -> dict[str, Any]:
+        """Return the fields of `Log` that no file knows, for one of the logs."""
+        return {
+            "input_kind": self.input,
+            "intersample": self.intersample,
+            "added_mass": self.added_mass(entry),
+            "excitation": self.excitation(entry),
+            "zero": self.zero_of(entry),
+        }
 
-def read_manifest(path: Path, root: Path | None = None) -> Manifest:
+
+_SELDOM = ("sign", "joint", "gravity", "known", "zeros", "units", "holdout")
+"""Fields that are not written where they are as usual."""
+
+_OF_OPTIONS: dict[str, Any] = {
+    name: (Annotated[field.annotation, Field(), *field.metadata], None)
+    for name, field in Manifest.model_fields.items()
+    if name not in {"logs", "root"}
+} | dict.fromkeys(("begin", "end"), (float | None, None))
+_Options = create_model("_Options", __base__=StrictModel, **_OF_OPTIONS)
+
+
+def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what options or keywords say of data: fields of `Manifest`, ``begin`` and ``end``.
+
+    None says nothing; one that says nothing is left out.
+
+    Raises
+    ------
+    InputError
+        Naming the field, its value and what was expected.
+    """
+    said = {name: value for name, value in given.items() if value is not None}
+    found = validate([], said, _Options, source="data")
+    return {name: getattr(found, name) for name in said}
+
+
+def described(
+    content: Mapping[str, Any],
+    given: Mapping[str, Any],
+    documents: Sequence[Document] = (),
+    source: object = "data",
+) -> Manifest:
+    """Return the manifest of a file's content and what `checked_options` found besides.
+
+    They replace what the content says, but for fields with a rule of their own: the content goes
+    before what the input commands, how it is held, and the arm; repairs, logs that are held out,
+    units and what is known are added. A zero is that of all logs. ``begin`` and ``end`` are left to
+    `Manifest.piece`, for when it is clear which log is meant.
+
+    Raises
+    ------
+    InputError
+        Naming the file, or the source, with the field, its value and what was expected.
+    """
+    both = dict(content)
+    for name in given.keys() - {"begin", "end", "zero"}:
+        field = Manifest.model_fields[name]
+        if name not in content or not set(field.metadata) & set(_Rule):
+            both[name] = given[name]
+        if _Rule.ADDS in field.metadata:
+            own = content.get(name, field.get_default(call_default_factory=True))
+            both[name] = _added(own, given[name])
+    manifest = validate(documents, both, Manifest, source=source)
+    return manifest.with_zero(known_of(given["zero"])) if "zero" in given else manifest
+
+
+def _added(own: Any, more: Any) -> Any:  # noqa: ANN401 - whatever a file holds
+    """Return what a field holds, and more; what a file has wrong stays, to be refused."""
+    if isinstance(own, Mapping):
+        return {**own, **more}
+    return [*own, *more] if isinstance(own, list | frozenset) else own
+
+
+def read_manifest(
+    path: Path, root: Path | None = None, given: Mapping[str, Any] | None = None
+) -> Manifest:
     """Read a manifest file, with its root resolved to an absolute folder.
 
-    Parameters
-    ----------
-    path
-        The manifest.
-    root
-        Folder of the logs, in place of the one that the manifest names.
+    ``root`` is the folder of the logs in place of the one that the manifest names, ``given`` what
+    `checked_options` found.
 
     Raises
     ------
     InputError
         If the file does not follow the schema, or ``root`` names an unset variable or no folder.
     """
-    manifest = read_yaml(path, Manifest)
+    document = load_yaml(path)
+    manifest = described(document.content, given or {}, [document])
     folder = _expand_root(path, manifest.root) if root is None else root.absolute()
     if not folder.is_dir():
         raise InputError(path, "root", folder, "an existing folder")
@@ -325,15 +344,13 @@ def read_manifest(path: Path, root: Path | None = None) -> Manifest:
 
 def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as YAML, one line per log."""
-    told = manifest.model_dump(mode="json", exclude_none=True)
-    told["repair"].sort()  # a set has no order, a file should have one
-    head = {
-        name: value
-        for name, value in told.items()
-        if name != "logs" and (name not in _SELDOM or value != _SELDOM[name])
-    }
-    rows = [f"  - {yaml_text(entry, flow=True)}" for entry in told["logs"]]
-    return "".join([yaml_text(head), "logs:\n", *rows])
+    content = manifest.model_dump(mode="json", exclude_none=True)
+    content["repair"].sort()  # a set has no order, a file should have one
+    for name in _SELDOM:
+        if content[name] == Manifest.model_fields[name].get_default(call_default_factory=True):
+            del content[name]
+    rows = [f"  - {yaml_text(entry, flow=True)}" for entry in content.pop("logs")]
+    return "".join([yaml_text(content), "logs:\n", *rows])
 
 
 def write_manifest(manifest: Manifest, path: Path) -> None:
@@ -343,27 +360,18 @@ def write_manifest(manifest: Manifest, path: Path) -> None:
 
 
 def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
-    """Read the whole file of a log (see `butterfly.logs.pieces` for pieces of it).
-
-    Raises
-    ------
-    InputError
-        If its file cannot be read (see `read_log`).
-    """
-    path = Path(manifest.root) / entry.file
-    properties = {
-        "input_kind": manifest.input,
-        "intersample": manifest.intersample,
-        "added_mass": manifest.added_mass(entry),
-        "excitation": manifest.excitation(entry),
-        "zero": manifest.zero_of(entry),
-        "name": entry.file,
-    }
-    return read_log(path, columns=manifest.columns, units=manifest.scale, **properties)
+    """Read the whole file of a log (see `butterfly.logs.pieces` for pieces of it)."""
+    return read_log(
+        Path(manifest.root) / entry.file,
+        columns=manifest.columns,
+        units=manifest.scale,
+        name=entry.file,
+        **manifest.properties(entry),
+    )
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:
-    """Resolve ``root``, environment variables filled in.
+    """Resolve ``root``, environment variables (``${NAME}``) filled in.
 
     It is relative to the manifest's folder; what begins with a variable, to where the command runs.
     """

@@ -3,64 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.logs.log import MIN_SAMPLES, Log
-from butterfly.logs.manifest import LogEntry, Manifest, Split, read_entry
+from butterfly.logs.manifest import LogEntry, Manifest, read_entry
 from butterfly.logs.stamps import restarts
 from butterfly.progress import Track, untracked
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cut:
-    """What is meant of the files that somebody names.
-
-    Parameters
-    ----------
-    begin, end
-        First and last instant in s of the piece that is meant of a single log; None for its ends.
-    restarts
-        Whether each recording is a log, where several were put together in a file.
-    """
-
-    begin: float | None = None
-    end: float | None = None
-    restarts: bool = False
-
-    def of(self, manifest: Manifest) -> Manifest:
-        """Return the manifest of what is meant.
-
-        Raises
-        ------
-        InputError
-            If it is a piece of several logs, of a piece, or none at all.
-        """
-        if self.restarts:
-            manifest = manifest.model_copy(update={"split": Split.RESTARTS})
-        told = {"from": self.begin, "to": self.end}
-        said = {key: value for key, value in told.items() if value is not None}
-        if not said:
-            return manifest
-        field, value = next(iter(said.items()))
-        for name, instant in said.items():
-            if not math.isfinite(instant):
-                raise InputError("data", name, instant, "a finite number of s")
-        entry = manifest.logs[0]
-        if len(manifest.logs) > 1 or self.restarts or (entry.begin, entry.end) != (None, None):
-            expected = "a whole log by itself, of which a piece is meant (else in a manifest)"
-            raise InputError("data", field, value, expected)
-        if len(said) > 1 and not self.begin < self.end:  # type: ignore[operator]  # both are told
-            raise InputError("data", "from", self.begin, f"less than {self.end:g} s, the end")
-        own = entry.model_copy(update={"begin": self.begin, "end": self.end, "split": None})
-        return manifest.model_copy(update={"logs": [own]})
-
-
-WHOLE = Cut()
-"""All of each file."""
 
 
 def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
@@ -97,7 +49,11 @@ def with_parts(manifest: Manifest) -> Manifest:
 
 def read_pieces(manifest: Manifest, entry: LogEntry) -> list[tuple[LogEntry, Log]]:
     """Read the logs that an entry stands for, each with an entry of its own (see `read_logs`)."""
-    whole = read_entry(manifest, entry)
+    return pieces_of(manifest, entry, read_entry(manifest, entry))
+
+
+def pieces_of(manifest: Manifest, entry: LogEntry, whole: Log) -> list[tuple[LogEntry, Log]]:
+    """Return the logs that an entry means of its whole file, each with an entry of its own."""
     meant = (entry.part, entry.begin, entry.end) != (None, None, None)
     if meant:
         return [(entry, replace(_piece(whole, entry), name=piece_name(entry)))]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
+
+from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from butterfly.logs.health import Health
@@ -21,24 +21,10 @@ _IF_MILLISECONDS = (
 )
 
 
-class Condition(StrEnum):
-    """What may be done with a log."""
-
-    OK = "ok"
-    NOTE = "note"
-    CARE = "care"
-    UNUSABLE = "do not use"
-
-    @classmethod
-    def worst(cls, conditions: Iterable[Condition]) -> Condition:
-        """Return the one that allows least; of none, that all is well."""
-        return max(conditions, key=list(cls).index, default=cls.OK)
-
-
 class Remark(NamedTuple):
     """Something that was found, how much it matters, and what to do about it."""
 
-    condition: Condition
+    condition: Level
     text: str
     hint: str = ""
 
@@ -66,15 +52,15 @@ def remarks_on(health: Health) -> list[Remark]:
     if health.turns > 1.0:
         text = f"turns {health.turns:.1f} times round"
         told = health.wraps or "angle" in health.units
-        found.append(Remark(Condition.NOTE, text, "" if told else _IF_DEGREES))
+        found.append(Remark(Level.NOTE, text, "" if told else _IF_DEGREES))
     if health.step > _SLOW:
         text = f"a sample in {health.step:.3g} s only"
-        found.append(Remark(Condition.CARE, text, _IF_MILLISECONDS))
+        found.append(Remark(Level.CARE, text, _IF_MILLISECONDS))
     if health.units:
         listed = ", ".join(f"{name} {unit}" for name, unit in health.units.items())
         found.append(_remark(False, f"units of the file's own: {listed}"))
-    return sorted(found, key=lambda remark: remark.condition is not Condition.CARE)
+    return sorted(found, key=lambda remark: remark.condition is not Level.CARE)
 
 
 def _remark(care: bool, text: str) -> Remark:
-    return Remark(Condition.CARE if care else Condition.NOTE, text)
+    return Remark(Level.CARE if care else Level.NOTE, text)

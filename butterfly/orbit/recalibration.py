@@ -9,7 +9,7 @@ alone, which is all that a controller needs; logs with another known mass set th
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,6 +145,8 @@ def recalibrate(
     _refuse_singular(equations)
     scale = FindingKind.ABSOLUTE if "p1" in names else FindingKind.RATIOS
     estimate = estimate_of(equations, solution, options.balance.value, Finding(kind=scale))
+    first = logs[0]
+    estimate = replace(estimate, input_kind=first.input_kind, joint=first.added_mass.joint)
     return Recalibration(
         estimate=estimate,
         rejected=tuple(name for name in options.candidates if name not in names),
@@ -172,7 +174,13 @@ def estimate_of(
     """
     solved = Solved.of(equations.regression, solution)
     left_out = _without_each_run(equations)
-    return Estimate.from_rows(solved, method=method, left_out=left_out, findings=findings)
+    return Estimate.from_rows(
+        solved,
+        method=method,
+        left_out=left_out,
+        findings=findings,
+        ratios="p1" not in solved.names,
+    )
 
 
 def _refuse_singular(equations: Equations) -> None:

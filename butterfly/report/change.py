@@ -8,10 +8,10 @@ from typing import Any
 
 from butterfly.comparison.change import Change, ParameterChange
 from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
-from butterfly.report.format import with_error
-from butterfly.report.parameter_rows import unit_of
+from butterfly.report.parameter_table import with_error
 
 _NAMES = {
     "p1": "the inertia p1",
@@ -36,10 +36,10 @@ def change_sentences(
         if len(change.changed) < len(change.parameters):
             said.append("No other parameter has changed beyond what the data can tell.")
         return [" ".join(said)]
-    if change.together:
+    if change.jointly_changed:
         said = [
             "Something has changed: together the parameters differ by more than chance explains "
-            f"(probability {change.joint:.1g}), though none does so alone."
+            f"(probability {change.joint_probability:.1g}), though none does so alone."
         ]
         if change.ratio is not None and math.isfinite(change.ratio.relative):
             said.append(f"Clearest is the ratio {change.ratio.name}, which {_by(change.ratio)}.")
@@ -50,7 +50,7 @@ def change_sentences(
 def untested_sentences(change: Change) -> list[str]:
     """Say of which parameters there is no evidence."""
     said = [f"Not compared: {name}, which {why}." for name, why in change.untested.items()]
-    if math.isnan(change.joint) and len(change.parameters) > 1:
+    if math.isnan(change.joint_probability) and len(change.parameters) > 1:
         said.append(
             "The parameters were compared one by one only: these logs are too few to tell how "
             "their errors go together."
@@ -68,8 +68,8 @@ def change_rows(
             "before": each.before,
             "after": each.after,
             "change in %": 100 * each.relative,
-            "lower": each.limits[0],
-            "upper": each.limits[1],
+            "lower": each.interval[0],
+            "upper": each.interval[1],
             "standard_error": each.error,
             "probability": each.corrected,
             "detectable": each.detectable,

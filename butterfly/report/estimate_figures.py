@@ -13,7 +13,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import Identification
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE, add, grams, look, rank_by_fit
-from butterfly.report.parameter_rows import ParameterRow
+from butterfly.report.parameter_table import ParameterRow
 
 _ROW = 64  # pixels of a panel and what is below it
 _GAP = 0.6  # of a panel and what is below it, that is below

@@ -15,7 +15,7 @@ from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.figures import middle
 from butterfly.report.frequency_figure import frequency_response_figure
-from butterfly.report.inspection import conditions_said
+from butterfly.report.inspection import STATES, conditions_said
 from butterfly.report.misfit import (
     correlation_figure,
     correlation_series,
@@ -24,7 +24,6 @@ from butterfly.report.misfit import (
 )
 from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.page import (
-    LEVEL_OF_CONDITION,
     Chip,
     Fact,
     Named,
@@ -33,7 +32,7 @@ from butterfly.report.page import (
     Table,
     write_page,
 )
-from butterfly.report.parameter_rows import ParameterRow, parameter_rows
+from butterfly.report.parameter_table import ParameterRow, parameter_rows
 from butterfly.report.physical import (
     HEADERS,
     TITLE,
@@ -90,7 +89,7 @@ def identification_page(
     """Put together the report of an identification (see `write_report`)."""
     data, misfit = identification.data, identification.misfit
     told = told_identification(identification, truth)
-    rows = parameter_rows(identification, truth)
+    rows = parameter_rows(identification.estimate.table(truth))
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     chosen = middle(identification.fits)
     states = [health.condition for health in data.health]
@@ -242,7 +241,7 @@ def _logs_table(identification: Identification) -> Table:
             steady = (f"{point.amplitude:.3f}", *shares)
         rows.append(
             (
-                *(run.log.label, f"{fit_said(run.fit)}", Chip(state, LEVEL_OF_CONDITION[state])),
+                *(run.log.label, f"{fit_said(run.fit)}", Chip(STATES[state], state)),
                 "; ".join(health.findings) or "–",
                 *steady,
                 *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),

@@ -14,17 +14,26 @@ from butterfly.logs.health import Health, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.pieces import piece_name, read_pieces
-from butterfly.logs.remarks import Condition, Remark
+from butterfly.logs.remarks import Remark
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
+from butterfly.verdict import Level
+
+STATES = {
+    Level.GOOD: "ok",
+    Level.NOTE: "note",
+    Level.CARE: "care",
+    Level.WARNING: "do not use",
+}
+"""What may be done with a log, in a word or two."""
 
 _LOOKING = "Looking at logs"
 _TOLD = {
-    Condition.OK: "ok",
-    Condition.NOTE: "with a note",
-    Condition.CARE: "to take care of",
-    Condition.UNUSABLE: "that cannot be used",
+    Level.GOOD: "ok",
+    Level.NOTE: "with a note",
+    Level.CARE: "to take care of",
+    Level.WARNING: "that cannot be used",
 }
 _TURN = 2 * math.pi
 _ENOUGH = 1_000_000  # samples that a periodogram is taken of
@@ -52,9 +61,9 @@ class Inspected:
     remarks: tuple[Remark, ...]
 
     @property
-    def condition(self) -> Condition:
+    def condition(self) -> Level:
         """What may be done with it."""
-        return Condition.worst(remark.condition for remark in self.remarks)
+        return Level.worst(remark.condition for remark in self.remarks)
 
     @property
     def findings(self) -> str:
@@ -65,18 +74,18 @@ class Inspected:
 def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected]:
     """Look at every log of a data set; the worst come first."""
     seen = _apart([_inspected(manifest, entry) for entry in track(manifest.logs, _LOOKING)])
-    return sorted(seen, key=lambda each: -list(Condition).index(each.condition))
+    return sorted(seen, key=lambda each: -list(Level).index(each.condition))
 
 
-def conditions_said(conditions: Sequence[Condition]) -> str:
+def conditions_said(conditions: Sequence[Level]) -> str:
     """Say how many logs are in which condition."""
     logs = f"{len(conditions)} log{'s' * (len(conditions) != 1)}"
-    counts = {each: conditions.count(each) for each in Condition}
-    if counts[Condition.OK] == len(conditions):
+    counts = {each: conditions.count(each) for each in Level}
+    if counts[Level.GOOD] == len(conditions):
         return f"{logs}: {'all ' * (len(conditions) > 1)}ok."
     told = [f"{count} {_TOLD[each]}" for each, count in counts.items() if count]
-    if Condition.worst(conditions) is Condition.NOTE:
-        told.append(f"none {_TOLD[Condition.CARE]}")
+    if Level.worst(conditions) is Level.NOTE:
+        told.append(f"none {_TOLD[Level.CARE]}")
     return f"{logs}: {', '.join(told)}."
 
 
@@ -92,7 +101,7 @@ def _inspected(manifest: Manifest, entry: LogEntry) -> Inspected:
     except InputError as error:
         why = f"{error.field}: {error.value}"
         hint = f"{error.field}: expected {error.expected}"
-        return Inspected(name=piece_name(entry), remarks=(Remark(Condition.UNUSABLE, why, hint),))
+        return Inspected(name=piece_name(entry), remarks=(Remark(Level.WARNING, why, hint),))
     return Inspected(name=piece_name(entry), log=log, health=health, remarks=tuple(health.remarks))
 
 
@@ -110,7 +119,7 @@ def _away(seen: Inspected, home: float, where: str) -> Inspected:
     if not turns:
         return seen
     text = f"swings {turns:+d} turn{'s' * (abs(turns) > 1)} from {where}"
-    remarks = (*seen.remarks, Remark(Condition.NOTE, text))
+    remarks = (*seen.remarks, Remark(Level.NOTE, text))
     return replace(seen, remarks=remarks)
 
 
@@ -128,7 +137,7 @@ def health_rows(log: Log, health: Health) -> list[tuple[str, str]]:
     omega, power = periodogram(swing, grid[1] - grid[0])
     bin_width, way = omega[0], log.added_mass.joint.way
     return [
-        ("state", health.condition),
+        ("state", STATES[health.condition]),
         ("findings", "; ".join(health.findings) or "none"),
         ("samples", f"{health.samples}"),
         ("duration", f"{health.duration:.3f} s"),

@@ -9,19 +9,19 @@ import numpy as np
 
 from butterfly.logs.health import Health
 from butterfly.logs.log import Log
-from butterfly.logs.remarks import Condition
 from butterfly.report.figures import log_figure
-from butterfly.report.inspection import health_rows, hints
-from butterfly.report.page import LEVEL_OF_CONDITION, Badge, Page, Section, Table, write_html
+from butterfly.report.inspection import STATES, health_rows, hints
+from butterfly.report.page import Badge, Page, Section, Table, write_html
+from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _ON_BADGE = ("state", "findings")
 _SAID = {
-    Condition.OK: "nothing was found that speaks against this log.",
-    Condition.NOTE: "what was found needs nothing done.",
-    Condition.CARE: "look at what was found before you trust what this log tells.",
+    Level.GOOD: "nothing was found that speaks against this log.",
+    Level.NOTE: "what was found needs nothing done.",
+    Level.CARE: "look at what was found before you trust what this log tells.",
 }
 
 
@@ -41,9 +41,7 @@ def inspection_page(log: Log, health: Health) -> Page:
     remarks, state = health.remarks, health.condition
     found = [f"{remark.text}." for remark in remarks]
     rows = [row for row in health_rows(log, health) if row[0] not in _ON_BADGE]
-    badge = Badge(
-        LEVEL_OF_CONDITION[state], state.capitalize(), [_SAID[state].capitalize(), *found]
-    )
+    badge = Badge(state, STATES[state].capitalize(), [_SAID[state].capitalize(), *found])
     return Page(
         name=Path(log.source).name or log.label,
         description="",

@@ -11,7 +11,7 @@ from butterfly.comparison.leaderboard import Entry
 from butterfly.identification.free_run import FitSummary
 from butterfly.report.figures import look
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
-from butterfly.report.page import Chip, Page, Section, Table, level_of
+from butterfly.report.page import Chip, Page, Section, Table
 from butterfly.report.words import fit_said
 
 _HEADERS: tuple[str, ...] = (
@@ -50,8 +50,8 @@ def _table(entries: Sequence[Entry]) -> Table:
         chip: str | Chip = "–"
         if entry.estimate is not None:
             found = entry.estimate
-            chip = Chip(found.verdict.standing, level_of(found.verdict.standing))
-            estimated = {*found.names, *found.held} - found.unestimated
+            chip = Chip(found.level.verdict, found.level)
+            estimated = {*found.names, *found.held} - {*found.unestimated}
             values = [
                 f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
                 for name in names

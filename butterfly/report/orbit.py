@@ -15,10 +15,9 @@ from butterfly.orbit.analysis import invariant
 from butterfly.orbit.loop import Round
 from butterfly.orbit.study import PERIODS, OrbitStudy
 from butterfly.report.figures import PALETTE
-from butterfly.report.format import interval, with_error
 from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit
 from butterfly.report.page import Fact, Page, Section, Table
-from butterfly.report.whisker import Whisker
+from butterfly.report.parameter_table import Whisker, interval, with_error
 from butterfly.report.words import sentences
 
 _RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}

@@ -14,12 +14,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 
 from butterfly import __version__
 from butterfly.files import replacing
-from butterfly.identification.diagnostics.verdict import Standing
-from butterfly.logs.remarks import Condition
 from butterfly.report.numbers.document import write_document
+from butterfly.report.parameter_table import Whisker
 from butterfly.report.series import Series
-from butterfly.report.verdict import SaidVerdict
-from butterfly.report.whisker import Whisker
+from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -38,13 +36,10 @@ class Link(NamedTuple):
 
 
 class Chip(NamedTuple):
-    """A short text in a table that stands out by how much it matters.
-
-    ``level`` is that of a `Badge`.
-    """
+    """A short text in a table that stands out by how much it matters."""
 
     text: str
-    level: str
+    level: Level
 
     def __str__(self) -> str:
         return self.text
@@ -78,30 +73,16 @@ class Badge(NamedTuple):
     Parameters
     ----------
     level
-        ``good``, ``note``, ``use-with-care`` or ``do-not-use``.
+        How much speaks against it.
     text
         In a word or two.
     reasons
         Why, each to stand alone.
     """
 
-    level: str
+    level: Level
     text: str
     reasons: Sequence[str]
-
-
-LEVEL_OF_CONDITION = {
-    Condition.OK: "good",
-    Condition.NOTE: "note",
-    Condition.CARE: "use-with-care",
-    Condition.UNUSABLE: "do-not-use",
-}
-"""What stands for the health of a log."""
-
-
-def level_of(standing: Standing) -> str:
-    """Return what stands for a verdict's standing."""
-    return standing.replace(" ", "-")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +163,7 @@ class Page:
     summary: Sequence[str]
     sections: Sequence[Section]
     numbers: dict[str, Any]
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     badge: Badge | None = None
     facts: Sequence[Fact] = ()
     lead: Section | None = None
@@ -195,9 +176,9 @@ class Page:
         """The badge on top."""
         if self.badge is not None or self.verdict is None:
             return self.badge
-        standing = self.verdict.standing
-        said = standing if self.kind == "identification" else f"parameters: {standing}"
-        return Badge(level_of(standing), said.capitalize(), self.verdict.paragraphs)
+        text = self.verdict.level.verdict
+        said = text if self.kind == "identification" else f"parameters: {text}"
+        return Badge(self.verdict.level, said.capitalize(), self.verdict.paragraphs)
 
     @property
     def parts(self) -> list[Section]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from butterfly.experiment.estimate_record import or_none
+from butterfly.identification.parameter import or_none
 from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
 from butterfly.identification.physical_formulas import SYMBOLS
 from butterfly.model.known import plain
 from butterfly.model.parameters import JointKind
-from butterfly.report.format import interval, with_error
+from butterfly.report.parameter_table import interval, with_error
 
 HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
 """Of the table."""

@@ -16,7 +16,7 @@ from butterfly.model.terms import TERMS
 from butterfly.report.figures import look, seen_samples
 from butterfly.report.misfit import bands_left, correlation_figure
 from butterfly.report.page import Fact, Page, Section, Table, write_html
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -27,7 +27,7 @@ _MOST = 6000  # instants of a panel
 def write_residual(
     residual: ResidualTorque,
     misfit: LogMisfit,
-    verdict: SaidVerdict,
+    verdict: Verdict,
     path: Path,
     *,
     joint: JointKind = JointKind.HINGE,
@@ -56,7 +56,7 @@ def write_residual(
 def residual_page(
     residual: ResidualTorque,
     misfit: LogMisfit,
-    verdict: SaidVerdict,
+    verdict: Verdict,
     *,
     joint: JointKind = JointKind.HINGE,
 ) -> Page:

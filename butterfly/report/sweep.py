@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from butterfly.experiment.columns import MISSING
 from butterfly.experiment.record import OK, SweepRecord
 from butterfly.identification.diagnostics.findings import Ending
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.model.terms import TERMS
 from butterfly.report.field_names import said_field, said_name
 from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Fact, Link, Page, Section, Table
 from butterfly.report.parallel_figure import parallel_figure
 from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
+from butterfly.verdict import VERDICTS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -122,13 +122,13 @@ def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
 def _verdicts(table: Estimates) -> dict[str, dict[str, int]]:
     """Count the estimates of each verdict, by estimator."""
     estimates = zip(*(table[name].tolist() for name in ("estimator", "number")), strict=True)
-    standings = dict(zip(estimates, table["verdict"].tolist(), strict=True))
+    verdicts = dict(zip(estimates, table["verdict"].tolist(), strict=True))
     return {
         method: {
-            str(each): sum(
-                standing == each for (own, _), standing in standings.items() if own == method
+            each.verdict: sum(
+                text == each.verdict for (own, _), text in verdicts.items() if own == method
             )
-            for each in Standing
+            for each in VERDICTS
         }
         for method in table.distinct("estimator")
     }
@@ -142,7 +142,7 @@ def _verdicts_section(table: Estimates) -> Section:
     return Section(
         title="Verdicts",
         text="How many estimates may be used, by what their own data say, not by the truth.",
-        tables=(Table(headers=("estimator", *Standing), rows=rows),),
+        tables=(Table(headers=("estimator", *(each.verdict for each in VERDICTS)), rows=rows),),
     )
 
 
@@ -275,7 +275,7 @@ def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> l
     endings = list(_endings(table).values())
     if endings:
         counts = _verdicts(table).values()
-        told = (f"{sum(each[kind] for each in counts)} {kind}" for kind in Standing)
+        told = (f"{sum(each[kind.verdict] for each in counts)} {kind.verdict}" for kind in VERDICTS)
         sentences.append(f"Verdicts on {len(endings)} estimates: {', '.join(told)}.")
         missed = sum(ending != Ending.CONVERGED for ending in endings)
         sentences.append(

@@ -6,20 +6,17 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 
-from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
 from butterfly.identification.diagnostics.unit_errors.names import listed, slip_in_words
-from butterfly.identification.diagnostics.verdict import Standing, Verdict
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.physical_formulas import SYMBOLS
-from butterfly.logs.remarks import Condition
 from butterfly.model.terms import TERMS
 from butterfly.report.inspection import conditions_said
-from butterfly.report.verdict import SaidVerdict
 from butterfly.report.zeros import REMEDY
+from butterfly.verdict import Level, Verdict
 
 Values = Mapping[str, float]
 
@@ -51,7 +48,7 @@ def summary(identification: Identification) -> list[str]:
 def _health(data: DataSet) -> str:
     """Say in which condition the logs are, and where that is told of each."""
     conditions = [health.condition for health in data.health]
-    sound = Condition.worst(conditions) is Condition.OK
+    sound = Level.worst(conditions) is Level.GOOD
     where = "" if sound else " `butterfly inspect` tells which, and why."
     return f"Health of the {conditions_said(conditions)}{where}"
 
@@ -118,31 +115,25 @@ def _known(estimate: Estimate) -> list[str]:
 
 def sentences(estimate: Estimate) -> list[str]:
     """Say how far to trust an estimate: the verdict, how well each value is known, the rest."""
-    return sentences_of(estimate.verdict, estimate.findings, values_of(estimate))
+    return sentences_of(estimate.ending, estimate.findings, values_of(estimate))
 
 
-def verdict_on(estimate: Estimate) -> SaidVerdict:
+def verdict_on(estimate: Estimate) -> Verdict:
     """Say what may be done with an estimate, and why not more."""
-    return verdict_in_words(estimate.verdict, values_of(estimate))
+    return verdict_in_words(estimate.ending, estimate.findings, values_of(estimate))
 
 
-def verdict_of(record: EstimateRecord) -> SaidVerdict:
-    """Say what may be done with an estimate of which there is a record."""
-    values = {row.parameter: row.value for row in record.parameters}
-    return verdict_in_words(record.verdict, values)
-
-
-def sentences_of(verdict: Verdict, findings: Sequence[Finding], values: Values) -> list[str]:
-    """Say what a verdict and findings about the values of parameters mean (see `sentences`).
+def sentences_of(ending: Ending, findings: Sequence[Finding], values: Values) -> list[str]:
+    """Say what an ending and findings about the values of parameters mean (see `sentences`).
 
     Of values that are not to be used nothing is called known.
     """
     precision = [_PRECISION[each.kind](each) for each in findings if each.kind in _PRECISION]
-    others = [
-        each for each in findings if each.kind not in _PRECISION and each not in verdict.reasons
-    ]
-    known = ["; ".join(precision) + "."] if precision and verdict.standing.usable else []
-    return [verdict_in_words(verdict, values).sentence, *known, *said_of(others, values)]
+    level, reasons = grade(ending, findings)
+    others = [each for each in findings if each.kind not in _PRECISION and each not in reasons]
+    known = ["; ".join(precision) + "."] if precision and level.usable else []
+    verdict = verdict_in_words(ending, findings, values)
+    return [verdict.sentence, *known, *said_of(others, values)]
 
 
 def said_of(findings: Sequence[Finding], values: Values) -> list[str]:
@@ -150,12 +141,13 @@ def said_of(findings: Sequence[Finding], values: Values) -> list[str]:
     return [_SENTENCES[each.kind](each, values) for each in findings]
 
 
-def verdict_in_words(verdict: Verdict, values: Values) -> SaidVerdict:
+def verdict_in_words(ending: Ending, findings: Sequence[Finding], values: Values) -> Verdict:
     """Say the verdict on values, and why it is no better."""
-    reasons = said_of(verdict.reasons, values)
-    if not reasons and verdict.standing is not Standing.GOOD:
+    level, found = grade(ending, findings)
+    reasons = said_of(found, values)
+    if not reasons and level is not Level.GOOD:
         reasons = ["The estimation did not settle."]
-    return SaidVerdict(verdict.standing, tuple(reasons))
+    return Verdict(level, tuple(reasons))
 
 
 def finding_said(finding: Finding, values: Values) -> str:
@@ -193,13 +185,13 @@ def _physical(name: str) -> str:
 
 def _simulations(finding: Finding, _: Values) -> str:
     how = "converged"
-    if finding.severity is Severity.WARNING:
+    if finding.severity is Level.WARNING:
         how = "did not converge: do not trust the values"
     return f"The fit {how}, after {counted(_number(finding), 'simulation')} of every log."
 
 
 def _on_bound(finding: Finding, _: Values) -> str:
-    if finding.severity is Severity.NOTE:
+    if finding.severity is Level.NOTE:
         return f"{_joined(finding)} ended on a bound: these data do not show any."
     return (
         f"{_joined(finding)} ended on a bound that the data would cross: the model misses "

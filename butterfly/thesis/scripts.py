@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import PARAMETERS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
+from butterfly.verdict import Level
 
 METHOD = "thesis"
 
@@ -118,6 +119,9 @@ def fit_resonances(
     return values, best.jac / bounds
 
 
+_UNESTIMATED = ("coulomb", "delay", "p4")
+
+
 def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
     """Resonance of each added mass by (100), then p1, p2, p3 by (102).
 
@@ -154,17 +158,16 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         ending=Ending.CONVERGED,
         findings=_findings(len(resonances), conditioning, on_bound),
         resonances=resonances,
+        unestimated=_UNESTIMATED,
     )
 
 
 def _findings(
     count: int, conditioning: Conditioning, on_bound: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    care = Severity.CARE
+    care = Level.CARE
     found = [
-        Finding(
-            kind=FindingKind.NOT_ESTIMATED, parameters=("coulomb", "delay", "p4"), severity=care
-        ),
+        Finding(kind=FindingKind.NOT_ESTIMATED, parameters=_UNESTIMATED, severity=care),
         Finding(
             kind=FindingKind.NO_UNCERTAINTY,
             parameters=("p1", "p2", "p3"),
@@ -174,6 +177,6 @@ def _findings(
         *conditioning.findings,
     ]
     if on_bound:
-        warning = Severity.WARNING
+        warning = Level.WARNING
         found.append(Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=warning))
     return tuple(found)

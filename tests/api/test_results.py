@@ -5,6 +5,7 @@ import shutil
 import sys
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,8 @@ from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.inference.splits import Split
 from butterfly.identification.inference.validation import hold_out
 from butterfly.logs.mat import write_mat
+
+OLDER = Path(__file__).parents[1] / "data/older"
 
 
 @pytest.fixture(scope="module")
@@ -134,10 +137,10 @@ def test_local_values_and_unknown_ones_come_back(data, tmp_path):
     [
         ({"schema": "butterfly.report"}, "schema: got butterfly.report; expected a result"),
         ({"schema": []}, "schema: got"),
-        ({"schema_number": 2}, "needs a newer butterfly"),
+        ({"schema_number": 3}, "needs a newer butterfly"),
         ({"schema_number": 0}, "saved again"),
         ({"schema_number": None}, "saved again"),
-        ({"estimate": {}}, "content: got KeyError"),
+        ({"parameters": {}}, "content: got KeyError"),
         ({"fits": 3}, "content: got AttributeError"),
         ({"data": None}, "content: got AttributeError"),
         ({"data": {}}, "content: got KeyError"),
@@ -153,22 +156,34 @@ def test_another_file_is_refused_with_what_to_do(result, tmp_path, change, messa
         bf.load(path)
 
 
-@pytest.mark.parametrize("part", ["estimate", "data"])
-def test_no_damage_passes_and_fails_later(result, tmp_path, part):
-    """Each value of a part replaced by another, or left out."""
-    path, whole = tmp_path / "r.json", result.to_dict()
-    for key in whole[part]:
+def _damaged(content):
+    """Yield a mapping with each value replaced by another, or left out."""
+    for key in content:
         for other in (None, [], {}, 0, "x", [[1.0]], [["a", "b"]]):
-            damaged = {**whole[part], key: other}
-            path.write_text(json.dumps(whole | {part: damaged}))
-            with suppress(bf.InputError):
-                loaded = bf.load(path)
-                repr(loaded), str(loaded), loaded._repr_html_(), loaded.to_dict()
-        path.write_text(
-            json.dumps(whole | {part: {k: v for k, v in whole[part].items() if k != key}})
-        )
+            yield {**content, key: other}
+        yield {name: value for name, value in content.items() if name != key}
+
+
+@pytest.mark.parametrize("part", [None, "data", "covariance", "parameters"])
+def test_no_damage_passes_and_fails_later(result, tmp_path, part):
+    path, whole = tmp_path / "r.json", result.to_dict()
+    for damaged in _damaged(whole if part is None else whole[part]):
+        path.write_text(json.dumps(damaged if part is None else {**whole, part: damaged}))
         with suppress(bf.InputError):
-            repr(bf.load(path))
+            loaded = bf.load(path)
+            repr(loaded), str(loaded), loaded._repr_html_(), loaded.to_dict()
+
+
+@pytest.mark.parametrize("kind", ["identification", "validation", "prediction"])
+def test_what_an_older_program_saved_is_read(kind):
+    found = bf.load(OLDER / f"{kind}.json")
+    assert found.standing == "good"
+    assert found.to_dict()["schema_number"] == found.schema_number == 2
+    if kind == "identification":
+        p1 = found.estimate.table()[0]
+        assert (p1.name, p1.value) == ("p1", found.parameters.p1)
+        assert p1.lower < 0.00325 < p1.upper
+        assert p1.largest_left_out > p1.least_left_out
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000, "\x00"])

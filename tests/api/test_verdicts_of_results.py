@@ -3,7 +3,6 @@
 import pytest
 
 import butterfly as bf
-from butterfly.identification.diagnostics.verdict import Standing
 from tests.verdicts import follow_nothing, impossible_data
 
 
@@ -25,7 +24,7 @@ def _results(data, found):
 
 def test_a_good_result_says_so_first_and_its_repr_keeps_quiet(data):
     for each in _results(data, bf.identify(data)):
-        assert each.standing is Standing.GOOD
+        assert each.standing == "good"
         assert each.verdict[0] == each.summary[0] == each.page().verdict.sentence
         assert "good" not in repr(each)
         assert each.to_dict()["verdict"] == "good"
@@ -36,7 +35,7 @@ def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
 ):
     follow_nothing(monkeypatch)
     for each in _results(data, bf.identify(data)):
-        assert each.standing is Standing.NOT
+        assert each.standing == "do not use"
         assert each.verdict[0].startswith("Do not use: ")
         assert str(each).splitlines()[1] == each.verdict[0]
         assert ", do not use" in repr(each)

@@ -118,7 +118,7 @@ def test_what_is_told_has_one_form_and_stands_alone_on_standard_output(
     said = json.loads(out, parse_constant=pytest.fail)
     assert list(said)[: len(HEAD)] == list(HEAD)
     assert said["schema"] == f"butterfly.{KINDS[command]}"
-    assert said["schema_number"] == 1
+    assert said["schema_number"] == 2
     assert said["versions"].keys() == {"butterfly", "numpy", "mujoco", "scipy", "python"}
     assert isinstance(said["title"], str)
     assert said["verdict"] in {None, "good", "use with care"}

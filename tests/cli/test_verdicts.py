@@ -93,7 +93,7 @@ def test_the_numbers_and_the_page_say_the_verdict(
     assert numbers["verdict"] == "do not use"
     text = report.read_text(encoding="utf-8")
     head, _, after = text.partition('<section class="summary"')
-    assert '<div class="verdict do-not-use">' in head
+    assert '<div class="verdict warning">' in head
     said = "Do not use" if command == "identify" else "Parameters: do not use"
     assert f"✕ {said}" in head
     for reason in numbers["reasons"]:
@@ -112,7 +112,7 @@ def test_what_is_left_over_of_an_estimate_not_to_be_used_says_so_in_numbers_and_
     code, _, _ = butterfly("residual", quick_data, "--json", numbers, "--log", 1, "--plot", plot)
     assert code == ExitCode.NOT_TO_BE_USED
     assert json.loads(numbers.read_text(encoding="utf-8"))["verdict"] == "do not use"
-    assert '<div class="verdict do-not-use">' in plot.read_text(encoding="utf-8")
+    assert '<div class="verdict warning">' in plot.read_text(encoding="utf-8")
 
 
 def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkeypatch):

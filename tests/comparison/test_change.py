@@ -54,10 +54,12 @@ def of_scale(share):
 def test_a_robot_that_has_not_changed_is_seldom_said_to_have(share):
     rng, covariance, count = np.random.default_rng(1), of_scale(share), 300
     found = [change(drawn(rng, covariance), drawn(rng, covariance)) for _ in range(count)]
-    alarms = sum(bool(each.changed) or each.together for each in found)
+    alarms = sum(bool(each.changed) or each.jointly_changed for each in found)
     spread = np.sqrt(LEVEL * (1 - LEVEL) * count)
     assert 0.02 * count < alarms < LEVEL * count + 2 * spread
-    assert sum(each.together for each in found) == pytest.approx(LEVEL / 2 * count, abs=2 * spread)
+    assert sum(each.jointly_changed for each in found) == pytest.approx(
+        LEVEL / 2 * count, abs=2 * spread
+    )
 
 
 def test_errors_that_are_estimated_from_few_logs_raise_no_more_alarms():
@@ -71,7 +73,7 @@ def test_errors_that_are_estimated_from_few_logs_raise_no_more_alarms():
         return estimate(values, *cluster_covariance(rows, target - rows @ values))
 
     found = [change(identified(), identified()) for _ in range(100)]
-    assert np.mean([bool(each.changed) or each.together for each in found]) <= LEVEL
+    assert np.mean([bool(each.changed) or each.jointly_changed for each in found]) <= LEVEL
 
 
 def test_a_change_as_large_as_is_said_to_be_detectable_is_found_four_times_in_five():
@@ -88,7 +90,7 @@ def test_a_ratio_that_is_known_better_than_the_scale_tells_of_a_change():
     heavier = TRUTH * np.array([1, 1, 1.02, 1, 1, 1])
     found = change(drawn(rng, covariance), drawn(rng, covariance, heavier))
     assert not found.changed
-    assert found.together
+    assert found.jointly_changed
     assert found.ratio.name == "p3/p1"
     assert found.ratio.relative == pytest.approx(0.02, abs=0.005)
 

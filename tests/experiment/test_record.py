@@ -4,27 +4,36 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
 from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
-from butterfly.experiment.record import PlannedRun, RunRecord, SweepRecord
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.experiment.record import EstimateRecord, PlannedRun, RunRecord, SweepRecord
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
+from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
 
-PARAMETER = ParameterRecord(
-    parameter="p3", value=0.05, standard_error=1e-4, lower=0.0498, upper=0.0502, true=0.04
-)
-ON_BOUND = Finding(
-    kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Severity.CARE
+ON_BOUND = Finding(kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Level.CARE)
+FOUND = Estimate(
+    method="output error",
+    names=("p2", "p3"),
+    values=np.array([0.0, 0.05]),
+    covariance=np.diag([0.0, 1e-8]),
+    lower=np.array([0.0, 0.0498]),
+    upper=np.array([0.0, 0.0502]),
+    left_out={AddedMass(mass=0.1, arm=0.1): np.array([0.0, 0.06])},
+    condition=3.0,
+    on_bound=("p2",),
+    ending=Ending.STOPPED,
+    findings=(ON_BOUND,),
 )
 ESTIMATE = EstimateRecord(
     estimator="output-error(drag)",
-    ending=Ending.STOPPED,
-    parameters=(PARAMETER,),
-    condition=3.0,
-    findings=(ON_BOUND,),
+    estimate=FOUND,
+    truth={"p2": 0.0, "p3": 0.04},
     fit=FitSummary(99.0, -math.inf, -3e4),
 )
 ORBIT = OrbitRecord(
@@ -32,7 +41,6 @@ ORBIT = OrbitRecord(
     amplitudes_rad=(None, 0.99),
     ending="two rounds were made",
     absolute=False,
-    parameters=(PARAMETER,),
     free_run_rms_rad={"generic": 0.1, "re-calibrated": 0.01},
     cross_orbit=CrossRecord(amplitudes_rad=(1.0,), rms_rad=((0.1,),)),
 )
@@ -60,7 +68,13 @@ def test_a_run_comes_back_from_json(overrides, seed, error):
         orbit=ORBIT,
         seconds={"total": 1.25},
     )
-    assert RunRecord.from_json(record.to_json()) == record
+    back = RunRecord.from_json(record.to_json())
+    assert back is not None
+    assert replace(back, estimates=()) == replace(record, estimates=())
+    assert back.estimates[0].fit == ESTIMATE.fit
+    assert back.estimates[0].parameters == ESTIMATE.parameters
+    assert back.estimates[0].estimate.findings == (ON_BOUND,)
+    assert back.to_json() == record.to_json()
 
 
 def test_a_sweep_comes_back_from_json():
@@ -71,8 +85,8 @@ def test_a_sweep_comes_back_from_json():
 
 
 def test_a_value_that_is_no_number_comes_back_as_none():
-    odd = replace(PARAMETER, value=math.nan)
-    record = RunRecord(status="ok", seed=0, estimates=(replace(ESTIMATE, parameters=(odd,)),))
+    odd = replace(FOUND, values=np.array([math.nan, 0.05]))
+    record = RunRecord(status="ok", seed=0, estimates=(replace(ESTIMATE, estimate=odd),))
     (back,) = RunRecord.from_json(record.to_json()).estimates
     assert np.isnan(back.parameters[0].value)
 
@@ -90,11 +104,15 @@ def test_no_digit_of_a_record_may_change():
 
 
 def test_deviation_is_relative_to_the_truth_where_there_is_one():
-    assert PARAMETER.deviation == 0.25
-    assert replace(PARAMETER, true=0.0).deviation is None
-    assert replace(PARAMETER, true=None).deviation is None
+    at_zero, known = ESTIMATE.parameters
+    assert known.deviation == pytest.approx(0.25)
+    assert (at_zero.true, at_zero.deviation) == (0.0, None)
+    assert replace(known, true=None).deviation is None
 
 
 def test_an_estimate_that_did_not_converge_is_counted():
-    record = RunRecord(status="ok", seed=0, estimates=(ESTIMATE, replace(ESTIMATE, parameters=())))
+    refused = EstimateRecord(estimator="thesis", error="too few logs")
+    record = RunRecord(status="ok", seed=0, estimates=(ESTIMATE, refused))
     assert record.unconverged == 1
+    assert refused.ending is Ending.REFUSED
+    assert record.reason == "thesis: too few logs"

@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators.ends import Ends
+from butterfly.verdict import Level
 
 
 def _problem(name):
@@ -44,7 +45,7 @@ def test_the_lowest_end_is_kept_and_a_higher_one_said():
     best, _ = _ends(a=_end(3.0), b=_end(2.0))
     assert (best.problem.name, best.end.at.cost) == ("b", 2.0)
     (said,) = best.findings
-    assert (said.kind, said.severity) == (FindingKind.OTHER_END, Severity.NOTE)
+    assert (said.kind, said.severity) == (FindingKind.OTHER_END, Level.NOTE)
     assert said.number == pytest.approx(1.5)
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.identification import identify
@@ -17,7 +18,6 @@ from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
-from butterfly.report.numbers.estimate_json import estimate_content, estimate_of
 from butterfly.report.words import summary
 from tests.independent.integrator import Joint, motion
 
@@ -160,9 +160,9 @@ def test_the_judgement_sees_segments_and_says_so(noisy):
 def test_a_saved_estimate_keeps_its_horizon(exact):
     found = _fit(exact[:1], horizon=0.5)
     for horizon in (None, 0.5, math.inf):
-        content = json.loads(json.dumps(estimate_content(replace(found, horizon=horizon))))
-        assert estimate_of(content).horizon == horizon
-    assert estimate_of({k: v for k, v in content.items() if k != "horizon"}).horizon is None
+        content = json.loads(json.dumps(replace(found, horizon=horizon).to_dict()))
+        assert Estimate.from_dict(content).horizon == horizon
+    assert Estimate.from_dict({k: v for k, v in content.items() if k != "horizon"}).horizon is None
 
 
 def test_logs_that_were_left_out_have_starts_of_their_own(noisy):

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.steady import steady_sines
 from butterfly.logs.log import Sine
+from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, simulated
 
@@ -39,7 +40,7 @@ def _left_out(data):
     assert finding.kind is FindingKind.LEFT_OUT
     assert finding.logs == (data.logs[0].name,)
     assert finding.number == 6
-    assert finding.severity is Severity.NOTE
+    assert finding.severity is Level.NOTE
 
 
 def test_sines_that_settle_are_all_used_and_nothing_is_said(calm):
@@ -75,4 +76,4 @@ def test_where_a_third_is_left_out_the_rest_needs_care(calm):
     data = DataSet.of([moved[0], *calm[1:3], moved[1], *calm[4:]])
     steady, (said,) = steady_sines(data)
     assert steady == [1, 2, 4, 5]
-    assert said.severity is Severity.CARE
+    assert said.severity is Level.CARE

@@ -15,12 +15,12 @@ import numpy as np
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.identification import identify
 from butterfly.logs.log import Log, with_unique_names
 from butterfly.model.parameters import AddedMass
 from butterfly.report.words import sentences
+from butterfly.verdict import Level
 from tests.independent.robots import draw as draw_robot
 
 if TYPE_CHECKING:
@@ -118,9 +118,9 @@ def ask(logs: Logs, family: str) -> Answer:
         found = identify(DataSet.of(logs), estimator).estimate
     except ButterflyError as error:
         return Answer(recognised=True, text=str(error))
-    good = found.verdict.standing is Standing.GOOD
+    good = found.level is Level.GOOD
     text = " ".join(sentences(found))
-    return Answer(recognised=not good, text=text, standing=found.verdict.standing)
+    return Answer(recognised=not good, text=text, standing=found.level.verdict)
 
 
 def names_it(name: str, logs: Logs, slipped: Logs, text: str) -> bool:
@@ -155,7 +155,7 @@ def main() -> None:
     for k in range(told.good):
         answer = ask(list(draw_robot(told.family, k, told.seed + 1000).logs), told.family)
         counts[answer.standing] += 1
-        if told.verbose and answer.standing != Standing.GOOD:
+        if told.verbose and answer.standing != Level.GOOD.verdict:
             print("    good set", k, answer.standing, answer.text)
     print("without a slip:", dict(counts), flush=True)
     for name, case in CASES.items():

@@ -9,8 +9,8 @@ from scipy.io import loadmat
 from butterfly.errors import InputError
 from butterfly.logs.as_read import Reading
 from butterfly.logs.health import Repair, examine
-from butterfly.logs.remarks import Condition
 from butterfly.model.parameters import JointKind
+from butterfly.verdict import Level
 
 ALL = frozenset(Repair)
 
@@ -188,7 +188,7 @@ def test_what_reading_did_stands_in_the_record(sine_log):
 @pytest.mark.parametrize(
     ("changes", "condition"),
     [
-        ({}, "ok"),
+        ({}, "good"),
         ({"time": lambda log: np.repeat(log.time[::2], 2)}, "care"),
         ({"time": lambda log: np.concatenate([log.time[:1], log.time[:-1]])}, "note"),
         ({"input": lambda log: np.clip(log.input, -0.15, 0.15)}, "care"),
@@ -200,5 +200,5 @@ def test_findings_have_a_condition_and_the_worst_comes_first(sine_log, changes, 
     changed = {name: change(sine_log) for name, change in changes.items()}
     _, health = examine(replace(sine_log, **changed))
     conditions = [remark.condition for remark in health.remarks]
-    assert Condition.worst(conditions) == condition
-    assert conditions == sorted(conditions, key=lambda each: each != Condition.CARE)
+    assert Level.worst(conditions) == condition
+    assert conditions == sorted(conditions, key=lambda each: each != Level.CARE)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.logs.drafted import manifest_from_names
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import read_entry, read_manifest, write_manifest
+from butterfly.logs.manifest_draft import manifest_from_names
 from butterfly.logs.mat import write_mat
 from butterfly.model.known import Known
 
-HOW = {"arm": 0.104, "input_kind": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
+HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
 
 
 def test_the_commanded_sine_is_in_every_real_log(real):
@@ -20,14 +20,14 @@ def test_the_commanded_sine_is_in_every_real_log(real):
 
 def test_a_written_manifest_reads_back_the_same(tmp_path):
     (tmp_path / "Data_52__10__004.mat").touch()
-    manifest = manifest_from_names(tmp_path, **HOW)
+    manifest = manifest_from_names(tmp_path, HOW)
     write_manifest(manifest, tmp_path / "manifest.yaml")
     assert read_manifest(tmp_path / "manifest.yaml") == manifest
 
 
 def test_an_entry_becomes_a_log_with_its_properties(tmp_path, sine_log):
     write_mat(sine_log, tmp_path / "Data_52__10__004.mat")
-    manifest = manifest_from_names(tmp_path, **HOW)
+    manifest = manifest_from_names(tmp_path, HOW)
     log = read_entry(manifest, manifest.logs[0])
     assert (log.added_mass.mass, log.added_mass.arm) == (0.052, 0.104)
     assert log.input_kind is InputKind.TORQUE
@@ -37,7 +37,7 @@ def test_an_entry_becomes_a_log_with_its_properties(tmp_path, sine_log):
 
 def test_a_sign_negates_the_input_and_is_written_where_it_is_not_usual(tmp_path, sine_log):
     write_mat(sine_log, tmp_path / "Data_52__10__004.mat")
-    usual = manifest_from_names(tmp_path, **HOW)
+    usual = manifest_from_names(tmp_path, HOW)
     backwards = usual.model_copy(update={"sign": -1})
     write_manifest(backwards, tmp_path / "manifest.yaml")
     assert read_manifest(tmp_path / "manifest.yaml").sign == -1

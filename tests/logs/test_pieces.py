@@ -5,8 +5,7 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.data import read_data_set
-from butterfly.logs.manifest import Manifest, manifest_text, read_manifest
-from butterfly.logs.pieces import Cut
+from butterfly.logs.manifest import Manifest, Split, manifest_text, read_manifest
 from butterfly.logs.stamps import restarts
 
 TIME = np.arange(400) / 100
@@ -76,15 +75,16 @@ def test_what_is_no_piece_is_one_typed_error(folder, entry, said):
         _read(folder, f"logs: [{entry}]\n")
 
 
-def test_a_cut_is_of_one_whole_log(folder):
+def test_a_piece_is_of_one_whole_log(folder):
     manifest = Manifest(name="set", root=str(folder), input="voltage", logs=[{"file": "a.csv"}])
-    (entry,) = Cut(begin=1.0).of(manifest).logs
+    (entry,) = manifest.piece(1.0, None).logs
     assert (entry.begin, entry.end) == (1.0, None)
-    assert len(read_data_set(Cut(restarts=True).of(manifest)).logs) == 3
+    split = manifest.model_copy(update={"split": Split.RESTARTS})
+    assert len(read_data_set(split).logs) == 3
     twice = manifest.model_copy(update={"logs": manifest.logs * 2})
-    for wrong, cut in ((twice, Cut(end=1.0)), (manifest, Cut(begin=2.0, end=1.0))):
+    for wrong, ends in ((twice, (None, 1.0)), (split, (1.0, None)), (manifest, (2.0, 1.0))):
         with pytest.raises(InputError):
-            cut.of(wrong)
+            wrong.piece(*ends)
 
 
 def test_a_stamp_that_is_late_by_itself_is_no_restart():

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors.names import Slip
-from butterfly.identification.diagnostics.verdict import Verdict
 from butterfly.report.words import sentences_of
+from butterfly.verdict import Level
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
@@ -31,8 +31,7 @@ def _holds(text, quoted):
 
 
 def _said(finding):
-    verdict = Verdict.of(Ending.CONVERGED, [finding])
-    return " ".join(sentences_of(verdict, [finding], VALUES))
+    return " ".join(sentences_of(Ending.CONVERGED, [finding], VALUES))
 
 
 KINDS = [kind for kind in FindingKind if kind is not FindingKind.SLIP]
@@ -43,7 +42,7 @@ _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
 
 def _examples(kind):
     """Return findings of a kind, of each severity and with numbers that make a difference."""
-    severities = (Severity.NOTE,) if kind in _PRECISION else tuple(Severity)
+    severities = (Level.NOTE,) if kind in _PRECISION else tuple(Level)
     return [
         Finding(
             kind=kind,
@@ -63,7 +62,7 @@ def _example_of_slip(slip):
         kind=FindingKind.SLIP,
         parameters=parameters,
         number=0.001,
-        severity=Severity.WARNING,
+        severity=Level.WARNING,
         logs=("a.mat",),
     )
 

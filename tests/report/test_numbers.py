@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 
-from butterfly.identification.diagnostics.verdict import Standing
+from butterfly.identification.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.report.numbers.document import HEAD, Told, json_text, write_document
-from butterfly.report.numbers.estimate_numbers import left_out_numbers, without_root
+from butterfly.report.numbers.estimate_numbers import without_root
 from butterfly.report.numbers.misfit_numbers import misfit_units
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Level, Verdict
 
 
 def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tmp_path):
@@ -24,7 +24,7 @@ def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tm
 
 
 def test_a_document_begins_alike_with_and_without_a_verdict():
-    verdict = SaidVerdict(Standing.CARE, ("Few logs.",))
+    verdict = Verdict(Level.CARE, ("Few logs.",))
     judged = Told(kind="x", title="t", verdict=verdict).document()
     plain = Told(kind="x", title="t").document()
     assert list(judged) == list(plain) == list(HEAD)
@@ -39,7 +39,7 @@ def test_what_a_slide_leaves_over_is_in_metres():
 
 def test_estimates_without_a_mass_or_a_log_say_without_what():
     mass = AddedMass(mass=0.05, arm=0.104)
-    said = left_out_numbers(("p1", "p3"), {mass: np.array([1.0, 2.0]), "a.csv": np.array([3, 4])})
+    said = left_out_content(("p1", "p3"), {mass: np.array([1.0, 2.0]), "a.csv": np.array([3, 4])})
     assert [each["without"] for each in said] == [str(mass), "a.csv"]
     assert said[0]["added_mass"]["mass"] == 0.05
     assert said[1]["values"] == {"p1": 3.0, "p3": 4.0}

@@ -14,15 +14,16 @@ from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.estimate_record import EstimateRecord, ParameterRecord
-from butterfly.experiment.record import Outcome, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.record import EstimateRecord, Outcome, PlannedRun, RunRecord, SweepRecord
 from butterfly.experiment.store import ResultStore
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
+from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
@@ -101,18 +102,27 @@ def _sweep_page(folder):
         place["overrides"] = dict(zip(fields, values, strict=True))
         runs.append(PlannedRun(number=number, **place))
         status = {7: "refused", 8: "failed"}.get(number, "ok")
-        interval = {"true": 1.0, "lower": 0.9, "upper": 1.1, "standard_error": 0.05}
+        names = ("p1", "p3")
+        values = np.array([rng.normal(1, 0.05) for _ in (*names, "p4")])
+        found = Estimate(
+            method="m",
+            names=names,
+            values=values[:2],
+            covariance=np.diag([0.05**2] * 2),
+            lower=np.full(2, 0.9),
+            upper=np.full(2, 1.1),
+            left_out={},
+            condition=3.0,
+            on_bound=(),
+            ending=Ending.STOPPED if number == 9 else Ending.CONVERGED,
+            findings=(),
+            known=Knowledge.told({"p4": values[2]}),
+        )
         estimate = EstimateRecord(
             estimator="m",
-            ending=Ending.STOPPED if number == 9 else Ending.CONVERGED,
-            condition=3.0,
+            estimate=found,
+            truth=dict.fromkeys(("p1", "p3", "p4"), 1.0),
             fit=FitSummary(99.0, 99.0, 99.0),
-            parameters=tuple(
-                ParameterRecord(
-                    parameter=name, value=rng.normal(1, 0.05), **interval, known=name == "p4"
-                )
-                for name in ("p1", "p3", "p4")
-            ),
         )
         estimates = (estimate,) if status == "ok" else ()
         store.write(Outcome(record=RunRecord(**place, status=status, estimates=estimates)))
@@ -191,7 +201,7 @@ def test_a_page_that_rests_on_an_estimate_says_its_verdict(pages):
     for kind, page in pages.items():
         assert (page.verdict is None) == (kind == "sweep")
         if page.verdict is not None:
-            assert page.numbers["verdict"] == page.verdict.standing
+            assert page.numbers["verdict"] == page.verdict.level.verdict
             assert page.verdict.sentence not in page.summary
 
 

@@ -10,20 +10,18 @@ import subprocess
 import numpy as np
 import pytest
 
-from butterfly.experiment.estimate_record import ParameterRecord
 from butterfly.experiment.perform import perform
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identification import identify
+from butterfly.identification.parameter import Parameter
 from butterfly.logs.health import examine
-from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.plant.joints import Simulator
 from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
 from butterfly.report.figures import seen_samples
-from butterfly.report.format import interval, with_error
 from butterfly.report.frequency_figure import frequency_response_figure, swings_between
 from butterfly.report.identification import identification_page, write_report
 from butterfly.report.inspection import health_rows
@@ -34,10 +32,9 @@ from butterfly.report.misfit import (
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.parameter_rows import parameter_rows, rows_of
+from butterfly.report.parameter_table import Whisker, interval, parameter_rows, with_error
 from butterfly.report.series import packable
 from butterfly.report.time_figure import time_figure, time_series
-from butterfly.report.whisker import Whisker
 from butterfly.report.words import summary, verdict_on
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -78,11 +75,11 @@ def test_the_page_asks_nothing_of_the_network(page):
 def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
     text = html.unescape(page.read_text(encoding="utf-8"))
     result, truth = simulated
-    for row in parameter_rows(result, truth):
+    for row in parameter_rows(result.estimate.table(truth)):
         for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
             assert cell in text
     said = verdict_on(result.estimate)
-    assert f'<div class="verdict {str(said.standing).replace(" ", "-")}">' in text
+    assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.paragraphs, *summary(result)[1:]):
         assert sentence in text
     assert text.count('<tr class="pick"') == 2 * len(result.data.logs) == 24
@@ -98,7 +95,7 @@ def test_the_numbers_beside_the_page_say_what_is_left_over(page, simulated):
     numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))
     assert numbers["misfit"]["times_sensors"] == pytest.approx(misfit.times)
     assert [each["log"] for each in numbers["misfit"]["logs"]] == [log.name for log in misfit.logs]
-    kinds = [each["kind"] for each in numbers["findings"]]
+    kinds = [each["kind"] for each in numbers["misfit"]["findings"]]
     assert {"misfit", "no-misfit"} & set(kinds)
 
 
@@ -261,7 +258,9 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
     assert page.headed.text == "Good"
     assert f"{result.summary.median:.1f} %" in [fact.value for fact in page.facts]
     (table,) = page.lead.tables
-    assert [str(row[0]) for row in table.rows] == [row.symbol for row in parameter_rows(result)]
+    assert [str(row[0]) for row in table.rows] == [
+        row.symbol for row in parameter_rows(result.estimate.table())
+    ]
     for row, name in zip(table.rows, result.estimate.names, strict=True):
         assert row[3].true == getattr(truth, name)
         assert row[3].limits[0] <= row[3].value <= row[3].limits[1]
@@ -322,13 +321,15 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
 
 
 def test_a_value_of_0_inside_its_interval_may_be_0():
-    record = ParameterRecord(parameter="p2", value=0.0, standard_error=0.1, lower=0.0, upper=0.2)
-    (row,) = rows_of([record], InputKind.VOLTAGE)
+    about = {"name": "p2", "symbol": "p₂", "meaning": "friction", "unit": "N m s/rad"}
+    parameter = Parameter(**about, value=0.0, standard_error=0.1, lower=0.0, upper=0.2)
+    (row,) = parameter_rows([parameter])
     assert row.width == "may be 0"
 
 
 def test_the_forest_plot_has_a_panel_for_each_parameter(simulated):
-    rows = parameter_rows(*simulated)
+    result, truth = simulated
+    rows = parameter_rows(result.estimate.table(truth))
     figure = parameter_figure(rows)
     estimates = [trace.x[0] for trace in figure.data if trace.name == "estimate"]
     assert estimates == [row.whisker.value for row in rows]

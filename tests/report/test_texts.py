@@ -7,11 +7,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.report.page import Page, Section, Table, rendered, write_page
 from butterfly.report.still import draw, write_stills
 from butterfly.report.sweep_figures import Estimates, axis_figure
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Level, Verdict
 
 ODD = ("a$b", r"$\frac{$ <b>bold</b>", "<script>alert(1)</script>")
 
@@ -79,7 +78,7 @@ def _page(kind, verdict):
 
 
 def test_the_answer_stands_first_be_it_a_verdict_or_words():
-    judged = rendered(_page("comparison", SaidVerdict(Standing.GOOD)))
+    judged = rendered(_page("comparison", Verdict(Level.GOOD)))
     assert judged.index("Parameters: good") < judged.index("Lead") < judged.index("Said.")
     plain = rendered(_page("change", None))
     assert plain.index("Said.") < plain.index("Lead")

@@ -8,11 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
-from butterfly.identification.diagnostics.verdict import Verdict
-from butterfly.logs.remarks import Condition
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.report.inspection import conditions_said
 from butterfly.report.words import sentences
+from butterfly.verdict import Level
 
 NUMBERS = {
     FindingKind.PRECISE: (0.1, "10 %"),
@@ -67,7 +66,7 @@ def _verdict_and_more(*findings, ending=Ending.CONVERGED):
         values=np.array([1e-3, -0.5, 0.2]),
         held={},
         findings=findings,
-        verdict=Verdict.of(ending, findings),
+        ending=ending,
     )
     return sentences(estimate)
 
@@ -104,7 +103,7 @@ def test_no_two_kinds_say_the_same():
 
 @pytest.mark.parametrize(
     ("severity", "opening"),
-    [(Severity.CARE, "Use with care: "), (Severity.WARNING, "Do not use: ")],
+    [(Level.CARE, "Use with care: "), (Level.WARNING, "Do not use: ")],
 )
 def test_the_verdict_comes_first_with_its_reasons_which_are_not_said_again(severity, opening):
     known = Finding(kind=FindingKind.PRECISE, parameters=("p4",), number=0.1)
@@ -113,7 +112,7 @@ def test_the_verdict_comes_first_with_its_reasons_which_are_not_said_again(sever
     assert verdict.startswith(opening)
     assert "61.3 %" in verdict
     assert not any("61.3 %" in each for each in others)
-    assert ("p4 known within 10 %." in others) is (severity is Severity.CARE)
+    assert ("p4 known within 10 %." in others) is (severity is Level.CARE)
 
 
 def test_what_did_not_settle_is_not_to_be_used_and_says_why():
@@ -130,7 +129,7 @@ def test_a_model_that_runs_away_is_said_to():
 def test_a_bound_that_the_data_would_cross_is_said_otherwise_than_one_that_they_respect():
     held = [
         Finding(kind=FindingKind.ON_BOUND, parameters=("p2",), severity=severity)
-        for severity in (Severity.NOTE, Severity.CARE)
+        for severity in (Level.NOTE, Level.CARE)
     ]
     (respected,) = _said(held[0])
     verdict, *_ = _verdict_and_more(held[1])
@@ -157,14 +156,14 @@ def test_how_well_parameters_are_known_comes_first_and_in_one_sentence():
     ],
 )
 def test_health_is_told_by_severity(counts, said):
-    conditions = [each for each, n in zip(Condition, counts, strict=True) for _ in range(n)]
+    conditions = [each for each, n in zip(Level, counts, strict=True) for _ in range(n)]
     assert conditions_said(conditions) == said
 
 
 def test_a_fit_that_did_not_converge_is_not_to_be_trusted():
     findings = [
         Finding(kind=FindingKind.SIMULATIONS, number=60.0, severity=severity)
-        for severity in (Severity.NOTE, Severity.WARNING)
+        for severity in (Level.NOTE, Level.WARNING)
     ]
     stopped, converged = _verdict_and_more(*findings)
     assert "do not trust" not in converged
@@ -185,5 +184,5 @@ def test_the_back_emf_constant_of_a_drive_is_bounded_by_its_resistance_and_gain(
 
 @pytest.mark.parametrize(("fit", "said"), [(98.76, "98.8 %"), (-3e28, "less than -1000 %")])
 def test_a_fit_is_said_as_far_as_there_is_anything_to_know(fit, said):
-    poor = Finding(kind=FindingKind.POOR_FIT, number=fit, severity=Severity.WARNING)
+    poor = Finding(kind=FindingKind.POOR_FIT, number=fit, severity=Level.WARNING)
     assert f"a median FIT of {said} only" in _verdict_and_more(poor)[0]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import apart
 from butterfly.identification.physical import physical_parameters
+from butterfly.verdict import Level
 
 _CLEARLY = 3.0  # standard errors, or uncertainties, apart
 
@@ -27,7 +28,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     carrier = data.logs[0].added_mass
     sources = apart(data.told, data.input_kind, carrier.joint)
     found = [
-        Finding(kind=FindingKind.TOLD_APART, parameters=(name,), number=far, severity=Severity.CARE)
+        Finding(kind=FindingKind.TOLD_APART, parameters=(name,), number=far, severity=Level.CARE)
         for name, far in sources.items()
         if far > _CLEARLY
     ]
@@ -39,7 +40,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
                 kind=FindingKind.CONTRADICTED,
                 parameters=tuple(below),
                 number=max(below.values()),
-                severity=Severity.CARE,
+                severity=Level.CARE,
             )
         )
     return found

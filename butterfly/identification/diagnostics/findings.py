@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
+
+from butterfly.verdict import Level
 
 
 class Ending(StrEnum):
@@ -12,14 +17,6 @@ class Ending(StrEnum):
     CONVERGED = "converged"
     STOPPED = "stopped"
     REFUSED = "refused"
-
-
-class Severity(StrEnum):
-    """How much a finding matters to somebody who wants to use the values."""
-
-    NOTE = "note"
-    CARE = "care"
-    WARNING = "warning"
 
 
 class FindingKind(StrEnum):
@@ -72,22 +69,47 @@ class FindingKind(StrEnum):
 class Finding:
     """One thing that was found.
 
-    Parameters
-    ----------
-    kind
-        What.
-    parameters
-        Whom it concerns.
-    number
-        See `FindingKind`.
-    severity
-        How much it matters.
-    logs
-        Names of the logs that it concerns; all if none is named.
+    It concerns ``parameters``, and ``logs`` by name (all if none is named); what the number is, its
+    kind says.
     """
 
     kind: FindingKind
     parameters: tuple[str, ...] = ()
     number: float | None = None
-    severity: Severity = Severity.NOTE
+    severity: Level = Level.NOTE
     logs: tuple[str, ...] = ()
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Finding:
+        """Return the finding of which its fields tell; other keys are not looked at."""
+        number = content["number"]
+        return cls(
+            kind=FindingKind(content["kind"]),
+            parameters=tuple(map(str, content["parameters"])),
+            number=None if number is None else float(number),
+            severity=Level(content["severity"]),
+            logs=tuple(map(str, content.get("logs", ()))),
+        )
+
+
+def grade(ending: Ending, findings: Sequence[Finding]) -> tuple[Level, tuple[Finding, ...]]:
+    """Return what may be done with values, and the findings for which that is no more.
+
+    There are none of values that are good, or that no solver settled on.
+    """
+    warnings, cares = (
+        tuple(each for each in findings if each.severity is level)
+        for level in (Level.WARNING, Level.CARE)
+    )
+    if warnings or ending is not Ending.CONVERGED:
+        unit_errors = (each for each in cares if each.kind is FindingKind.SLIP)
+        return Level.WARNING, (*unit_errors, *warnings)
+    return (Level.CARE, cares) if cares else (Level.GOOD, ())
+
+
+def is_impossible(finding: Finding) -> bool:
+    """Whether no joint has such values, or none that could be simulated."""
+    if finding.kind is FindingKind.POOR_FIT:
+        return finding.number is not None and not math.isfinite(finding.number)
+    never = finding.kind in {FindingKind.NO_INERTIA, FindingKind.NEGATIVE}
+    return never and finding.severity is Level.WARNING

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.verdict import Level
 
 GOOD_FIT = 80.0
 """Median FIT in per cent below which parameters need care."""
@@ -31,7 +32,7 @@ def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
     """
     median = float(np.median(fits))
     if not median >= GOOD_FIT:
-        severity = Severity.CARE if median >= LEAST_FIT else Severity.WARNING
+        severity = Level.CARE if median >= LEAST_FIT else Level.WARNING
         return [Finding(kind=FindingKind.POOR_FIT, number=median, severity=severity)]
     return _lost(fits, names, median, FindingKind.UNFOLLOWED)
 
@@ -65,7 +66,7 @@ def _lost(
         Finding(
             kind=kind,
             number=float(fits[lost].min()),
-            severity=Severity.CARE,
+            severity=Level.CARE,
             logs=tuple(names[k] for k in lost.tolist()),
         )
     ]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.prior import Prior
 from butterfly.identification.solved import Solved
@@ -17,6 +17,7 @@ from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind, rounded
 from butterfly.model.terms import GROWING
+from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ def disagreements(
                     kind=FindingKind.PRIOR_APART,
                     parameters=(names[k],),
                     number=apart,
-                    severity=Severity.CARE,
+                    severity=Level.CARE,
                 )
             )
     return findings
@@ -114,7 +115,7 @@ def scale_apart(
     if abs(share) <= max(sure * error, _MATTERS):
         return []
     return [
-        Finding(kind=FindingKind.KNOWN_APART, parameters=told, number=share, severity=Severity.CARE)
+        Finding(kind=FindingKind.KNOWN_APART, parameters=told, number=share, severity=Level.CARE)
     ]
 
 

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.intervals import CONFIDENCE
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
+from butterfly.verdict import Level
 
 _CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
@@ -40,7 +41,7 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
                 kind=FindingKind.NO_INERTIA,
                 parameters=("p1",),
                 number=least,
-                severity=Severity.WARNING,
+                severity=Level.WARNING,
             )
         )
     negative = [
@@ -52,20 +53,20 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
     if "load" in estimate.names and any(_drives(estimate, mass) for mass in masses):
         negative.append("load")
     if negative:
-        severity = Severity.CARE if negative == ["delay"] else Severity.WARNING
+        severity = Level.CARE if negative == ["delay"] else Level.WARNING
         judged.append(
             Finding(kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=severity)
         )
     if found.p4 < 0 and "p4" not in estimate.known.parameters:
         judged.append(
-            Finding(kind=FindingKind.NEGATIVE_GAIN, parameters=("p4",), severity=Severity.CARE)
+            Finding(kind=FindingKind.NEGATIVE_GAIN, parameters=("p4",), severity=Level.CARE)
         )
     return judged
 
 
 def is_possible(estimate: Estimate, masses: Sequence[AddedMass]) -> bool:
     """Whether a joint can have the parameters (see `judge_physics`)."""
-    return all(each.severity is not Severity.WARNING for each in judge_physics(estimate, masses))
+    return all(each.severity is not Level.WARNING for each in judge_physics(estimate, masses))
 
 
 def _drives(estimate: Estimate, mass: AddedMass) -> bool:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import NEGLIGIBLE
 from butterfly.identification.phasors import Phasors
@@ -18,6 +18,7 @@ from butterfly.identification.regression import Regression
 from butterfly.identification.solved import Solved
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS, lower_bounds
+from butterfly.verdict import Level
 
 _MAX_ITERATIONS = 60
 _TOLERANCE = 1e-10  # relative change of the predicted angles
@@ -80,7 +81,7 @@ class DescribingFit:
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        rounds = Finding(kind=FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Severity.WARNING)
+        rounds = Finding(kind=FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
         solved = Solved.of(regression, solution, unsettled=None if settled else rounds)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimators.equations import Equations
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import Minimum
@@ -12,6 +12,7 @@ from butterfly.identification.estimators.loss import Loss
 from butterfly.identification.inference.covariance import blocks_of
 from butterfly.identification.solved import Solved
 from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
 
 
 def solved_of(problem: FreeRunResiduals, end: Minimum[Equations]) -> Solved:
@@ -23,7 +24,7 @@ def solved_of(problem: FreeRunResiduals, end: Minimum[Equations]) -> Solved:
     took = Finding(
         kind=FindingKind.SIMULATIONS,
         number=end.evaluations,
-        severity=Severity.NOTE if end.converged else Severity.WARNING,
+        severity=Level.NOTE if end.converged else Level.WARNING,
     )
     return Solved(
         names=tuple(name for name, _ in problem.keys),

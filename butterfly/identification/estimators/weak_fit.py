@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import split
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
@@ -24,6 +24,7 @@ from butterfly.identification.solved import Solved
 from butterfly.identification.weak_signals import Averaging
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
 
 _ROUNDS = 8  # about the delay
 _SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
@@ -174,7 +175,7 @@ class WeakFit:
             settled = bool(abs(about.delay - before.delay) < _SETTLED)
             if settled:
                 break
-        rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Severity.WARNING)
+        rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
         solved = Solved.of(regression, solution, unsettled=None if settled else rounds)
         return cls(about=about, regression=regression, solved=solved)
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import require_number
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
@@ -43,6 +43,7 @@ from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import FrictionTerms
+from butterfly.verdict import Level
 
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
@@ -89,14 +90,14 @@ class WeakForm(Estimator):
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
-            care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Severity.CARE)
+            care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
             found = found.with_findings(care)
         if not data.unread:
             return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
-        care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Severity.CARE)
+        care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Level.CARE)
         return found.with_findings(care)
 
     def of_logs(

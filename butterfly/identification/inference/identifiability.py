@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.verdict import Level
 
 WEAK_CONDITION = 1e3
 """Above this condition number of the scaled regression one combination is poorly known."""
@@ -84,9 +85,23 @@ class Conditioning:
                 kind=FindingKind.COMBINATION,
                 parameters=self.weakest,
                 number=self.number,
-                severity=Severity.CARE,
+                severity=Level.CARE,
             )
         ]
+
+
+def precision(
+    values: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> list[FindingKind]:
+    """Return how well each of (n,) parameters is known: well, roughly, or not from zero."""
+    zero = (lower <= 0) & (upper >= 0)
+    precise = _FOR_CERTAIN * (upper - lower) / 2 <= _PRECISE * np.abs(values)
+    return [
+        FindingKind.NOT_FROM_ZERO
+        if at_zero
+        else (FindingKind.PRECISE if well else FindingKind.ROUGH)
+        for at_zero, well in zip(zero, precise, strict=True)
+    ]
 
 
 def sort_by_precision(
@@ -95,21 +110,18 @@ def sort_by_precision(
     upper: NDArray[np.float64],
     names: tuple[str, ...],
 ) -> list[Finding]:
-    """Tell which of the (n,) parameters are known well, roughly, or not from zero."""
-    zero = (lower <= 0) & (upper >= 0)
-    precise = ~zero & (_FOR_CERTAIN * (upper - lower) / 2 <= _PRECISE * np.abs(values))
+    """Return a finding of each claim that is made of some of the (n,) parameters."""
+    claims = precision(values, lower, upper)
     groups = {
-        FindingKind.PRECISE: precise,
-        FindingKind.ROUGH: ~zero & ~precise,
-        FindingKind.NOT_FROM_ZERO: zero,
+        kind: tuple(name for name, claim in zip(names, claims, strict=True) if claim is kind)
+        for kind in (FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO)
     }
-    named = np.array(names)
     return [
         Finding(
             kind=kind,
-            parameters=tuple(named[mask].tolist()),
+            parameters=parameters,
             number=_PRECISE if kind is FindingKind.PRECISE else None,
         )
-        for kind, mask in groups.items()
-        if mask.any()
+        for kind, parameters in groups.items()
+        if parameters
     ]

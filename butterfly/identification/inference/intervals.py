@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.knowledge import refuse_without_scale
 from butterfly.identification.inference.covariance import FEW
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
 
 CONFIDENCE = 0.95
 """Level of all intervals."""
@@ -62,7 +63,7 @@ def without_each_mass(
             left_out[mass] = refit(mass)
         except IdentifiabilityError:
             continue
-    few = Finding(kind=FindingKind.FEW_MASSES, number=len(different), severity=Severity.CARE)
+    few = Finding(kind=FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
     return left_out, [] if left_out or known.scale else [few]
 
 
@@ -70,7 +71,7 @@ def of_few_logs(count: int) -> list[Finding]:
     """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
     if count > FEW:
         return []
-    return [Finding(kind=FindingKind.FEW_LOGS, number=count, severity=Severity.CARE)]
+    return [Finding(kind=FindingKind.FEW_LOGS, number=count, severity=Level.CARE)]
 
 
 def widened(

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import OTHER_LOGS
 from butterfly.identification.inference.submodels import Nested
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import COMPANIONS, PARAMETERS
+from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -316,6 +317,6 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
             kind=FindingKind.MISSING_TERM,
             parameters=(", ".join(missing), *moved),
             number=min(moved.values()),
-            severity=Severity.CARE,
+            severity=Level.CARE,
         )
     ]

@@ -11,7 +11,6 @@ from butterfly.comparison.leaderboard import Entry
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.report.misfit import misfit_sentences
@@ -23,8 +22,8 @@ from butterfly.report.numbers.misfit_numbers import (
     misfit_units,
 )
 from butterfly.report.numbers.table_numbers import about, rests_on
-from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import verdict_on
+from butterfly.report.words import values_of, verdict_on
+from butterfly.verdict import Level, Verdict
 
 
 def told_comparison(
@@ -62,7 +61,7 @@ def told_comparison(
             **rests_on(data, found, estimator),
             "rows": rows,
             "logs": [_of_log(each) for each in compared],
-            "misfit": misfit_numbers(misfit),
+            "misfit": misfit_numbers(misfit, values_of(found)),
         },
         units={
             "logs.fit": "%",
@@ -129,26 +128,26 @@ def _leaderboard_sentences(entries: Sequence[Entry]) -> list[str]:
     return sentences
 
 
-def _verdict(entries: Sequence[Entry], sets: Sequence[str]) -> SaidVerdict:
+def _verdict(entries: Sequence[Entry], sets: Sequence[str]) -> Verdict:
     """Say the worst verdict on the first of each data set, and all reasons, by their data set."""
     firsts = {name: next(entry for entry in entries if entry.data == name) for name in sets}
-    standings, reasons = [], []
+    levels, reasons = [], []
     for name, first in firsts.items():
         if first.estimate is None:
-            standings.append(Standing.NOT)
+            levels.append(Level.WARNING)
             reasons.append(f"{name}: {first.error}")
             continue
         said = verdict_on(first.estimate)
-        standings.append(said.standing)
+        levels.append(said.level)
         reasons += [f"{name}, {first.method}: {reason}" for reason in said.reasons]
-    return SaidVerdict(Standing.worst(standings) or Standing.NOT, tuple(reasons))
+    return Verdict(Level.worst(levels) if levels else Level.WARNING, tuple(reasons))
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
     fits = {"held_out": entry.held_out, "in_sample": entry.in_sample}
     said: dict[str, Any] = {"verdict": None, "reasons": []}
     if entry.estimate is not None:
-        known = estimate_numbers(entry.estimate, entry.input_kind, entry.joint)
+        known = estimate_numbers(entry.estimate)
         said = verdict_on(entry.estimate).numbers() | known
     return {
         **said,

@@ -6,17 +6,16 @@ Every document has the keys of `HEAD`; docs/commands.md says what they and the o
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from butterfly.experiment.provenance import versions
-from butterfly.files import replacing
-from butterfly.report.verdict import SaidVerdict
+from butterfly.files import finite, replacing
+from butterfly.verdict import Verdict
 
-SCHEMA_NUMBER = 1
+SCHEMA_NUMBER = 2
 """Of a document; raised when an older program could no longer read it."""
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
@@ -45,7 +44,7 @@ class Told:
 
     kind: str
     title: str
-    verdict: SaidVerdict | None = None
+    verdict: Verdict | None = None
     summary: tuple[str, ...] = ()
     content: Mapping[str, Any] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
@@ -91,12 +90,3 @@ def write_document(document: Mapping[str, Any], path: Path) -> None:
     """
     with replacing(path) as draft:
         draft.write_text(json_text(finite(document)), encoding="utf-8")
-
-
-def finite(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Replace numbers that JSON does not have by null."""
-    if isinstance(value, dict):
-        return {key: finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
-from butterfly.experiment.estimate_record import ParameterRecord, or_none
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
-from butterfly.model.terms import PARAMETERS, TERMS
-from butterfly.report.parameter_rows import unit_of
+from butterfly.model.parameters import JointKind, LumpedParameters
+from butterfly.model.terms import PARAMETERS
 from butterfly.report.words import finding_said, values_of
 
 
@@ -56,53 +55,15 @@ def chosen_numbers(
 
 
 def estimate_numbers(
-    estimate: Estimate,
-    kind: InputKind,
-    joint: JointKind,
-    *,
-    truth: LumpedParameters | None = None,
-    more: Sequence[Finding] = (),
-    unit: Mapping[str, str] | None = None,
+    estimate: Estimate, truth: LumpedParameters | None = None, more: Sequence[Finding] = ()
 ) -> dict[str, Any]:
     """Return an estimate under the keys that all results have which rest on one.
 
-    Parameters
-    ----------
-    estimate
-        The estimate.
-    kind, joint
-        What drives how it moves, which tell the units.
-    truth
-        True parameters, where they are known.
-    more
-        Findings besides the estimate's own.
-    unit
-        Of its parameters by name, where they are not the usual ones.
+    The truth where it is known, and findings besides the estimate's own.
     """
-    units = {name: unit_of(name, kind, joint) for name in TERMS} | dict(unit or {})
-    records = ParameterRecord.all_of(estimate, truth)
-    said: dict[str, Any] = {
-        "method": estimate.method,
-        "ending": str(estimate.ending),
-        "parameters": {each.parameter: record_row(each, units[each.parameter]) for each in records},
-        "covariance": {"names": list(estimate.names), "matrix": estimate.covariance.tolist()},
-        "left_out": left_out_numbers(estimate.names, estimate.left_out),
-        "condition": or_none(estimate.condition),
-        "findings": finding_numbers((*estimate.findings, *more), values_of(estimate)),
-    }
-    return said if truth is None else said | {"truth": lumped_numbers(truth, units)}
-
-
-def left_out_numbers(
-    names: Sequence[str], left_out: Mapping[Hashable, Iterable[float]]
-) -> list[dict[str, Any]]:
-    """Return what the estimates would have been without one added mass, log or part each."""
-    said = []
-    for key, values in left_out.items():
-        carried = {"added_mass": asdict(key)} if isinstance(key, AddedMass) else {}
-        found = dict(zip(names, map(float, values), strict=True))
-        said.append({"without": str(key), **carried, "values": found})
-    return said
+    content = estimate.to_dict(truth)
+    content["findings"] = finding_numbers((*estimate.findings, *more), values_of(estimate))
+    return content if truth is None else content | {"truth": lumped_numbers(truth, estimate)}
 
 
 def finding_numbers(
@@ -123,13 +84,22 @@ def finding_numbers(
 
 
 def lumped_numbers(
-    parameters: LumpedParameters, units: Mapping[str, str]
+    parameters: LumpedParameters,
+    estimate: Estimate | None = None,
+    *,
+    input_kind: InputKind | None = None,
+    joint: JointKind = JointKind.HINGE,
 ) -> dict[str, dict[str, Any]]:
-    """Return those parameters that every joint has, and the others that are not as usual."""
+    """Return those parameters that every joint has, and the others that are not as usual.
+
+    Their units are those of an estimate, or of what drives which joint.
+    """
+    if estimate is not None:
+        input_kind, joint = estimate.input_kind, estimate.joint
     usual = {each.name: each.default for each in fields(LumpedParameters)}
     values = {name: float(getattr(parameters, name)) for name in usual}
     return {
-        name: {"value": value, "unit": units[name]}
+        name: {"value": value, "unit": unit_of(name, input_kind, joint)}
         for name, value in values.items()
         if name in PARAMETERS or value != usual[name]
     }
@@ -138,13 +108,6 @@ def lumped_numbers(
 def without_root(manifest: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """Return a manifest that says nothing of where on a machine its logs lie."""
     return None if manifest is None else {**manifest, "root": None}
-
-
-def record_row(record: ParameterRecord, unit: str) -> dict[str, Any]:
-    """Return what is kept of a parameter, its unit beside its value."""
-    row = asdict(record)
-    del row["parameter"]
-    return {"value": row.pop("value"), "unit": unit, **row}
 
 
 def _plain(value: object) -> Any:  # noqa: ANN401 - any option

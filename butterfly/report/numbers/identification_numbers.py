@@ -11,27 +11,22 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.physical import PhysicalParameters
-from butterfly.logs.log import InputKind
-from butterfly.model.parameters import JointKind, LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.parameters import LumpedParameters
 from butterfly.report.numbers.document import Told
-from butterfly.report.numbers.estimate_json import estimate_content
 from butterfly.report.numbers.estimate_numbers import (
     chosen_numbers,
     data_numbers,
     estimate_numbers,
-    finding_numbers,
     lumped_numbers,
     without_root,
 )
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.physical import physical_numbers
 from butterfly.report.words import fit_said, summary, values_of, verdict_on
 
 KIND = "identification"
 
-BESIDES = ("chosen", "against", "misfit", "findings")
+BESIDES = ("chosen", "against", "misfit")
 """Keys of what a saved identification cannot tell anew without its logs."""
 
 _UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%", "against.fit": "%"}
@@ -72,22 +67,19 @@ def told_identification(
 
 def besides_of(identification: Identification) -> dict[str, Any]:
     """Return what only an identification can tell that has its logs, by the keys `BESIDES`."""
-    data, estimate = identification.data, identification.estimate
-    units = {name: unit_of(name, data.input_kind, data.joint) for name in TERMS}
-    findings = (*estimate.findings, *identification.misfit.findings)
+    estimate = identification.estimate
     return {
         "chosen": chosen_numbers(identification.estimator, estimate),
         "against": [
             {
                 "name": other.name,
-                "parameters": lumped_numbers(other.parameters, units),
+                "parameters": lumped_numbers(other.parameters, estimate),
                 "gain_fitted": other.gain_fitted,
                 "fit": other.summary.numbers(),
             }
             for other in identification.comparisons
         ],
-        "misfit": misfit_numbers(identification.misfit),
-        "findings": finding_numbers(findings, values_of(estimate)),
+        "misfit": misfit_numbers(identification.misfit, values_of(estimate)),
     }
 
 
@@ -124,7 +116,6 @@ def told_of_parts(
     truth
         True parameters, where they are known.
     """
-    kind, joint = InputKind(origin["input"]), JointKind(origin.get("joint", JointKind.HINGE))
     fit = FitSummary.of(np.array(list(fits.values())), estimate.horizon)
     return Told(
         kind=KIND,
@@ -134,15 +125,14 @@ def told_of_parts(
         content={
             "estimator": label,
             "data": {**origin, "manifest": without_root(origin["manifest"])},
-            **estimate_numbers(estimate, kind, joint, truth=truth),
+            **estimate_numbers(estimate, truth),
             "fit": fit.numbers(),
             "fits": dict(fits),
             "held_out": dict(held_out),
             "physical": physical_numbers(physical),
             **besides,
-            "estimate": estimate_content(estimate),
         },
-        units=_UNITS | misfit_units(joint),
+        units=_UNITS | misfit_units(estimate.joint),
     )
 
 

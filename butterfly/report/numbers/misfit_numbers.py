@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from butterfly.identification.diagnostics.left_over import LeftOver
 from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
 from butterfly.identification.diagnostics.whiteness import LEVELS
 from butterfly.model.parameters import JointKind
+from butterfly.report.numbers.estimate_numbers import finding_numbers
 
 _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
 
 
-def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
+def misfit_numbers(misfit: Misfit, values: Mapping[str, float]) -> dict[str, Any]:
     """Return what is left over: of all logs as shares of the rms motion, and names of terms."""
     return {
         "relative": misfit.relative,
@@ -23,6 +25,7 @@ def misfit_numbers(misfit: Misfit) -> dict[str, Any]:
         "logs_outside": misfit.outside,
         "left_over": left_over_numbers(misfit.left_over),
         "logs": [_log(log) for log in misfit.logs],
+        "findings": finding_numbers(misfit.findings, values),
     }
 
 

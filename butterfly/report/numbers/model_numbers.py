@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
@@ -13,8 +14,7 @@ from butterfly.model.terms import TERMS
 from butterfly.plant.robot import Robot
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import lumped_numbers
-from butterfly.report.parameter_rows import unit_of
-from butterfly.report.verdict import SaidVerdict
+from butterfly.verdict import Verdict
 
 _UNITS = {
     "hand": {
@@ -41,7 +41,7 @@ def told_model(
     carried: AddedMass,
     kind: InputKind,
     *,
-    verdict: SaidVerdict | None = None,
+    verdict: Verdict | None = None,
     besides: Mapping[str, Any],
 ) -> Told:
     """Tell the robot of an experiment, or the identified twin of data.
@@ -72,7 +72,7 @@ def told_model(
             **besides,
             "carried": {"mass": carried.mass, "arm": carried.arm},
             **{part: each and _numbers(part, asdict(each), units) for part, each in parts.items()},
-            "loaded": lumped_numbers(loaded, units),
+            "loaded": lumped_numbers(loaded, input_kind=kind),
             "resonance": resonance_frequency(loaded),
         },
         units={"resonance": "rad/s", "carried.mass": "kg", "carried.arm": "m"},

@@ -6,12 +6,10 @@ import math
 
 from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import JointKind, LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.study import OrbitStudy
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers, lumped_numbers
-from butterfly.report.parameter_rows import unit_of
 from butterfly.report.words import sentences, verdict_on
 
 
@@ -27,9 +25,8 @@ def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
     """
     rounds, verdict = study.calibration.rounds, verdict_on(study.estimate)
     last, log = rounds[-1].recalibration, rounds[-1].logs[0]
-    units = {name: unit_of(name, log.input_kind, JointKind.HINGE) for name in TERMS}
-    ratios = {name: f"{units[name]}/({units['p1']})" for name in last.names if last.is_ratio(name)}
-    known = {} if truth is None else {"truth": lumped_numbers(truth, units)}
+    ratios = [name for name in last.names if last.is_ratio(name)]
+    known = {} if truth is None else {"truth": lumped_numbers(truth, input_kind=log.input_kind)}
     return Told(
         kind="orbit",
         title=f"{study.name!r} re-calibrated next to its orbit",
@@ -39,8 +36,8 @@ def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
             **OrbitRecord.of(study).numbers(),
             "rounds_ending": study.calibration.ending,
             "data": _data(study, log.input_kind),
-            **estimate_numbers(study.estimate, log.input_kind, JointKind.HINGE, unit=ratios),
-            "ratios_to_p1": [*ratios],
+            **estimate_numbers(study.estimate),
+            "ratios_to_p1": ratios,
             "carried": str(log.added_mass),
             **known,
         },

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from butterfly.logs.manifest import Manifest
-from butterfly.report.inspection import Inspected
+from butterfly.report.inspection import STATES, Inspected
 from butterfly.report.numbers.document import Told
 from butterfly.thesis.tables import Row
 
@@ -39,8 +39,8 @@ def told_inspection(manifest: Manifest, seen: Sequence[Inspected], said: Sequenc
 
 
 def _looked_at(seen: Inspected) -> dict[str, Any]:
-    findings = [each._asdict() for each in seen.remarks]
-    said = {"log": seen.name, "condition": seen.condition.value}
+    findings = [{**each._asdict(), "condition": STATES[each.condition]} for each in seen.remarks]
+    said = {"log": seen.name, "condition": STATES[seen.condition]}
     if seen.health is None or seen.log is None:
         return {**said, "findings": findings}
     log, health = seen.log, asdict(seen.health)

@@ -6,19 +6,17 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from butterfly.experiment.estimate_record import EstimateRecord
 from butterfly.experiment.perform import RunResult
-from butterfly.experiment.record import RunRecord, SweepRecord
+from butterfly.experiment.record import EstimateRecord, RunRecord, SweepRecord
 from butterfly.experiment.schema import Experiment
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
-from butterfly.model.terms import TERMS
 from butterfly.report.numbers.document import Told
-from butterfly.report.numbers.estimate_numbers import finding_numbers, lumped_numbers, record_row
+from butterfly.report.numbers.estimate_numbers import finding_numbers, lumped_numbers
 from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.numbers.orbit_numbers import told_orbit
-from butterfly.report.parameter_rows import unit_of
-from butterfly.report.verdict import SaidVerdict
-from butterfly.report.words import verdict_of
+from butterfly.report.words import values_of, verdict_on
+from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -55,16 +53,8 @@ def told_sweep(sweep: SweepRecord, said: Sequence[str], numbers: Mapping[str, An
     )
 
 
-def told_record(record: RunRecord, kind: InputKind = InputKind.TORQUE) -> Told:
-    """Tell the record of one run.
-
-    Parameters
-    ----------
-    record
-        Of the run.
-    kind
-        What its input commands; a torque command's units are said of a unit of the input.
-    """
+def told_record(record: RunRecord) -> Told:
+    """Tell the record of one run."""
     content = json.loads(record.to_json())
     for unsaid in ("schema", "digest", "versions"):
         del content[unsaid]
@@ -77,15 +67,15 @@ def told_record(record: RunRecord, kind: InputKind = InputKind.TORQUE) -> Told:
         content={
             **content,
             "made_with": record.versions,
-            "estimates": [_estimate(each, kind) for each in record.estimates],
+            "estimates": [_estimate(each) for each in record.estimates],
         },
         units={"seconds": "s", "estimates.fit": "%", "estimates.held_out": "%"},
     )
 
 
-def told_runs(records: Sequence[RunRecord], kinds: Sequence[InputKind]) -> Told:
-    """Tell runs that are compared, each with the kind of its input."""
-    both = [told_record(each, kind) for each, kind in zip(records, kinds, strict=True)]
+def told_runs(records: Sequence[RunRecord]) -> Told:
+    """Tell runs that are compared."""
+    both = [told_record(each) for each in records]
     return Told(
         kind="runs",
         title=" beside ".join(each.title for each in both),
@@ -143,15 +133,15 @@ def told_table(
     return Told(kind=kind, title=title, content={"count": count, "rows": list(rows)}, units=known)
 
 
-def verdict_of_run(record: RunRecord) -> SaidVerdict | None:
+def verdict_of_run(record: RunRecord) -> Verdict | None:
     """Say the worst verdict on the estimates of a run; None if there is none."""
-    standing = record.standing
-    if standing is None:
+    level = record.level
+    if level is None:
         return None
-    told = [each for each in record.estimates if each.parameters]
-    reasons = [(each.estimator, reason) for each in told for reason in verdict_of(each).reasons]
+    told = [(each, each.estimate) for each in record.estimates if each.estimate is not None]
+    reasons = [(each.estimator, why) for each, found in told for why in verdict_on(found).reasons]
     named = (f"{name}: {reason}" if len(told) > 1 else reason for name, reason in reasons)
-    return SaidVerdict(standing, tuple(named))
+    return Verdict(level, tuple(named))
 
 
 def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult) -> Told:
@@ -167,7 +157,6 @@ def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult
         What came of it.
     """
     record, truth = result.record, experiment.plant.robot.lumped
-    units = {name: unit_of(name, experiment.input_kind) for name in TERMS}
     found = [told_identification(each, truth) for each in result.identifications.values()]
     orbit = None
     if result.orbit is not None:
@@ -192,12 +181,12 @@ def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult
             "error": record.error,
             "seed": record.seed,
             "experiment": dict(given),
-            "truth": lumped_numbers(truth, units),
+            "truth": lumped_numbers(truth, input_kind=experiment.input_kind),
             "estimates": [each.document() for each in found],
             "refused": [
                 {"estimator": each.estimator, "error": each.error}
                 for each in record.estimates
-                if not each.parameters
+                if each.estimate is None
             ],
             "orbit": None if orbit is None else orbit.document(),
             "seconds": record.seconds,
@@ -206,20 +195,13 @@ def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult
     )
 
 
-def _estimate(record: EstimateRecord, kind: InputKind) -> dict[str, Any]:
-    values = {row.parameter: row.value for row in record.parameters}
-    said = verdict_of(record).numbers() if record.parameters else {"verdict": None, "reasons": []}
+def _estimate(record: EstimateRecord) -> dict[str, Any]:
     fits = {name: getattr(record, name) for name in ("fit", "held_out", "holdout")}
-    return {
-        "estimator": record.estimator,
-        **said,
-        "ending": str(record.ending),
-        "error": record.error,
-        "parameters": {
-            row.parameter: record_row(row, unit_of(row.parameter, kind))
-            for row in record.parameters
-        },
-        "condition": record.condition,
-        "findings": finding_numbers(record.findings, values),
-        **{name: fit and fit.numbers() for name, fit in fits.items()},
-    }
+    content: dict[str, Any] = {"estimator": record.estimator, "error": record.error}
+    if record.estimate is None:
+        content |= {"verdict": None, "reasons": [], "ending": str(record.ending)}
+    else:
+        content |= verdict_on(record.estimate).numbers() | record.estimate.to_dict(record.truth)
+        values = values_of(record.estimate)
+        content["findings"] = finding_numbers(record.estimate.findings, values)
+    return content | {name: fit and fit.numbers() for name, fit in fits.items()}

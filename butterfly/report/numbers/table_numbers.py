@@ -11,7 +11,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.misfit import Misfit
-from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits
@@ -24,11 +24,10 @@ from butterfly.report.numbers.estimate_numbers import (
     chosen_numbers,
     data_numbers,
     estimate_numbers,
-    left_out_numbers,
 )
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
 from butterfly.report.recommendations import chosen_said, most_telling
-from butterfly.report.words import fit_said, held_out_sentences, verdict_on
+from butterfly.report.words import fit_said, held_out_sentences, values_of, verdict_on
 
 _FIT_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"}
 
@@ -44,7 +43,7 @@ def rests_on(
     return {
         "data": data_numbers(data),
         "chosen": chosen_numbers(estimator, estimate),
-        **estimate_numbers(estimate, data.input_kind, data.joint, more=more),
+        **estimate_numbers(estimate, more=more),
     }
 
 
@@ -93,7 +92,7 @@ def _refits(held: HeldOut) -> list[dict[str, Any]]:
     return [
         part
         for name, found in held.estimates.items()
-        for part in left_out_numbers(found.names, {name: found.values})
+        for part in left_out_content(found.names, {name: found.values})
     ]
 
 
@@ -127,7 +126,7 @@ def told_residual(
         title=f"What {found.method} leaves over of {data.name!r}",
         verdict=judged,
         summary=(judged.sentence, *said),
-        content={**about_estimate, **misfit_numbers(misfit)},
+        content={**misfit_numbers(misfit, values_of(found)), **about_estimate},
         units=misfit_units(data.joint, ""),
     )
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.contradictions import judge_knowledge
-from butterfly.identification.diagnostics.findings import Ending, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Ending, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
 from butterfly.logs.log import InputKind
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.verdict import Level
 
 VALUES = np.array([0.00325, 0.00145, 0.04905, 0.025])
 
@@ -49,7 +50,7 @@ def test_what_agrees_is_not_remarked():
 
 def test_damping_below_that_of_the_back_emf_is_remarked():
     (said,) = _judged(back_emf_constant=0.07)
-    assert (said.kind, said.severity) == (FindingKind.CONTRADICTED, Severity.CARE)
+    assert (said.kind, said.severity) == (FindingKind.CONTRADICTED, Level.CARE)
     assert said.parameters == ("viscous_friction",)
     error = np.hypot(0.0000145, 0.07 * 0.00025)
     assert said.number == pytest.approx(3e-4 / error, rel=0.05)

@@ -10,7 +10,7 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.input_kind import judge_input
 from butterfly.identification.estimators import (
     Estimator,
@@ -26,6 +26,7 @@ from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameter
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.words import sentences
 from butterfly.thesis.scripts import fit_thesis
+from butterfly.verdict import Level
 from tests.conftest import MASSES
 
 ROBOT = LumpedParameters(p1=0.003, p2=0.0, p3=0.05, p4=0.5)
@@ -102,7 +103,7 @@ def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):
     said = judge_input(real.estimate, InputKind.VOLTAGE)
     assert len(said) == 1
     assert said[0].kind is FindingKind.TORQUE_DRIVEN
-    assert said[0].severity is Severity.NOTE
+    assert said[0].severity is Level.NOTE
     assert "resistance below" in sentences(real.estimate.with_findings(*said))[-1]
     assert judge_input(real.estimate, InputKind.TORQUE) == []
     motor = replace(

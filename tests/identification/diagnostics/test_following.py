@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.verdict import Level
 
 NAMES = ("a", "b", "c", "d")
 
@@ -18,10 +19,10 @@ def test_good_fits_say_nothing():
 @pytest.mark.parametrize(
     ("fits", "severity"),
     [
-        ((70.0, 79.0, 60.0, 95.0), Severity.CARE),
-        ((70.0, 20.0, 10.0, 49.0), Severity.WARNING),
-        ((-np.inf, -np.inf, -np.inf, 95.0), Severity.WARNING),
-        ((np.nan, 95.0, 95.0, 95.0), Severity.WARNING),
+        ((70.0, 79.0, 60.0, 95.0), Level.CARE),
+        ((70.0, 20.0, 10.0, 49.0), Level.WARNING),
+        ((-np.inf, -np.inf, -np.inf, 95.0), Level.WARNING),
+        ((np.nan, 95.0, 95.0, 95.0), Level.WARNING),
     ],
 )
 def test_a_poor_median_is_said_as_gravely_as_it_is(fits, severity):
@@ -32,6 +33,6 @@ def test_a_poor_median_is_said_as_gravely_as_it_is(fits, severity):
 
 def test_single_logs_that_are_not_followed_are_named():
     (said,) = judge_fit(np.array([95.0, 30.0, 96.0, -5.0, 97.0]), (*NAMES, "e"))
-    assert (said.kind, said.severity) == (FindingKind.UNFOLLOWED, Severity.CARE)
+    assert (said.kind, said.severity) == (FindingKind.UNFOLLOWED, Level.CARE)
     assert said.logs == ("b", "d")
     assert said.number == -5.0

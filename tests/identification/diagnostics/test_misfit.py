@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.model.terms import TERMS
 from butterfly.plant.sensors import Encoder
+from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, TONES, simulated, steady
 
@@ -65,7 +66,7 @@ def test_a_good_model_is_not_accused(logs, steps, noise):
     assert misfit.left_over.looks_like == "nothing that the data can show"
     (finding,) = misfit.findings
     assert finding.kind is FindingKind.NO_MISFIT
-    assert finding.severity is Severity.NOTE
+    assert finding.severity is Level.NOTE
 
 
 @pytest.mark.parametrize("term", MISSING)
@@ -79,7 +80,7 @@ def test_a_missing_term_is_seen_and_named(term):
     assert term in misfit.left_over.terms
     kinds = [finding.kind for finding in misfit.findings]
     assert kinds == [FindingKind.MISFIT, FindingKind.LEFT_OVER]
-    assert all(finding.severity is Severity.NOTE for finding in misfit.findings)
+    assert all(finding.severity is Level.NOTE for finding in misfit.findings)
     assert TERMS[term].looks_like in misfit.left_over.words("the motion")
 
 

@@ -7,11 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.physics import judge_physics
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS
+from butterfly.verdict import Level
 from tests.conftest import MASSES
 
 VALUES = {"p1": 3e-3, "p2": 1e-3, "p3": 0.04, "p4": 0.5, "coulomb": 1e-3, "delay": 2e-3}
@@ -45,7 +46,7 @@ def test_a_joint_s_parameters_are_not_accused():
 
 
 def test_inertia_that_no_added_mass_makes_positive_is_a_warning():
-    warned = (FindingKind.NO_INERTIA, ("p1",), Severity.WARNING)
+    warned = (FindingKind.NO_INERTIA, ("p1",), Level.WARNING)
     assert _judged(p1=-1e-4) == [warned]
     assert _judged(p1=-1e-4, masses=MASSES[1:]) == []
     assert _judged(p1=-1e-4, masses=()) == [warned]
@@ -54,19 +55,19 @@ def test_inertia_that_no_added_mass_makes_positive_is_a_warning():
 
 @pytest.mark.parametrize("name", ["p2", "coulomb", "drag", "stribeck"])
 def test_friction_that_drives_is_a_warning_but_not_within_its_error(name):
-    assert _judged(**{name: -1e-3}) == [(FindingKind.NEGATIVE, (name,), Severity.WARNING)]
+    assert _judged(**{name: -1e-3}) == [(FindingKind.NEGATIVE, (name,), Level.WARNING)]
     assert _judged(**{name: -1e-3}, share=1.5) == []
 
 
 def test_torque_before_its_command_needs_care_as_stamps_may_be_late():
-    assert _judged(delay=-5e-3) == [(FindingKind.NEGATIVE, ("delay",), Severity.CARE)]
+    assert _judged(delay=-5e-3) == [(FindingKind.NEGATIVE, ("delay",), Level.CARE)]
     assert _judged(delay=-5e-3, p2=-1e-3) == [
-        (FindingKind.NEGATIVE, ("p2", "delay"), Severity.WARNING)
+        (FindingKind.NEGATIVE, ("p2", "delay"), Level.WARNING)
     ]
 
 
 def test_an_input_that_counts_the_other_way_needs_care():
-    assert _judged(p4=-0.5) == [(FindingKind.NEGATIVE_GAIN, ("p4",), Severity.CARE)]
+    assert _judged(p4=-0.5) == [(FindingKind.NEGATIVE_GAIN, ("p4",), Level.CARE)]
     assert _judged(p4=-0.5, told={"p4": -0.5}) == []
 
 
@@ -78,7 +79,7 @@ def test_load_may_relieve_the_bearing_but_not_drive_it():
     heaviest = max(mass.weight for mass in MASSES)
     relieved, driving = -0.9e-3 / heaviest, -2e-3 / heaviest
     assert _judged(load=relieved) == []
-    assert _judged(load=driving) == [(FindingKind.NEGATIVE, ("load",), Severity.WARNING)]
+    assert _judged(load=driving) == [(FindingKind.NEGATIVE, ("load",), Level.WARNING)]
     assert _judged(load=driving, share=3.0) == []
 
 

@@ -5,9 +5,10 @@ import re
 
 import pytest
 
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors.names import Slip, slip_in_words
 from butterfly.logs.units import Units
+from butterfly.verdict import Level
 
 
 @pytest.mark.parametrize(
@@ -25,9 +26,7 @@ from butterfly.logs.units import Units
     ],
 )
 def test_the_unit_that_is_advised_has_the_factor_that_undoes_the_slip(slip, factor):
-    found = Finding(
-        kind=FindingKind.SLIP, parameters=(slip,), number=factor, severity=Severity.CARE
-    )
+    found = Finding(kind=FindingKind.SLIP, parameters=(slip,), number=factor, severity=Level.CARE)
     said = slip_in_words(found)
     name, unit = re.search(r"--units (\w+)=(\S+), ", said).groups()
     assert f"units: {{{name}: {unit}}}" in said

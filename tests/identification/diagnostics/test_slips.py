@@ -9,7 +9,6 @@ import pytest
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.verdict import Standing
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identification import identify
 from butterfly.identification.inference.mass_consistency import disagreeing
@@ -17,6 +16,7 @@ from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.report.words import sentences
+from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, simulated, steady
 from tests.independent.robots import draw
@@ -43,16 +43,16 @@ def _with_names(logs):
 
 
 def _named(logs, estimator):
-    """Return what is named of logs, the standing, and all that is said."""
+    """Return what is named of logs, the level, and all that is said."""
     found = identify(DataSet.of(logs), estimator).estimate
     slips = [each for each in found.findings if each.kind is FindingKind.SLIP]
-    return slips, found.verdict.standing, " ".join(sentences(found))
+    return slips, found.level, " ".join(sentences(found))
 
 
 def test_nothing_is_named_of_logs_that_are_right(sines, tones):
     for logs, estimator in ((sines, HarmonicBalance()), (tones, WeakForm())):
-        slips, standing, _ = _named(logs, estimator)
-        assert (slips, standing) == ([], Standing.GOOD)
+        slips, level, _ = _named(logs, estimator)
+        assert (slips, level) == ([], Level.GOOD)
 
 
 @pytest.mark.slow
@@ -75,9 +75,9 @@ def test_every_slip_in_other_logs_is_recognised_and_named(tones, name):
 
 def test_a_slip_is_said_first_and_its_factor_with_it(tones):
     degrees = [replace(log, angle=np.degrees(log.angle)) for log in tones]
-    (slip, *_), standing, said = _named(degrees, WeakForm())
+    (slip, *_), level, said = _named(degrees, WeakForm())
     assert slip.number == pytest.approx(np.pi / 180)
-    assert standing is Standing.NOT
+    assert level is Level.WARNING
     assert said.startswith("Do not use: The angle looks like degrees: times pi/180 (0.01745)")
 
 
@@ -176,7 +176,7 @@ def test_a_lone_log_that_no_model_follows_is_judged_though_no_other_can_tell_its
         known=Knowledge.told({"p4": -ROBOT.p4}),
     )
     found = identify(data, WeakForm(terms=(), check=False))
-    assert found.estimate.verdict.standing is Standing.NOT
+    assert found.estimate.level is Level.WARNING
 
 
 @pytest.mark.parametrize("estimator", [WeakForm(), OutputError(workers=1)])

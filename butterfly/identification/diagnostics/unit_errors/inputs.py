@@ -9,11 +9,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.logs.log import Log
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
+from butterfly.verdict import Level
 
 _FACTORS = {
     Slip.MILLISECONDS: 1e-3,
@@ -119,6 +120,6 @@ def _finding(slip: Slip, factor: float, *logs: Log) -> Finding:
         kind=FindingKind.SLIP,
         parameters=(slip,),
         number=factor,
-        severity=Severity.WARNING,
+        severity=Level.WARNING,
         logs=tuple(log.name for log in logs),
     )

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors.hypotheses import carrying
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.identification.diagnostics.unit_errors.trial import (
@@ -26,6 +26,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance
 from butterfly.identification.inference.mass_consistency import Correction, disagreeing
 from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
 
 _ROUNDS = 8  # in which a mass is corrected about the parameters found with it
 _SETTLED = 1e-3  # relative change of a mass that is none
@@ -218,7 +219,7 @@ def _explanation(data: DataSet, corrected: _Corrected, ways: int) -> Explanation
         kind=FindingKind.SLIP,
         parameters=(Slip.MASS, str(suspect.told), str(ways)),
         number=float(corrected.mass.mass),
-        severity=Severity.WARNING if certain else Severity.CARE,
+        severity=Level.WARNING if certain else Level.CARE,
         logs=() if whole else tuple(data.logs[k].name for k in suspect.logs),
     )
     bare = whole and suspect.told.mass == 0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors.counts import fitting_counts
 from butterfly.identification.diagnostics.unit_errors.hypotheses import CLOCKS, OTHERS, Hypothesis
 from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_omega
@@ -33,6 +33,7 @@ from butterfly.identification.diagnostics.unit_errors.trial import (
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.inference.mass_consistency import disagreeing
+from butterfly.verdict import Level
 
 _CLEARLY = 0.5  # share of the misfit that a slip undone must leave at most
 _FAR_MORE = 0.3  # share of the misfit that a far-fetched slip must leave at most to come first
@@ -145,5 +146,5 @@ def _of_one_log(data: DataSet, quick: Estimator, before: Trial) -> list[Explanat
 
 def _grams() -> Finding:
     return Finding(
-        kind=FindingKind.SLIP, parameters=(Slip.GRAMS,), number=1e-3, severity=Severity.CARE
+        kind=FindingKind.SLIP, parameters=(Slip.GRAMS,), number=1e-3, severity=Level.CARE
     )

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import FindingKind, Severity
+from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
 
 _TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
 
@@ -28,9 +29,7 @@ _LOOKED_AT = 1000  # samples
 def suspicious(data: DataSet, estimate: Estimate) -> bool:
     """Whether an estimate, or the sizes in its data, are those of a slip."""
     return (
-        any(
-            each.severity is Severity.WARNING or each.kind in _TELLING for each in estimate.findings
-        )
+        any(each.severity is Level.WARNING or each.kind in _TELLING for each in estimate.findings)
         or any(mass.arm > _LONGEST_ARM for mass in data.masses)
         or any(point.amplitude > math.pi for point in data.sines)
         or all(angle_step(log) >= _COARSEST for log in data.logs)

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind, Severity
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.physics import is_possible
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.verdict import Level
 
 FOLLOWED = 0.6
 """Misfit with which a slip undone must leave the logs at most."""
@@ -113,7 +114,7 @@ class Explanation:
     def of(cls, slip: Slip, factor: float, trial: Trial) -> Explanation:
         """Return what a trial of a whole data set without a slip says."""
         finding = Finding(
-            kind=FindingKind.SLIP, parameters=(slip,), number=factor, severity=Severity.WARNING
+            kind=FindingKind.SLIP, parameters=(slip,), number=factor, severity=Level.WARNING
         )
         return cls(finding=finding, misfit=trial.misfit)
 

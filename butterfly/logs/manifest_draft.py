@@ -9,8 +9,15 @@ from typing import Any
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import ENDINGS, FORMATS
-from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import LogEntry, Manifest, manifest_text, read_entry
+from butterfly.logs.log import InputKind
+from butterfly.logs.manifest import (
+    MANIFEST_NAME,
+    LogEntry,
+    Manifest,
+    described,
+    manifest_text,
+    read_entry,
+)
 from butterfly.logs.units import Units
 from butterfly.model.known import known_of
 
@@ -32,14 +39,28 @@ _OF_LOGS = (
 _DIGITS = 12  # of a number in another unit: the last ones are those of rounding
 
 
-def manifest_from_names(
-    folder: Path,
-    *,
-    arm: float,
-    input_kind: InputKind,
-    intersample: Intersample,
-    **said: Any,  # noqa: ANN401 - other fields of Manifest
-) -> Manifest:
+def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Manifest:
+    """Return the manifest of a log, or of a folder of logs, that comes without one.
+
+    ``given`` is what `checked_options` found. Added masses and sines are those of names like
+    Data_52__8__002.mat, which need an arm; ``massless``: unless what is added may be left out.
+
+    Raises
+    ------
+    InputError
+        If there are no logs, or names of both kinds, or no arm.
+    """
+    if not path.is_dir():
+        return manifest_of_log(path, given)
+    if not has_thesis_names(path) or (massless and "arm" not in given):
+        return manifest_of_files(path, given)
+    if "arm" not in given:
+        expected = "a manifest, or the arm (--arm) in m of the masses in the names of the files"
+        raise InputError(path, MANIFEST_NAME, "no such file", expected)
+    return manifest_from_names(path, given)
+
+
+def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
     """Generate a manifest from the thesis's file names, ``Data_<grams>__<rad/s>__<0amplitude>``.
 
     ``_`` stands for a decimal point within a number, and the amplitude's point follows its first
@@ -51,31 +72,21 @@ def manifest_from_names(
         If ``folder`` does not exist, holds no file of a known format, or one of another name.
     """
     entries = []
-    units = Units.told(said.get("units"))
+    units = Units.told(given.get("units"))
     for path in log_files(folder):
         entry = _entry_by_name(path, folder, units)
-        if entry is None and _may_be_other(path):
-            continue
-        if entry is None:
-            raise InputError(
-                path, "file name", path.stem, "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
-            )
-        entries.append(entry)
+        if entry is not None:
+            entries.append(entry)
+        elif not _may_be_other(path):
+            expected = "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
+            raise InputError(path, "file name", path.stem, expected)
     if not entries:
         raise InputError(folder, "path", f"no {ENDINGS} file", "a folder of logs")
     entries.sort(key=lambda entry: (known_of(entry.added_mass).value, entry.omega or 0.0))
-    about = {"input": input_kind, "intersample": intersample, "arm": arm, **said}
-    return _of_folder(folder, entries, about)
+    return _of_folder(folder, entries, given)
 
 
-def manifest_of_files(
-    folder: Path,
-    *,
-    arm: float | None,
-    input_kind: InputKind,
-    intersample: Intersample,
-    **said: Any,  # noqa: ANN401 - other fields of Manifest
-) -> Manifest:
+def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
     """Generate a manifest of all logs in a folder, whatever their names: nothing was added to any.
 
     Files that are often texts of another kind are logs if they hold a table. Subfolders are
@@ -92,35 +103,27 @@ def manifest_of_files(
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
     entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
-    about = {"input": input_kind, "intersample": intersample, "arm": arm, **said}
-    return _of_folder(folder, entries, about)
+    return _of_folder(folder, entries, given)
 
 
-def manifest_of_log(
-    path: Path,
-    *,
-    arm: float | None,
-    input_kind: InputKind,
-    intersample: Intersample,
-    **said: Any,  # noqa: ANN401 - other fields of Manifest
-) -> Manifest:
+def manifest_of_log(path: Path, given: Mapping[str, Any]) -> Manifest:
     """Generate the manifest of one log; its name tells mass and sine, where it follows the pattern.
 
     Without an arm the added mass is not placed, and left out.
     """
-    units = Units.told(said.get("units"))
+    units = Units.told(given.get("units"))
     entry = _entry_by_name(path, path.parent, units) or LogEntry(file=path.name)
-    if arm is None:
+    if "arm" not in given:
         entry = entry.model_copy(update={"added_mass": 0.0})
-    return Manifest(
-        name=path.name,
-        root=str(path.parent.resolve()),
-        input=input_kind,
-        intersample=intersample,
-        arm=arm,
-        logs=[entry],
-        **said,
-    )
+    return of_logs(path.name, path.parent, [entry], given)
+
+
+def of_logs(
+    name: str, root: Path, entries: Collection[LogEntry], given: Mapping[str, Any]
+) -> Manifest:
+    """Return the manifest of some logs; the input is a voltage unless something else is said."""
+    content = {"name": name, "root": str(root.resolve()), "logs": list(entries)}
+    return described(content, {"input": InputKind.VOLTAGE} | dict(given))
 
 
 def with_columns(manifest: Manifest) -> Manifest:
@@ -142,20 +145,13 @@ def _is_read(manifest: Manifest) -> bool:
     return True
 
 
-def open_questions(manifest: Manifest, said: Collection[str], *, named: bool) -> dict[str, str]:
-    """Return what a draft takes for granted, by the key whose value it is.
+def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
+    """Return what a draft takes for granted, by the key whose value it is and was not given.
 
-    Parameters
-    ----------
-    manifest
-        The draft.
-    said
-        Keys whose values were told.
-    named
-        Whether the names of the files tell masses and sines.
+    ``named``: whether the names of the files tell masses and sines.
     """
-    asked = {key: text for key, text in _QUESTIONS.items() if key not in said}
-    if manifest.columns is not None and "columns" not in said:
+    asked = {key: text for key, text in _QUESTIONS.items() if key not in given}
+    if manifest.columns is not None and "columns" not in given:
         asked["columns"] = _OF_COLUMNS
     return asked if named else asked | {"logs": _OF_LOGS}
 
@@ -192,9 +188,8 @@ def _may_be_other(path: Path) -> bool:
     return FORMATS[path.suffix.lower()].texts
 
 
-def _of_folder(folder: Path, entries: list[LogEntry], said: dict[str, Any]) -> Manifest:
-    whole = folder.resolve()
-    return Manifest(name=whole.name, root=str(whole), logs=entries, **said)
+def _of_folder(folder: Path, entries: list[LogEntry], given: Mapping[str, Any]) -> Manifest:
+    return of_logs(folder.resolve().name, folder, entries, given)
 
 
 def _entry_by_name(path: Path, folder: Path, units: Units) -> LogEntry | None:

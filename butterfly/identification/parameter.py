@@ -1,0 +1,67 @@
+"""One parameter of an estimate: a row of the one table that every view formats."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import JointKind
+from butterfly.model.terms import TERMS
+
+_ON_SLIDES = {
+    "kg m²": "kg",
+    "N m s/rad": "N s/m",
+    "N m": "N",
+    "N m/unit": "N/unit",
+    "N m s²/rad²": "N s²/m²",
+    "N m/rad": "N/m",
+    "rad/s": "m/s",
+    "rad": "m",
+    "m": "–",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A row of an estimate's table; None where there is nothing to say."""
+
+    name: str
+    symbol: str
+    meaning: str
+    unit: str
+    value: float
+    standard_error: float | None
+    lower: float | None  # of its 95 % interval
+    upper: float | None
+    least_left_out: float | None = None  # of the estimates without the logs of one added mass
+    largest_left_out: float | None = None
+    true: float | None = None
+    on_bound: bool = False
+    known: bool = False  # exactly and beforehand: it is no estimate
+    claim: str = ""  # how well it is known: precise, rough, not-from-zero, known
+
+    @property
+    def deviation(self) -> float | None:
+        """Relative deviation from the truth, where that is known and not 0."""
+        return self.value / self.true - 1 if self.true else None
+
+
+def unit_of(
+    parameter: str, input_kind: InputKind | None = None, joint: JointKind = JointKind.HINGE
+) -> str:
+    """Return the unit of a parameter, on a slide that of its way; "unit" is an unknown input's."""
+    unit = TERMS[parameter].unit
+    if joint is JointKind.SLIDE:
+        unit = _ON_SLIDES.get(unit, unit)
+    return unit.replace("unit", "V") if input_kind is InputKind.VOLTAGE else unit
+
+
+def or_none(value: float) -> float | None:
+    """Return a number that is finite; JSON has no others."""
+    return float(value) if math.isfinite(value) else None
+
+
+def or_nan(value: float | None) -> float:
+    """Return a number of which JSON may have none (see `or_none`)."""
+    return math.nan if value is None else value

@@ -1,0 +1,289 @@
+"""Whatever a user names as data takes the same options, or is refused with what was expected."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from butterfly.api.sources import manifest_of, read
+from butterfly.errors import InputError
+from butterfly.experiment.store import ResultStore
+from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.logs.log import InputKind
+from butterfly.logs.mat import write_mat
+from butterfly.model.known import Known
+from tests.experiment.setting import HereEngine, small_plan
+
+THESIS = "Data_52__5__02.mat"
+
+
+def _names(source, **about):
+    return [log.name for log in read(source, **about).logs]
+
+
+def _saved(path, folder, **changes):
+    """Write what a saved identification knows of its data."""
+    manifest = manifest_of(folder).model_copy(update=changes)
+    path.write_text(json.dumps({"data": {"manifest": manifest.model_dump(mode="json")}}))
+    return path
+
+
+def test_a_manifest_its_folder_and_what_was_identified_from_it_are_the_same_data(
+    quick_data, tmp_path
+):
+    saved = _saved(tmp_path / "result.json", quick_data)
+    expected = _names(quick_data)
+    assert len(expected) == 12
+    for source in (quick_data / "manifest.yaml", saved):
+        assert _names(source) == expected
+
+
+def test_a_result_finds_its_logs_beside_it_wherever_both_are_moved(quick_data, tmp_path):
+    shutil.copytree(quick_data, tmp_path / "there/logs")
+    saved = _saved(tmp_path / "there/result.json", quick_data, root="logs")
+    assert _names(saved) == _names(quick_data)
+
+
+def test_a_log_is_described_by_the_manifest_beside_it(quick_data):
+    data = read(quick_data / "manifest.yaml")
+    for log in (data.logs[0], data.logs[-1]):
+        (one,) = read(quick_data / log.name).logs
+        assert (one.name, one.added_mass, one.excitation) == (
+            log.name,
+            log.added_mass,
+            log.excitation,
+        )
+        np.testing.assert_array_equal(one.angle, log.angle)
+
+
+def test_a_log_alone_is_described_by_its_name_and_by_the_user(sine_log, tmp_path):
+    path = tmp_path / THESIS
+    write_mat(sine_log, path)
+    (bare,) = read(path).logs
+    assert (bare.added_mass.mass, bare.excitation.omega) == (0.0, 5.0)
+    (told,) = read(path, arm=0.1, input_kind=InputKind.TORQUE).logs
+    assert (told.added_mass.mass, told.added_mass.arm) == (0.052, 0.1)
+    assert told.input_kind is InputKind.TORQUE
+    other = tmp_path / "other.mat"
+    write_mat(sine_log, other)
+    (plain,) = read(other).logs
+    assert plain.excitation is None
+
+
+def test_a_log_that_the_manifest_beside_it_does_not_list_is_a_log_alone(
+    quick_data, sine_log, tmp_path
+):
+    shutil.copy(quick_data / "manifest.yaml", tmp_path)
+    for entry in manifest_of(quick_data).logs:
+        (tmp_path / entry.file).touch()
+    write_mat(sine_log, tmp_path / THESIS)
+    assert _names(tmp_path / THESIS) == [THESIS]
+
+
+def test_a_folder_of_logs_needs_an_arm(sine_log, tmp_path):
+    write_mat(sine_log, tmp_path / THESIS)
+    with pytest.raises(InputError, match="a manifest, or the arm"):
+        read(tmp_path)
+    assert _names(tmp_path, arm=0.1) == [THESIS]
+
+
+def test_a_sweep_s_results_lead_to_the_logs_of_a_run(tmp_path):
+    plan = small_plan(tmp_path, keep_signals=True, sweep={"repetitions": 1})
+    run_sweep(plan, tmp_path / "kept", HereEngine())
+    logs = ResultStore(tmp_path / "kept").files_path(plan.tasks[0].key)
+    with pytest.raises(InputError, match=f"the logs of one run, as {logs}"):
+        read(tmp_path / "kept")
+    assert len(read(logs).logs) == 2
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "{}", '{"data": 1}', '{"data": {"manifest": null}}', '{"data": {"manifest": 3}}'],
+)
+def test_a_json_that_leads_nowhere_is_refused(tmp_path, text):
+    path = tmp_path / "r.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"data\.manifest"):
+        read(path)
+
+
+def test_logs_that_are_gone_are_asked_for(quick_data, tmp_path):
+    saved = _saved(tmp_path / "r.json", quick_data, root="gone")
+    with pytest.raises(InputError, match=r"data\.manifest\.root: got .*gone"):
+        read(saved)
+    assert _names(saved, root=quick_data) == _names(quick_data)
+
+
+def test_a_file_of_another_ending_is_no_data(tmp_path):
+    (tmp_path / "a.xls").write_text("1 2 3")
+    with pytest.raises(InputError, match=r"file name: got \.xls; expected \.mat"):
+        read(tmp_path / "a.xls")
+
+
+def test_an_experiment_is_no_data_and_says_so():
+    with pytest.raises(InputError, match="got an experiment; expected data, as `butterfly run"):
+        read(Path("quickstart"))
+
+
+@pytest.mark.parametrize("arm", [-0.1, float("nan"), "x"])
+def test_an_arm_that_is_none_is_refused(sine_log, tmp_path, arm):
+    write_mat(sine_log, tmp_path / THESIS)
+    for source in (tmp_path, tmp_path / THESIS):
+        with pytest.raises(InputError, match="arm: got"):
+            read(source, arm=arm)
+    with pytest.raises(InputError, match="columns: got"):
+        read(tmp_path / THESIS, columns="time=t")
+
+
+def test_what_is_told_of_columns_units_and_repairs_goes_before_what_a_manifest_says(
+    quick_data, tmp_path
+):
+    folder = shutil.copytree(quick_data, tmp_path / "data")
+    text = (folder / "manifest.yaml").read_text()
+    (folder / "manifest.yaml").write_text(text + "units: {time: ms, angle: deg}\n")
+    manifest = manifest_of(folder, units={"angle": "-rad"}, repair=["unwrap"], columns={"time": 0})
+    assert manifest.units == {"time": "ms", "angle": "-rad"}
+    assert manifest.repair == {"duplicate", "unwrap"}
+    assert manifest.columns == {"time": 0}
+    one = manifest_of(folder / manifest.logs[0].file, units={"angle": "rad"})
+    assert (one.units["time"], one.units["angle"]) == ("ms", "rad")
+    assert len(one.logs) == 1
+    with pytest.raises(InputError, match=r"data: units\.angle: got dge"):
+        manifest_of(folder, units={"angle": "dge"})
+
+
+OTHERS = {"columns": {"time": "t", "input": "u", "angle": "q"}, "units": {"time": "ms"}}
+GIVEN = {
+    **OTHERS,
+    "input_kind": "torque",
+    "intersample": "first_order_hold",
+    "joint": "slide",
+    "known": {"p4": (0.5, 0.01)},
+    "zero": (0.1, 0.02),
+    "sign": -1,
+    "repair": ["unwrap"],
+}
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """A folder of two logs of columns t, u, q, in ms."""
+    ramp = np.arange(400.0)
+    for name in ("a.csv", "b.csv"):
+        rows = np.column_stack([10 * ramp, np.sin(ramp / 7), 0.2 * np.cos(ramp / 7)])
+        header = {"header": "t,u,q", "comments": ""}
+        np.savetxt(tmp_path / name, rows, delimiter=",", **header)
+    return tmp_path
+
+
+def _sources(folder):
+    """All ways to name the two logs."""
+    manifest = folder / "elsewhere/m.yaml"
+    manifest.parent.mkdir()
+    entries = "[{file: a.csv}, {file: b.csv}]"
+    manifest.write_text(f"name: x\nroot: ..\ninput: torque\nlogs: {entries}\n")
+    ramp = np.arange(400.0)
+    table = {"t": 10 * ramp, "u": np.sin(ramp / 7), "q": 0.2 * np.cos(ramp / 7)}
+    files = [folder / "a.csv", str(folder / "b.csv")]
+    ways = {"folder": folder, "files": files, "glob": f"{folder}/*.csv", "manifest": manifest}
+    return ways | {"file and table": [files[0], table], "tables": [table, table]}
+
+
+@pytest.mark.parametrize("way", ["folder", "files", "glob", "manifest", "file and table", "tables"])
+def test_every_source_takes_the_same_description(tables, way):
+    source = _sources(tables)[way]
+    data = read(source, **GIVEN)
+    assert len(data.logs) == 2
+    assert (data.input_kind, data.joint) == ("torque", "slide")
+    assert data.told.as_told()["p4"] == {"value": 0.5, "uncertainty": 0.01}
+    for log in data.logs:
+        np.testing.assert_allclose(log.time, np.arange(400) / 100)
+        np.testing.assert_allclose(log.input, -np.sin(np.arange(400) / 7))
+        assert log.zero == Known(value=0.1, uncertainty=0.02)
+        assert log.intersample == "first_order_hold"
+    if "table" not in way:
+        held = read(source, **OTHERS, holdout=["b"])
+        assert ([log.name for log in held.logs], len(held.held.logs)) == (["a.csv"], 1)
+        assert data.manifest.repair == {"duplicate", "unwrap"}
+
+
+def test_pieces_are_of_each_log_of_files_and_tables(tables):
+    sources = _sources(tables)
+    for source in (sources["files"], sources["file and table"], sources["tables"][0]):
+        for log in read(source, **OTHERS, piece=(0.5, 2.0)).logs:
+            assert (log.time[0], log.time[-1]) == (0.5, 2.0)
+            assert log.lead is not None
+
+
+def test_several_files_are_remembered_by_one_manifest(tables):
+    (tables / "sub").mkdir()
+    shutil.move(tables / "b.csv", tables / "sub/b.csv")
+    data = read([tables / "a.csv", tables / "sub/b.csv"], **OTHERS, name="two")
+    assert (data.name, data.manifest.root) == ("two", str(tables))
+    assert [log.name for log in data.logs] == ["a.csv", "sub/b.csv"]
+    saved = tables / "r.json"
+    saved.write_text(json.dumps({"data": {"manifest": data.manifest.model_dump(mode="json")}}))
+    assert _names(saved) == ["a.csv", "sub/b.csv"]
+
+
+def test_a_log_of_a_manifest_is_used_even_if_its_neighbours_are_held_out(quick_data, tmp_path):
+    folder = shutil.copytree(quick_data, tmp_path / "data")
+    text = (folder / "manifest.yaml").read_text()
+    (folder / "manifest.yaml").write_text(text + "holdout: [run001*]\n")
+    first, second, *_ = (entry.file for entry in manifest_of(folder).logs)
+    assert _names(folder / first) == [first]
+    assert _names([folder / first, folder / second]) == [first, second]
+    assert read(folder).held is not None
+    assert len(read(folder, holdout=["run000*"]).held.logs) == 2
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("input_kind", "force"),
+        ("intersample", "third"),
+        ("joint", "ball"),
+        ("gravity", -1.0),
+        ("sign", 2),
+        ("arm", "long"),
+        ("columns", 3),
+        ("units", {"angle": ["deg"]}),
+        ("units", {"angel": "deg"}),
+        ("repair", ["turn"]),
+        ("known", {"p9": 1.0}),
+        ("known", {"p4": "x"}),
+        ("zero", "x"),
+        ("holdout", [3]),
+        ("holdout", ["nobody"]),
+        ("piece", (3.0, 2.0)),
+        ("piece", (1.0,)),
+        ("colums", {"time": 0}),
+    ],
+)
+def test_a_slip_in_a_description_is_named_with_field_value_and_expectation(tables, field, value):
+    with pytest.raises(InputError) as caught:
+        read(tables / "a.csv", **OTHERS | {field: value})
+    name = {"input_kind": "input", "piece": "from" if value == (3.0, 2.0) else "piece"}
+    assert caught.value.field.startswith(name.get(field, field))
+    assert caught.value.expected
+
+
+def test_what_a_manifest_says_of_input_hold_and_arm_goes_before_options(tables):
+    path = tables / "manifest.yaml"
+    entries = "[{file: a.csv, added_mass: 0.05}]"
+    path.write_text(f"name: x\ninput: torque\narm: 0.1\nlogs: {entries}\n")
+    manifest = manifest_of(tables, arm=0.2, input_kind="voltage", intersample="first_order_hold")
+    assert (manifest.arm, manifest.input) == (0.1, "torque")
+    assert manifest.intersample == "first_order_hold"  # of which it says nothing
+    path.write_text(f"name: x\ninput: torque\nlogs: {entries}\n")
+    assert manifest_of(tables, arm=0.2).arm == 0.2
+    with pytest.raises(InputError, match=r"arm, in m, since a\.csv carries a mass"):
+        manifest_of(tables)
+
+
+def test_a_pattern_without_files_and_an_empty_name_are_refused(tmp_path):
+    for source in (f"{tmp_path}/*.csv", "", [], tmp_path / "nowhere.csv"):
+        with pytest.raises(InputError):
+            read(source)

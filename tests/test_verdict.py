@@ -1,0 +1,62 @@
+"""One scale of levels, and a verdict in words: one sentence, paragraphs, JSON and back."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from butterfly.verdict import VERDICTS, Level, Verdict
+
+
+@given(st.lists(st.sampled_from(Level)))
+def test_the_worst_allows_least(levels):
+    worst = Level.worst(levels)
+    assert all(each.usable for each in levels) == worst.usable
+    assert (worst is Level.GOOD) == (set(levels) <= {Level.GOOD})
+    assert worst in {*levels, Level.GOOD}
+
+
+def test_the_text_of_a_verdict_tells_its_level():
+    assert [Level.of_verdict(each.verdict) for each in VERDICTS] == list(VERDICTS)
+    assert Level.NOTE.verdict == Level.GOOD.verdict
+    with pytest.raises(KeyError, match="fine"):
+        Level.of_verdict("fine")
+
+
+def test_a_good_verdict_is_one_sentence_and_one_paragraph():
+    good = Verdict(Level.GOOD)
+    assert good.sentence.startswith("Good: ")
+    assert good.sentence.endswith(good.paragraphs[0][1:])
+    assert len(good.paragraphs) == 1
+
+
+def test_reasons_are_in_the_sentence_and_each_alone():
+    verdict = Verdict(Level.WARNING, ("One reason.", "Another."))
+    assert verdict.sentence == "Do not use: One reason. Another."
+    assert verdict.paragraphs == ["One reason.", "Another."]
+
+
+@given(st.sampled_from(VERDICTS), st.lists(st.text()))
+def test_a_verdict_comes_back_from_json(level, reasons):
+    verdict = Verdict(level, tuple(reasons))
+    assert Verdict.of_numbers(json.loads(json.dumps(verdict.numbers()))) == verdict
+
+
+def test_there_is_none_in_what_an_older_program_wrote():
+    assert Verdict.of_numbers({}) is None
+    assert Verdict.of_numbers({"verdict": None}) is None
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"verdict": "fine", "reasons": []},
+        {"verdict": "good"},
+        {"verdict": "good", "reasons": "text"},
+        {"verdict": "good", "reasons": [1]},
+    ],
+)
+def test_damage_is_refused(content):
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        Verdict.of_numbers(content)
