@@ -23,7 +23,7 @@ from butterfly.logs.csv import write_csv
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, write_manifest
 from butterfly.model.known import Known
-from butterfly.plant.bench import Bench
+from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.sensors import Clock
 from examples.odrive_can import DriveError, ODrive
 from examples.odrive_stand_in import rehearsal
@@ -73,7 +73,7 @@ def record(
     """
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
-    with Bench(motor, clock=Clock(step=period)) as bench:
+    with ControlLoop(motor, clock=Clock(step=period)) as bench:
         for sine in sines:
             come_to_rest(bench)
             log = driven(bench, sine, seconds, begin=motor.read().time)
@@ -91,7 +91,7 @@ def record(
     return folder / MANIFEST_NAME
 
 
-def come_to_rest(bench: Bench) -> None:
+def come_to_rest(bench: ControlLoop) -> None:
     """Command nothing until the joint is at rest.
 
     Raises
@@ -105,7 +105,7 @@ def come_to_rest(bench: Bench) -> None:
     raise DriveError(f"the joint still moves after {PATIENCE} s without torque")
 
 
-def driven(bench: Bench, sine: Sine, seconds: float, *, begin: float) -> Log:
+def driven(bench: ControlLoop, sine: Sine, seconds: float, *, begin: float) -> Log:
     """Return the log of a sine that begins at an instant of the motor's clock."""
 
     def law(reading: Reading) -> float:

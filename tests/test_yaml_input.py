@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from butterfly.errors import InputError
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.source import Source
+from butterfly.experiment.sweep import plan_sweep
 from butterfly.files import shipped, shipped_experiments
 from butterfly.yaml_input import StrictModel, load_yaml, read_yaml
 from butterfly.yaml_output import yaml_text

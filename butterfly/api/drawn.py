@@ -81,13 +81,13 @@ class Drawn(Tabulated):
         Parameters
         ----------
         added_mass, mass, bristle_stiffness
-            See `butterfly.plant.randomised.models`.
+            See `butterfly.plant.stand_alone.models`.
 
         Raises
         ------
         InputError
             If no hand of that mass moves so, or MuJoCo has no such friction.
         """
-        from butterfly.plant.randomised import models  # noqa: PLC0415 - slow to import
+        from butterfly.plant.stand_alone import models  # noqa: PLC0415 - slow to import
 
         return models(self.parameters, added_mass, mass=mass, bristle_stiffness=bristle_stiffness)

@@ -18,7 +18,6 @@ from butterfly.api.tabulated import page_tables
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import RunResult, outcome_of, perform
-from butterfly.experiment.plan import SweepPlan, plan_sweep
 from butterfly.experiment.record import FAILED, OK, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, file_of, write_logs
@@ -26,20 +25,21 @@ from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.source import Source, keep_experiment
 from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.experiment.store import ResultStore, digests
-from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
+from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_sweep, sweep_record
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import fit_text
 from butterfly.report.identification import write_report
 from butterfly.report.numbers.document import HEAD, Told, write_document
 from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Page, write_page
 from butterfly.report.sweep import sweep_page
-from butterfly.report.words import fit_said, verdict_on
 from butterfly.verdict import Verdict
 
 RESULT = "result.json"
@@ -233,7 +233,7 @@ def _run_once(
     result = replace(result, record=outcome.record)
     told = told_run(experiment, source.content, result)
     if result.orbit is not None and not result.identifications:
-        told = replace(told, verdict=verdict_on(result.orbit.estimate))
+        told = replace(told, verdict=estimate_verdict(result.orbit.estimate))
     write_document(told.document(), folder / RESULT)
     reports = _reports(result.record)
     beside = digests(folder, [*kept, RESULT, *written, *reports])
@@ -314,7 +314,7 @@ def _of_record(record: RunRecord) -> list[str]:
             fit = each.held_out
             said.append(
                 f"{each.estimator}: logs that were left out are followed with a median "
-                f"FIT{fit.over} of {fit_said(fit.median)} % (worst {fit_said(fit.worst)} %)."
+                f"FIT{fit.over} of {fit_text(fit.median)} % (worst {fit_text(fit.worst)} %)."
             )
     return said
 

@@ -37,6 +37,8 @@ from butterfly.model.parameters import (
     JointKind,
     LumpedParameters,
 )
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.format import fit_text
 from butterfly.report.identification import write_report
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import chosen_numbers
@@ -51,7 +53,7 @@ from butterfly.report.parameter_table import parameter_rows
 from butterfly.report.physical import HEADERS as PHYSICAL_HEADERS
 from butterfly.report.physical import TITLE as PHYSICAL_TITLE
 from butterfly.report.physical import physical_rows, physical_sentences
-from butterfly.report.words import fit_said, sentences, summary, verdict_on
+from butterfly.report.summary import summary
 from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -231,7 +233,7 @@ class Identified(Result):
     @property
     def judged(self) -> Verdict:  # type: ignore[override]
         """The verdict on its values."""
-        return verdict_on(self.estimate)
+        return estimate_verdict(self.estimate)
 
     @property
     def _joint(self) -> JointKind:
@@ -262,7 +264,7 @@ class Identified(Result):
     @property
     def verdict(self) -> list[str]:
         """How far to trust the values, in words: first what may be done with them."""
-        return sentences(self.estimate)
+        return estimate_sentences(self.estimate)
 
     def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`
         """Tell what the lumped parameters are made of, as far as it can be told.
@@ -387,7 +389,7 @@ def _comparisons(found: Identification) -> TextTable:
     return TextTable(
         f"FIT in %{found.summary.over} on the same logs",
         ("parameters", "median", "mean", "worst"),
-        [(name, *map(fit_said, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
+        [(name, *map(fit_text, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
     )
 
 

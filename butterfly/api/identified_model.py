@@ -124,11 +124,13 @@ class IdentifiedModel:
         InputError
             If no hand of that mass moves so, as a slide does not, or the file cannot be written.
         """
-        from butterfly.plant.stand_alone import export  # noqa: PLC0415 - slow to import
-        from butterfly.plant.twin import carrying_twin, command_of  # noqa: PLC0415
+        from butterfly.plant.robot import Robot  # noqa: PLC0415 - slow to import
+        from butterfly.plant.stand_alone import command_of, stand_alone  # noqa: PLC0415
 
         if self.joint is JointKind.SLIDE:
             raise InputError("export", "joint", self.joint, "a hinge, which MuJoCo's model has")
-        moving = carrying_twin(self.parameters, added_mass, mass)
-        for said in export(*moving, Path(path), command_of(self.parameters)).left_out:
-            warnings.warn(said, stacklevel=2)
+        robot, carried = Robot.of_loaded(self.parameters, added_mass, mass)
+        written = stand_alone(robot, carried, **command_of(self.parameters))
+        written.write(Path(path))
+        for sentence in written.left_out:
+            warnings.warn(sentence, stacklevel=2)

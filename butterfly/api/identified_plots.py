@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING
 from butterfly.errors import InputError, nearest
 from butterfly.identification.identification import Identification
 from butterfly.model.parameters import LumpedParameters
-from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
+from butterfly.report.estimate_figures import (
+    correlation_map,
+    frequency_response_figure,
+    parameter_figure,
+    ranked_figure,
+)
 from butterfly.report.figures import middle
-from butterfly.report.frequency_figure import frequency_response_figure
+from butterfly.report.log_figures import time_figure
 from butterfly.report.parameter_table import parameter_rows
-from butterfly.report.time_figure import time_figure
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.logs.column_map import DEFAULT_COLUMNS, checked_map, place
+from butterfly.logs.formats import DEFAULT_COLUMNS, checked_map, place
 from butterfly.logs.log import SAMPLED, Log
 from butterfly.logs.manifest import Manifest
 

@@ -14,10 +14,11 @@ from butterfly.api.tabulated import Tabulated
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.format import fit_text
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section
 from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
-from butterfly.report.words import fit_said, sentences, verdict_on
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
@@ -76,14 +77,14 @@ class Predicted(Tabulated):
         measured
             Whether somebody recorded these logs.
         """
-        verdict, log = verdict_on(estimate), predictions[0].run.log
+        verdict, log = estimate_verdict(estimate), predictions[0].run.log
         return cls(
             title=f"{name!r} predicted",
             summary=(
                 verdict.sentence,
                 *_followed(predictions, verdict.level, measured=measured),
                 *said,
-                *sentences(estimate)[1:],
+                *estimate_sentences(estimate)[1:],
             ),
             judged=verdict,
             table=tuple(_row(each, measured=measured) for each in predictions),
@@ -160,7 +161,7 @@ def _followed(predictions: Sequence[Prediction], level: Level, *, measured: bool
     said = [
         f"{like}{count} simulated with these values {start or 'from the first sample on'}, median "
         f"FIT{fit.over} "
-        f"{fit_said(fit.median)} % (mean {fit_said(fit.mean)} %, worst {fit_said(fit.worst)} %)."
+        f"{fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %)."
     ]
     inside = {name: _share(predictions, name) for name in predictions[0].bands}
     if OF_NEW_LOG in inside:

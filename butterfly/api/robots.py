@@ -24,15 +24,15 @@ from butterfly.logs.manifest import Manifest
 from butterfly.logs.pieces import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
-from butterfly.plant.robot import Robot
-from butterfly.plant.twin import MASS, carrying_twin, command_of
+from butterfly.plant.robot import HAND_MASS, Robot
+from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
-from butterfly.report.field_names import unit_of_field
-from butterfly.report.inspection import Inspected, conditions_said, health_rows, hints, inspect_logs
+from butterfly.report.format import field_unit
+from butterfly.report.inspection import Inspected, conditions_text, health_rows, hints, inspect_logs
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
-from butterfly.report.zeros import zeros_said
+from butterfly.report.summary import zero_sentences
 from butterfly.verdict import Verdict
 
 ARM = 0.104  # m
@@ -151,12 +151,12 @@ def _twin(result: Identified, carried: AddedMass, mass: float | None) -> NamedRo
         raise InputError(about["name"], "joint", joint, "a hinge, which the model in MuJoCo has")
     verdict = require_possible(found)
     carried = replace(carried, gravity=float(about.get("gravity", GRAVITY)))
-    robot, rest = carrying_twin(found.parameters, carried, mass)
+    robot, rest = Robot.of_loaded(found.parameters, carried, mass)
     document, note = result.to_dict(), ""
-    if mass is None and robot.hand.mass > MASS + carried.mass:
+    if mass is None and robot.hand.mass > HAND_MASS:
         note = (
-            f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of {MASS:g} kg "
-            "can have its p1 and p3, and the motion does not depend on it."
+            f"The hand has a mass of {robot.hand.mass:.3g} kg (--hand-mass): none of "
+            f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it."
         )
     return NamedRobot(
         name=about["name"],
@@ -206,9 +206,7 @@ def _robot_model(named: NamedRobot) -> RobotModel:
 def _numbers_of(part: object) -> str:
     """Name the numbers of one part that are not at their defaults, with their units."""
     return ", ".join(
-        f"{each.name} {getattr(part, each.name):.6g} {unit_of_field(f'part.{each.name}')}".rstrip(
-            " –"
-        )
+        f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
     )
@@ -235,9 +233,9 @@ def _every_log(source: str, seen: Sequence[Inspected]) -> TextTable:
 def _sentences(seen: Sequence[Inspected], manifest: Manifest) -> list[str]:
     """Say in which condition the logs are, what to do about it, and where the hand hangs."""
     logs = [each.log for each in seen if each.log is not None]
-    counted = [conditions_said([each.condition for each in seen])] if len(seen) > 1 else []
+    counted = [conditions_text([each.condition for each in seen])] if len(seen) > 1 else []
     return [
         *counted,
         *hints(remark for each in seen for remark in each.remarks),
-        *zeros_said(logs, manifest.knowledge),
+        *zero_sentences(logs, manifest.knowledge),
     ]

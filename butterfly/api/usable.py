@@ -5,7 +5,7 @@ from __future__ import annotations
 from butterfly.errors import UnusableError
 from butterfly.identification.diagnostics.findings import is_impossible
 from butterfly.identification.estimate import Estimate
-from butterfly.report.words import verdict_on
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.verdict import Verdict
 
 
@@ -17,7 +17,7 @@ def require_possible(estimate: Estimate) -> Verdict:
     UnusableError
         If no joint has its values; the verdict is the message.
     """
-    verdict = verdict_on(estimate)
+    verdict = estimate_verdict(estimate)
     if any(is_impossible(each) for each in estimate.reasons):
         raise UnusableError(verdict.sentence, verdict.reasons)
     return verdict

@@ -25,26 +25,24 @@ from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
-from butterfly.identification.diagnostics.left_over import LeftOver
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
+from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
 from butterfly.identification.identification import identify as identify_data
-from butterfly.identification.inference.bootstrap import Bootstrap, bootstrap
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.term_selection import select_terms
-from butterfly.identification.inference.validation import HeldOut, hold_out
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.identification.parameter import unit_of
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hold_out, select_terms
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
 from butterfly.report.chosen_terms import selection_page, structures_table
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.leaderboard import leaderboard_page
-from butterfly.report.misfit import HEADERS, misfit_sentences, misfit_table
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
@@ -52,8 +50,7 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
-from butterfly.report.residual_page import residual_page
-from butterfly.report.words import verdict_on
+from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
 
 Method = str | Estimator
 
@@ -285,7 +282,7 @@ def residual(
         draw_worst=lambda: residual_page(
             residual_torques(whole, found).logs[worst],
             misfit.logs[worst],
-            verdict_on(found),
+            estimate_verdict(found),
             joint=whole.joint,
         ),
     )

@@ -36,7 +36,7 @@ from butterfly.files import locate
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import judged
-from butterfly.identification.inference.splits import Split
+from butterfly.identification.splits import Split
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page, write_page

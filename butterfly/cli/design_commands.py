@@ -27,7 +27,7 @@ from butterfly.identification.design import LARGEST_SWING, next_experiments
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.identification import judged
 from butterfly.report.numbers.table_numbers import told_design
-from butterfly.report.recommendations import most_telling
+from butterfly.report.summary import best_experiment_text
 
 
 @answers_in_json("design")
@@ -64,7 +64,7 @@ def design_command(
     found = judged(logs, chosen)
     say_verdict(require_possible(found).sentence)
     ranked = next_experiments(logs, found, largest_swing=swing, track=show_progress)
-    say(most_telling(ranked[0]))
+    say(best_experiment_text(ranked[0]))
     show_table(
         f"{logs.name}: standard errors after one more run, over those now",
         ("", "added mass", "input", f"swing in {logs.joint.way}", "mean", *found.names, "warning"),

@@ -27,25 +27,23 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.identification.diagnostics.left_over import LeftOver
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
+from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.inference.bootstrap import bootstrap
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.term_selection import select_terms
-from butterfly.identification.inference.validation import hold_out
 from butterfly.identification.parameter import unit_of
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import bootstrap, hold_out, select_terms
 from butterfly.model.terms import TERMS
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.numbers.table_numbers import (
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.recommendations import chosen_said
-from butterfly.report.words import held_out_sentences, verdict_on
+from butterfly.report.summary import chosen_terms_text, held_out_sentences
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -91,7 +89,7 @@ def validate_command(
     chosen = estimator.suited(logs)
     quick = chosen.unchecked()
     whole = judged(logs, quick)
-    say_verdict(verdict_on(whole).sentence)
+    say_verdict(estimate_verdict(whole).sentence)
     held = hold_out(logs, quick, split, folds=folds, track=show_progress)
     say(held.division.said)
     predictor = logs.simulations
@@ -171,8 +169,8 @@ def select_command(
     passed = select_terms(logs, quick, terms, track=show_progress)
     chosen = quick.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
-    say_verdict(verdict_on(found).sentence)
-    say(chosen_said(passed))
+    say_verdict(estimate_verdict(found).sentence)
+    say(chosen_terms_text(passed))
     table = structures_table(passed)
     show_table(f"{logs.name}: FIT in %, in sample and left out", table.headers, table.rows)
     tell = cache(partial(told_selection, logs, chosen, terms, passed, found))
@@ -206,7 +204,7 @@ def residual_command(
 
     Example: `butterfly residual results/quickstart --method output-error --log 2 --plot left.html`
     """
-    from butterfly.report.misfit import (  # noqa: PLC0415 - slow to import
+    from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
         HEADERS,
         misfit_sentences,
         misfit_table,
@@ -216,7 +214,7 @@ def residual_command(
     chosen = picked(which, len(logs.logs))
     suited = estimator.suited(logs)
     estimate = judged(logs, suited.unchecked())
-    verdict = verdict_on(estimate)
+    verdict = estimate_verdict(estimate)
     say_verdict(verdict.sentence)
     misfit = judge_misfit(logs, estimate)
     shown = [misfit.logs[k] for k in chosen]
@@ -233,9 +231,11 @@ def residual_command(
             say(f"{torques[k].label}: the torque left over looks like {looks}.")
             _show_shares(torques[k].left_over)
         if plot is not None:
-            from butterfly.report.residual_page import write_residual  # noqa: PLC0415 - slow
+            from butterfly.report.page import write_html  # noqa: PLC0415 - slow to import
+            from butterfly.report.residual import residual_page  # noqa: PLC0415 - slow to import
 
-            write_residual(torques[worst], misfit.logs[worst], verdict, plot, joint=logs.joint)
+            left = torques[worst], misfit.logs[worst]
+            write_html(residual_page(*left, verdict, joint=logs.joint), plot)
             typer.echo(f"Plot: {plot}")
     answer.give(lambda: told_residual(logs, suited, estimate, misfit, misfit_sentences(misfit)))
     end_with(verdict.level)

@@ -35,13 +35,7 @@ from butterfly.logs.manifest_draft import (
     with_columns,
 )
 from butterfly.logs.pieces import piece_name, read_pieces, with_parts
-from butterfly.report.inspection import (
-    STATES,
-    conditions_said,
-    health_rows,
-    hints,
-    inspect_logs,
-)
+from butterfly.report.inspection import STATES, conditions_text, health_rows, hints, inspect_logs
 from butterfly.report.numbers.other_numbers import told_inspection
 from butterfly.verdict import Level
 
@@ -188,16 +182,16 @@ def _said(seen: Sequence[Inspected], manifest: Manifest) -> list[str]:
     """Say in which condition the logs are, what to do about it, and where the hand hangs."""
     logs = [each.log for each in seen if each.log is not None]
     return [
-        conditions_said([each.condition for each in seen]),
+        conditions_text([each.condition for each in seen]),
         *hints(remark for each in seen for remark in each.remarks),
         *_zeros_said(logs, manifest),
     ]
 
 
 def _zeros_said(logs: list[Log], manifest: Manifest) -> list[str]:
-    from butterfly.report.zeros import zeros_said  # noqa: PLC0415 - slow to import
+    from butterfly.report.summary import zero_sentences  # noqa: PLC0415 - slow to import
 
-    return zeros_said(logs, manifest.knowledge)
+    return zero_sentences(logs, manifest.knowledge)
 
 
 def _refuse_unusable(data: Path, seen: Sequence[Inspected]) -> None:

@@ -24,17 +24,16 @@ from butterfly.identification.parameter import unit_of
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.plant.stand_alone import export
-from butterfly.plant.twin import MASS, carrying_twin, command_of
+from butterfly.plant.robot import HAND_MASS, Robot
+from butterfly.plant.stand_alone import command_of, stand_alone
 from butterfly.plant.watch.picture import render
-from butterfly.report.field_names import unit_of_field
+from butterfly.report.format import field_unit
 from butterfly.report.numbers.table_numbers import rests_on
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from butterfly.logs.log import InputKind
-    from butterfly.plant.robot import Robot
     from butterfly.report.numbers.document import Told
     from butterfly.verdict import Level, Verdict
 
@@ -85,9 +84,7 @@ def show_command(
 def _numbers(part: object) -> str:
     """Name the numbers of one part that are not at their defaults, with their units."""
     return ", ".join(
-        f"{each.name} {getattr(part, each.name):.6g} {unit_of_field(f'part.{each.name}')}".rstrip(
-            " –"
-        )
+        f"{each.name} {getattr(part, each.name):.6g} {field_unit(f'part.{each.name}')}".rstrip(" –")
         for each in fields(part)  # type: ignore[arg-type]
         if getattr(part, each.name) != each.default
     )
@@ -130,7 +127,8 @@ def export_command(
     Example: `butterfly model export results/quickstart --out twin.xml`
     """
     named = _named(source, hand_mass, added_mass, options)
-    written = export(named.robot, named.carried, out, named.command)
+    written = stand_alone(named.robot, named.carried, **named.command)
+    written.write(out)
     typer.echo(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
     for said in written.left_out:
         say(said)
@@ -198,11 +196,11 @@ def _named(source: Path, mass: float | None, added: float, options: DataOptions)
     verdict = require_possible(found)
     say_verdict(verdict.sentence)
     gravity = logs.logs[0].added_mass.gravity
-    twin, rest = carrying_twin(found.parameters, replace(carried, gravity=gravity), mass)
-    if mass is None and twin.hand.mass > MASS + carried.mass:
+    twin, rest = Robot.of_loaded(found.parameters, replace(carried, gravity=gravity), mass)
+    if mass is None and twin.hand.mass > HAND_MASS:
         say(
-            f"The hand has a mass of {twin.hand.mass:.3g} kg (--hand-mass): none of {MASS:g} kg "
-            "can have its p1 and p3, and the motion does not depend on it"
+            f"The hand has a mass of {twin.hand.mass:.3g} kg (--hand-mass): none of "
+            f"{HAND_MASS:g} kg can have its p1 and p3, and the motion does not depend on it"
         )
     return _Named(
         name=logs.name,

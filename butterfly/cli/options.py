@@ -164,7 +164,7 @@ SPLITS = (
     "What is left out together: one added mass (mass), some of the sines' frequencies (frequency), "
     "some logs (log), a stretch of every log (time), or the first of these that suits (auto)."
 )
-"""What `butterfly.identification.inference.splits.Split` offers."""
+"""What `butterfly.identification.splits.Split` offers."""
 
 
 def picked(numbers: str | None, count: int) -> list[int]:

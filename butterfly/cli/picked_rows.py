@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 
 from butterfly.cli.options import parse_pairs
 from butterfly.errors import InputError, nearest
-from butterfly.report.field_names import said_name
+from butterfly.report.format import field_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,7 +62,9 @@ def _known(name: str, names: Sequence[str], option: str) -> str:
 def matching(name: str, names: Sequence[str]) -> list[str]:
     """Return the columns that a user may mean: by name, its last part, or the words of a header."""
     exact = [each for each in names if each == name]
-    return exact or [each for each in names if each.endswith(f".{name}") or said_name(each) == name]
+    return exact or [
+        each for each in names if each.endswith(f".{name}") or field_name(each) == name
+    ]
 
 
 def without_formulas(table: pa.Table) -> pa.Table:

@@ -30,7 +30,8 @@ from butterfly.experiment.store import SWEEP, ResultStore
 from butterfly.files import replacing
 from butterfly.identification.parameter import or_nan
 from butterfly.logs.log import InputKind
-from butterfly.report.field_names import said_field, said_name
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.format import field_label, field_name
 from butterfly.report.numbers.record_numbers import (
     told_record,
     told_rows,
@@ -38,7 +39,6 @@ from butterfly.report.numbers.record_numbers import (
     told_table,
 )
 from butterfly.report.parameter_table import parameter_rows, with_error
-from butterfly.report.words import verdict_on
 
 if TYPE_CHECKING:
     from butterfly.experiment.record import RunRecord
@@ -81,7 +81,7 @@ def list_command(
         states = Counter(record and record.status for record in records)
         done = states[OK]
         counts = (len(sweep.runs), done, states.total() - states[None] - done)
-        rows.append((str(path.parent), *map(str, counts), ", ".join(map(said_name, sweep.fields))))
+        rows.append((str(path.parent), *map(str, counts), ", ".join(map(field_name, sweep.fields))))
         numbers = dict(zip(("runs", "done", "failed"), counts, strict=True))
         said.append({"sweep": path.parent.name, **numbers, "varied": list(sweep.fields)})
     if rows:
@@ -103,9 +103,9 @@ def show_command(
     record = _record(store, run)
     for each in record.estimates:
         if each.estimate is not None:
-            say(f"{each.estimator}: {verdict_on(each.estimate).sentence}")
+            say(f"{each.estimator}: {estimate_verdict(each.estimate).sentence}")
     pairs = [("key", record.key), ("status", record.status), ("seed", str(record.seed))]
-    pairs += [(said_field(name), str(value)) for name, value in record.overrides.items()]
+    pairs += [(field_label(name), str(value)) for name, value in record.overrides.items()]
     pairs += [(f"seconds, {name}", f"{s:.3g}") for name, s in record.seconds.items()]
     pairs += [(f"version, {name}", value) for name, value in record.versions.items()]
     if record.error:
@@ -223,11 +223,11 @@ def compare_command(
     for each in first.estimates:
         for name, of in ((one, each), (other, others.get(each.estimator))):
             if of is not None and of.estimate is not None:
-                say(f"{each.estimator}, {name}: {verdict_on(of.estimate).sentence}")
+                say(f"{each.estimator}, {name}: {estimate_verdict(of.estimate).sentence}")
     said = [run.overrides | {"seed": run.seed, "status": run.status} for run in (first, second)]
     pairs = {name: [each.get(name) for each in said] for name in dict.fromkeys(chain(*said))}
     unlike = [
-        (said_field(name), *map(shown_text, pair))
+        (field_label(name), *map(shown_text, pair))
         for name, pair in pairs.items()
         if pair[0] != pair[1]
     ]

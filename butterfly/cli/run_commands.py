@@ -25,13 +25,12 @@ from butterfly.cli.show_progress import show_progress
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import outcome_of, perform
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import file_of, simulate, write_logs
 from butterfly.experiment.source import Source, keep_experiment, read_experiment
 from butterfly.experiment.store import ResultStore, digests
-from butterfly.experiment.sweep_runner import chosen_of, run_sweep, sweep_record
+from butterfly.experiment.sweep import chosen_of, plan_sweep, run_sweep, sweep_record
 from butterfly.experiment.workers import DaskEngine, LocalEngine
 from butterfly.files import locate, replacing
 from butterfly.logs.manifest import Manifest
@@ -47,8 +46,8 @@ if TYPE_CHECKING:
 
     from pydantic import BaseModel
 
-    from butterfly.experiment.plan import SweepPlan
     from butterfly.experiment.record import RunRecord
+    from butterfly.experiment.sweep import SweepPlan
     from butterfly.experiment.workers import Engine
     from butterfly.logs.log import Log
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from butterfly.cli.console import say, say_verdict, show_table
+from butterfly.report.finding_texts import estimate_sentences
+from butterfly.report.format import fit_text
 from butterfly.report.parameter_table import parameter_rows
 from butterfly.report.physical import HEADERS, TITLE, physical_rows, physical_sentences
-from butterfly.report.words import fit_said, sentences, summary
+from butterfly.report.summary import summary
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,15 +60,15 @@ def show_record(record: RunRecord) -> None:
         said = (
             ["The estimator gave no values."]
             if estimate.estimate is None
-            else sentences(estimate.estimate)
+            else estimate_sentences(estimate.estimate)
         )
         if estimate.estimate is not None:
             say_verdict(said[0])
         if estimate.fit is not None:
             fit = estimate.fit
             say(
-                f"Median FIT{fit.over} {fit_said(fit.median)} % (mean {fit_said(fit.mean)} %, "
-                f"worst {fit_said(fit.worst)} %)."
+                f"Median FIT{fit.over} {fit_text(fit.median)} % (mean {fit_text(fit.mean)} %, "
+                f"worst {fit_text(fit.worst)} %)."
             )
         for sentence in said[1:]:
             say(sentence)
@@ -84,13 +86,13 @@ def show_estimates(record: RunRecord) -> None:
             held = estimate.holdout
             say(
                 f"{estimate.estimator}: held out, not used for the fit: median FIT "
-                f"{fit_said(held.median)} % (worst {fit_said(held.worst)} %)."
+                f"{fit_text(held.median)} % (worst {fit_text(held.worst)} %)."
             )
         if estimate.held_out is not None:
             held = estimate.held_out
             say(
                 f"{estimate.estimator}: logs that were left out are followed with a median "
-                f"FIT{held.over} of {fit_said(held.median)} % (worst {fit_said(held.worst)} %)."
+                f"FIT{held.over} of {fit_text(held.median)} % (worst {fit_text(held.worst)} %)."
             )
 
 
@@ -102,5 +104,5 @@ def _show_comparisons(result: Identification) -> None:
     show_table(
         f"FIT in %{result.summary.over} on the same logs",
         ("parameters", "median", "mean", "worst"),
-        [(name, *map(fit_said, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
+        [(name, *map(fit_text, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
     )

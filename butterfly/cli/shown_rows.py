@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from butterfly.cli.console import say, show_pairs, show_table
-from butterfly.report.field_names import said_field, said_name, unit_of_field
+from butterfly.report.format import field_label, field_name, field_unit
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -51,7 +51,7 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
     named = [name for name in _NAMES if name in cells and name not in same]
     others = [name for name in shown if name not in {*same, *named}]
     told = [
-        f"{said_name(name)} {cells[name][0]} {_unit(name)}".rstrip()
+        f"{field_name(name)} {cells[name][0]} {_unit(name)}".rstrip()
         for name in same
         if cells[name][0] not in _NOTHING
     ]
@@ -75,15 +75,15 @@ def show_rows(title: str, table: pa.Table, count: int, *, asked: bool) -> None:
 
 def _header(name: str) -> str:
     if "." in name or not _unit(name):
-        return said_field(name)
-    return f"{said_name(name)}, {_unit(name)}"
+        return field_label(name)
+    return f"{field_name(name)}, {_unit(name)}"
 
 
 def _unit(name: str) -> str:
     """Return the unit of a column; a deviation is told as a share of the true value."""
     if name == "deviation":
         return "share of true"
-    return "%" if name.startswith(_FITS) else unit_of_field(name)
+    return "%" if name.startswith(_FITS) else field_unit(name)
 
 
 def shown_text(value: Any) -> str:  # noqa: ANN401 - a cell of any table

@@ -14,7 +14,8 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.plant.rollout import simulate_runs
-from butterfly.plant.watch.show import film, watch
+from butterfly.plant.watch.live import watch
+from butterfly.plant.watch.picture import film
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +47,7 @@ def view_command(
     plan = read_experiment(locate(experiment))
     (added, excitation), seed = _chosen(plan, number, experiment)
     with suppress(KeyboardInterrupt):
-        watch(plan.plant.setup, added, excitation, plan.duration, seed, web=web, port=port)
+        watch(plan.plant.rig, added, excitation, plan.duration, seed, web=web, port=port)
 
 
 def video_command(
@@ -68,7 +69,7 @@ def video_command(
     """
     plan = read_experiment(locate(experiment))
     run, seed = _chosen(plan, number, experiment)
-    (log,) = simulate_runs(plan.plant.setup, [run], plan.duration, [seed])
+    (log,) = simulate_runs(plan.plant.rig, [run], plan.duration, [seed])
     shown = log.take(log.time <= log.time[0] + seconds)
     film(
         plan.plant.robot,

@@ -12,8 +12,8 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import estimated, judge
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import hold_out
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.progress import Track, untracked

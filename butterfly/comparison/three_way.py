@@ -15,8 +15,8 @@ from butterfly.identification.free_run import FreeRun
 from butterfly.logs.log import Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.joints import MujocoJoint
-from butterfly.plant.replay import replay_input
-from butterfly.plant.twin import carrying_twin
+from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import replay_input
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import response_point
 
@@ -55,7 +55,7 @@ def compare_three(
 ) -> list[ThreeWay]:
     """Simulate the logs of these numbers in MuJoCo and by the grey-box equation, from rest.
 
-    ``mass`` in kg is that of MuJoCo's hand (see `butterfly.plant.twin.twin`).
+    ``mass`` in kg is that of MuJoCo's hand (see `butterfly.plant.robot.Robot.of_lumped`).
     """
     predictor = data.simulations
     found = []
@@ -64,7 +64,7 @@ def compare_three(
         log = data.logs[number]
         setting = predictor.setting(number, estimate)
         parameters, zero = setting.parameters, setting.zero
-        robot, added = carrying_twin(parameters, log.added_mass, mass)
+        robot, added = Robot.of_loaded(parameters, log.added_mass, mass)
         joint = MujocoJoint(robot, added, angle=float(log.angle[0]) - zero)
         delay, compression = parameters.delay, parameters.compression
         mujoco = zero + replay_input(joint, log, delay, compression)

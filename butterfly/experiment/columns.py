@@ -10,7 +10,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import pyarrow as pa
 
-from butterfly.experiment.record import EstimateRecord, PlannedRun, RunRecord
+from butterfly.experiment.record import EstimateRecord, RunRecord, SweepRun
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
 
@@ -57,7 +57,7 @@ def _of_fit(which: str, statistic: str) -> Column[Found]:
     return Column(_NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None))
 
 
-_PLACE: dict[str, Column[PlannedRun]] = {
+_PLACE: dict[str, Column[SweepRun]] = {
     "number": Column(_COUNT, lambda run: run.number),
     "key": Column(_TEXT, lambda run: run.key),
     "repetition": Column(_COUNT, lambda run: run.repetition),
@@ -115,7 +115,7 @@ class Columns:
         All of them, whose values decide on the types of these columns.
     """
 
-    def __init__(self, fields: Sequence[str], runs: Iterable[PlannedRun]) -> None:
+    def __init__(self, fields: Sequence[str], runs: Iterable[SweepRun]) -> None:
         varied = [field for field in fields if field != "seed"]  # it has a column anyway
         values: dict[str, list[Any]] = {field: [] for field in varied}
         for run in runs:
@@ -131,9 +131,7 @@ class Columns:
         }
         return pa.schema(list((place | self._fields | rest).items()))
 
-    def rows(
-        self, table: str, run: PlannedRun, record: RunRecord | None
-    ) -> Iterator[dict[str, Any]]:
+    def rows(self, table: str, run: SweepRun, record: RunRecord | None) -> Iterator[dict[str, Any]]:
         """Yield the rows of a table that a run gives."""
         place = {name: column.value(run) for name, column in _PLACE.items()}
         place |= {f: _cell(run.overrides.get(f), kind) for f, kind in self._fields.items()}

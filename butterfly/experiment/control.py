@@ -9,9 +9,10 @@ from pydantic import Field
 
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
+from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import Plan, Schedule
 from butterfly.orbit.recalibration_options import RecalibrationOptions
-from butterfly.orbit.velocity import FilteredDifference, Observer, VelocityEstimator
+from butterfly.plant.sensors import FilteredDifference
 from butterfly.yaml_input import OneOf, StrictModel
 
 

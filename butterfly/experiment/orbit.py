@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,31 +14,9 @@ from butterfly.experiment.simulation import data_set_of, simulate, write_logs
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import judged
-from butterfly.logs.log import Log
 from butterfly.logs.mat import write_mat
-from butterfly.model.parameters import AddedMass
-from butterfly.orbit.loop import Rig
 from butterfly.orbit.study import OrbitStudy, study_orbit
-from butterfly.plant.bench import ControlLaw
-from butterfly.plant.setup import Setup
 from butterfly.progress import Track, untracked
-
-
-def simulated_rig(setup: Setup, rng: np.random.Generator) -> Rig:
-    """Return a rig that runs control laws on the simulated robot.
-
-    Parameters
-    ----------
-    setup
-        The simulated bench.
-    rng
-        Source of everything random.
-    """
-
-    def run(law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
-        return setup.run(law, added, start, duration, rng)
-
-    return run
 
 
 def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untracked) -> OrbitStudy:
@@ -106,7 +85,7 @@ def hold_orbit(
         zero = _zero(control, data)
     rng = np.random.default_rng(experiment.orbit_seed)
     return study_orbit(
-        simulated_rig(experiment.plant.setup, rng),
+        partial(experiment.plant.rig.run, rng=rng),
         believed,
         zero,
         control.plan(zero),

@@ -11,10 +11,17 @@ import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.experiment.orbit import hold_orbit
-from butterfly.experiment.orbit_record import OrbitRecord
-from butterfly.experiment.plan import Task
 from butterfly.experiment.provenance import versions
-from butterfly.experiment.record import FAILED, OK, REFUSED, EstimateRecord, Outcome, RunRecord
+from butterfly.experiment.record import (
+    FAILED,
+    OK,
+    REFUSED,
+    EstimateRecord,
+    OrbitRecord,
+    Outcome,
+    RunRecord,
+    Task,
+)
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
@@ -22,7 +29,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification, identify
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy
 from butterfly.plant.excitations import Table

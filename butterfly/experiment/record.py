@@ -11,18 +11,18 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
 
-from butterfly.experiment.orbit_record import OrbitRecord
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.parameter import Parameter, or_nan
+from butterfly.identification.parameter import Parameter, or_nan, or_none
 from butterfly.model.parameters import LumpedParameters
+from butterfly.orbit.study import OrbitStudy
 from butterfly.verdict import Level
 
 SCHEMA = 4
@@ -107,47 +107,89 @@ class EstimateRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunRecord:
-    """What a run gave.
+class CrossRecord:
+    """Models of orbits, used at each other's: amplitudes in rad, rms errors in rad by row."""
 
-    Parameters
-    ----------
-    key
-        Its address.
-    status, error
-        `OK`, `REFUSED` or `FAILED`, and why.
-    seed, overrides, repetition
-        What set it apart from the other runs of its sweep.
-    logs
-        How many it simulated.
-    estimates, orbit
-        What was found.
-    versions
-        Of what it was made with.
-    seconds
-        That it took, by part.
-    files
-        Digests of the contents of the files that lie beside it, by name (see `digest_of`).
-    digest
-        Of the rest of its file, which tells whether that is as it was written.
-    """
+    amplitudes_rad: tuple[float, ...]
+    rms_rad: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrbitRecord:
+    """An orbit that was held, and the re-calibration next to it."""
+
+    target_rad: float  # amplitude that was wanted
+    amplitudes_rad: tuple[float | None, ...]  # of the rounds; None where the hand turned over
+    ending: str  # why the rounds ended, in words
+    absolute: bool  # whether the parameters are, or ratios to p1
+    free_run_rms_rad: dict[str, float]  # errors of the models' free runs, by model
+    cross_orbit: CrossRecord
+    verdict: str | None = None  # on the parameters; None in records of older programs
+
+    @classmethod
+    def of(cls, study: OrbitStudy) -> OrbitRecord:
+        """Return the record of a study."""
+        rounds = study.calibration.rounds
+        last = rounds[-1].recalibration
+        return cls(
+            target_rad=rounds[-1].wanted,
+            amplitudes_rad=tuple(or_none(each.amplitude) for each in rounds),
+            ending=study.calibration.ending,
+            absolute=last.is_absolute,
+            verdict=study.estimate.level.verdict,
+            free_run_rms_rad=study.errors,
+            cross_orbit=CrossRecord(
+                amplitudes_rad=study.amplitudes,
+                rms_rad=tuple(tuple(row) for row in study.cross.tolist()),
+            ),
+        )
+
+    @property
+    def rounds(self) -> int:
+        """How many rounds were made."""
+        return len(self.amplitudes_rad)
+
+    @property
+    def amplitude_rad(self) -> float | None:
+        """That of the last round."""
+        return self.amplitudes_rad[-1]
+
+    @property
+    def generic_rms_rad(self) -> float | None:
+        """Error of the model that the rounds began with."""
+        return self.free_run_rms_rad.get("generic")
+
+    @property
+    def recalibrated_rms_rad(self) -> float | None:
+        """Error of the model that they came to."""
+        return self.free_run_rms_rad.get("re-calibrated")
+
+    def numbers(self) -> dict[str, Any]:
+        """Return what it says besides the verdict, for programs."""
+        numbers: dict[str, Any] = _ORBIT.dump_python(self, mode="json", exclude={"verdict"})
+        return numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """What a run gave."""
 
     __pydantic_config__ = _CONFIG
 
     schema: int = SCHEMA
-    key: str = ""
-    status: str
-    error: str = ""
+    key: str = ""  # its address
+    status: str  # OK, REFUSED or FAILED
+    error: str = ""  # why it is not OK
     seed: int
-    overrides: dict[str, Any] = field(default_factory=dict)
+    overrides: dict[str, Any] = field(default_factory=dict)  # that set it apart in its sweep
     repetition: int = 0
-    logs: int = 0
+    logs: int = 0  # how many it simulated
     estimates: tuple[EstimateRecord, ...] = ()
     orbit: OrbitRecord | None = None
-    versions: dict[str, str] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
-    files: dict[str, str] = field(default_factory=dict)
-    digest: str = ""
+    versions: dict[str, str] = field(default_factory=dict)  # of what it was made with
+    seconds: dict[str, float] = field(default_factory=dict)  # that it took, by part
+    files: dict[str, str] = field(default_factory=dict)  # digests of those beside it, by name
+    digest: str = ""  # of the rest of its file, which tells whether that is as it was written
 
     @property
     def reason(self) -> str:
@@ -185,67 +227,62 @@ class RunRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What a worker sends back.
-
-    Parameters
-    ----------
-    record
-        Of the run.
-    files
-        Contents of the files that go beside it, by name.
-    """
+    """What a worker sends back: a record, and the contents of the files beside it, by name."""
 
     record: RunRecord
     files: Mapping[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedRun:
-    """One run of a sweep: where it stands, its address, and what sets it apart."""
+class SweepRun:
+    """One run of a sweep: where it stands, the address of its result, and what sets it apart."""
 
-    number: int
+    number: int  # in the sweep's order, from 0 on
     key: str
-    repetition: int
+    repetition: int  # from 0 on
     seed: int
-    overrides: dict[str, Any]
+    overrides: dict[str, Any]  # fields that it sets, by their paths
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task(SweepRun):
+    """A run to be done: all that a worker needs but the tables, wherever it is."""
+
+    content: dict[str, Any]  # the experiment without its sweep; digests stand for tables of files
+
+    @property
+    def run(self) -> SweepRun:
+        """What the record of the sweep keeps of it."""
+        return SweepRun(**{each.name: getattr(self, each.name) for each in fields(SweepRun)})
+
+    def failed(self, error: str) -> Outcome:
+        """Return the outcome if nothing came back."""
+        record = RunRecord(
+            key=self.key,
+            status=FAILED,
+            error=error,
+            seed=self.seed,
+            overrides=self.overrides,
+            repetition=self.repetition,
+        )
+        return Outcome(record=record)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRecord:
-    """What was asked.
-
-    Parameters
-    ----------
-    name, description, seed
-        Of the experiment.
-    worst
-        How many of the worst runs the report lists.
-    fields
-        Paths of the fields that vary.
-    versions
-        Of what it was planned with.
-    runs
-        In order.
-    beside
-        Digests of the logs and reports of its one run that lie beside it, by name; None where it
-        was not done in full.
-    tables
-        Digests of the tables, by name.
-    digest
-        As a run's.
-    """
+    """What was asked."""
 
     schema: int = SCHEMA
     name: str
     description: str
     seed: int
-    worst: int
-    fields: tuple[str, ...]
-    versions: dict[str, str]
-    runs: tuple[PlannedRun, ...]
-    beside: dict[str, str] | None = None
-    tables: dict[str, str] = field(default_factory=dict)
-    digest: str = ""
+    worst: int  # how many of the worst runs the report lists
+    fields: tuple[str, ...]  # paths of those that vary
+    versions: dict[str, str]  # of what it was planned with
+    runs: tuple[SweepRun, ...]  # in order
+    beside: dict[str, str] | None = None  # digests of its one run's logs and reports; None of more
+    tables: dict[str, str] = field(default_factory=dict)  # digests of the tables, by name
+    digest: str = ""  # as a run's
 
     def to_json(self) -> str:
         """Return the content of its file."""
@@ -257,6 +294,7 @@ class SweepRecord:
         return _from_json(_SWEEP, text)
 
 
+_ORBIT = TypeAdapter(OrbitRecord)
 _RUN, _SWEEP = TypeAdapter(RunRecord), TypeAdapter(SweepRecord)
 
 
@@ -279,12 +317,24 @@ def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
         if content["schema"] != SCHEMA:
             return None
         record = adapter.validate_json(text)
-    except (ValueError, KeyError, TypeError):  # ValidationError is a ValueError
+    except (ValueError, KeyError, TypeError, RecursionError):  # ValidationError is a ValueError
         return None
     before, _, after = text.rpartition(f'"digest": "{record.digest}"')
     if record.digest != digest_of(f"{before}{_UNSIGNED}{after}".encode()):
         return None
     return replace(record, digest="")
+
+
+def origin_of(text: str) -> str:
+    """Say what wrote a file that is no record of now, as far as the file says so itself."""
+    try:
+        content = json.loads(text)
+        schema, version = int(content["schema"]), str(content["versions"]["butterfly"])
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return "no record"
+    if schema in {SCHEMA, _BEFORE}:
+        return "a damaged record"
+    return f"records of schema {schema}, written by butterfly {version}"
 
 
 _BEFORE = 3  # the schema before estimates were kept whole

@@ -22,10 +22,10 @@ from butterfly.experiment.methods import (
     AnyEstimator,
     MethodName,
 )
-from butterfly.experiment.sweeps import SEEDS, SweepSpec
+from butterfly.experiment.sweep_spec import SEEDS, SweepSpec
 from butterfly.files import LONGEST_NAME, is_name
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.inference.splits import Split
+from butterfly.identification.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Uncertain
 from butterfly.model.friction import Friction
@@ -47,12 +47,10 @@ from butterfly.plant.excitations import (
     SteppedSine,
     Table,
 )
-from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
-from butterfly.plant.setup import Setup
-from butterfly.plant.twin import twin
 from butterfly.yaml_input import OneOf, StrictModel
 
 _ORBIT_STREAM = 2**32 - 1  # a number that no run has
@@ -87,7 +85,7 @@ class PlantSpec(StrictModel):
     def robot(self) -> Robot:
         """The robot that is described."""
         if self.lumped is not None:
-            return twin(self.lumped)
+            return Robot.of_lumped(self.lumped)
         assert self.hand is not None  # noqa: S101 - or there are lumped parameters
         assert self.drive is not None  # noqa: S101
         return Robot(
@@ -95,9 +93,9 @@ class PlantSpec(StrictModel):
         )
 
     @property
-    def setup(self) -> Setup:
-        """The bench that is described."""
-        return Setup(
+    def rig(self) -> Rig:
+        """The robot with how it is run."""
+        return Rig(
             robot=self.robot,
             simulator=self.simulator,
             clock=self.clock,
@@ -271,4 +269,4 @@ class Experiment(StrictModel):
     @property
     def input_kind(self) -> InputKind:
         """What the commands mean."""
-        return self.plant.setup.input_kind
+        return self.plant.rig.input_kind

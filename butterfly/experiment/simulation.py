@@ -22,7 +22,7 @@ from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.known import Knowledge, Known
 from butterfly.plant.excitations import initial_angle
-from butterfly.plant.joints import Simulator
+from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
 from butterfly.progress import Track, untracked
@@ -36,8 +36,8 @@ def simulate(
     Each run draws from its own random stream, so its log depends on the seed and its place in the
     experiment only.
     """
-    setup, runs, seeds = experiment.plant.setup, experiment.runs(), experiment.seeds()
-    for log in simulate_runs(setup, runs, experiment.duration, seeds, threads=threads, track=track):
+    rig, runs, seeds = experiment.plant.rig, experiment.runs(), experiment.seeds()
+    for log in simulate_runs(rig, runs, experiment.duration, seeds, threads=threads, track=track):
         yield replace(log, source=log.name)
 
 
@@ -60,7 +60,7 @@ def planned_logs(experiment: Experiment) -> list[Log]:
     they are with any other.
     """
     plain = replace(
-        experiment.plant.setup,
+        experiment.plant.rig,
         robot=replace(experiment.plant.robot, clutch=None),
         simulator=Simulator.GREY_BOX,
         faults=Faults(),

@@ -103,7 +103,7 @@ def thesis_robot() -> Synthetic:
     """Return what Tables 1 and 2 and Figures 3 to 8 rest on."""
     experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
     return Synthetic(
-        setup=experiment.plant.setup,
+        rig=experiment.plant.rig,
         added_masses=experiment.added_masses,
         sines=experiment.excitations,
         duration=experiment.duration,

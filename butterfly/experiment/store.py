@@ -24,7 +24,15 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError
 from butterfly.experiment.columns import TABLES, Columns
-from butterfly.experiment.record import OK, Outcome, RunRecord, SweepRecord, digest_of
+from butterfly.experiment.record import (
+    OK,
+    SCHEMA,
+    Outcome,
+    RunRecord,
+    SweepRecord,
+    digest_of,
+    origin_of,
+)
 from butterfly.files import DRAFT, replacing
 
 SWEEP = "sweep.json"
@@ -123,14 +131,15 @@ class ResultStore:
         """Read what was asked."""
         path = self.folder / SWEEP
         try:
-            sweep = SweepRecord.from_json(path.read_text(encoding="utf-8"))
+            text = path.read_text(encoding="utf-8")
         except FileNotFoundError:
             raise InputError(path, "path", "no such file", "a folder of results") from None
         except (OSError, ValueError) as error:
             raise InputError(path, "content", error, "what a sweep wrote") from None
+        sweep = SweepRecord.from_json(text)
         if sweep is None:
-            expected = "what a sweep of this version wrote (butterfly run writes it anew)"
-            raise InputError(path, "content", "something else", expected)
+            expected = f"those of schema {SCHEMA} (butterfly run does the sweep anew)"
+            raise InputError(path, "content", origin_of(text), expected)
         return sweep
 
     def _tables(self, sweep: SweepRecord) -> dict[str, bytes]:

@@ -18,8 +18,7 @@ from typing import Any, Protocol
 from pebble import ProcessExpired, ProcessPool
 
 from butterfly.errors import ButterflyError, InputError
-from butterfly.experiment.plan import Task
-from butterfly.experiment.record import Outcome
+from butterfly.experiment.record import Outcome, Task
 from butterfly.plant.excitations import Table
 
 Tables = Mapping[str, Table]

@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.knowledge import is_driven
 from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_refused, slips_of_still
 from butterfly.identification.diagnostics.unit_errors.names import with_slips
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.implied import beside_masses, implied
+from butterfly.identification.inference.identifiability import is_driven
 from butterfly.identification.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names

@@ -117,7 +117,7 @@ def samples_of_bands(log: Log) -> NDArray[np.intp]:
 
 
 def _record(log: Log) -> tuple[NDArray[np.float64], ...]:
-    return (log.time, log.angle, *log.command, np.array(log.beginning))
+    return (log.time, log.angle, *log.command, np.array(log.initial_state))
 
 
 def draw_parameters(

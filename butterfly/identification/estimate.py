@@ -11,17 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.files import finite
-from butterfly.identification.diagnostics.findings import (
-    Ending,
-    Finding,
-    FindingKind,
-    grade,
-)
-from butterfly.identification.diagnostics.knowledge import (
-    disagreements,
-    moved_by_masses,
-    scale_apart,
-)
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
+from butterfly.identification.diagnostics.knowledge import disagreements, scale_apart
 from butterfly.identification.inference.covariance import cluster_covariance, robust
 from butterfly.identification.inference.identifiability import (
     Conditioning,
@@ -29,7 +20,11 @@ from butterfly.identification.inference.identifiability import (
     sort_by_precision,
 )
 from butterfly.identification.inference.intervals import honest_limits
-from butterfly.identification.inference.mass_consistency import Correction, corrections
+from butterfly.identification.inference.mass_consistency import (
+    Correction,
+    corrections,
+    moved_by_masses,
+)
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.identification.solved import Solved, pulled_below
 from butterfly.logs.log import InputKind, Log

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from butterfly.errors import ButterflyError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
 from butterfly.identification.diagnostics.physics import is_possible, judge_physics
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.simulation import Begin, Simulation
-from butterfly.logs.beginning import Beginning
+from butterfly.logs.initial_state import InitialState
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.model.parameters import LumpedParameters
 
@@ -190,9 +190,9 @@ class _Segment:
     ) -> None:
         self.simulation = Simulation(log, parameters)
         self._units = np.array([1.0, rate])
-        self._warm, self._near = warm, log.beginning
+        self._warm, self._near = warm, log.initial_state
         self._spread = float(np.var(log.angle))
-        self._sought = 1 if whole and log.beginning.velocity == 0 else len(_START)
+        self._sought = 1 if whole and log.initial_state.velocity == 0 else len(_START)
 
     def expanded(
         self, names: Sequence[str], parameters: LumpedParameters, zero: float
@@ -210,18 +210,18 @@ class _Segment:
             directions=directions,
         )
 
-    def begin(self, parameters: LumpedParameters, zero: float) -> Beginning:
+    def begin(self, parameters: LumpedParameters, zero: float) -> InitialState:
         """Return the start from which a simulation follows the segment best."""
         begin = self._near
         at = self._about(_START, parameters, zero, begin)
         if not math.isfinite(at.cost):
-            begin = self.simulation.log.beginning
+            begin = self.simulation.log.initial_state
             at = self._about(_START, parameters, zero, begin)
         reach = 1.0
         for tries in range(_ROUNDS):
             if at.settled or (tries > _HOPEFUL and at.cost > self._spread):
                 break
-            there = Beginning(*(np.array(begin) + reach * at.step).tolist())
+            there = InitialState(*(np.array(begin) + reach * at.step).tolist())
             tried = self._about(_START, parameters, zero, there)
             if tried.cost < at.cost:
                 begin, at, reach = there, tried, min(reach / _SHORTER, 1.0)
@@ -232,7 +232,7 @@ class _Segment:
         return begin
 
     def _about(
-        self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: Beginning
+        self, names: Sequence[str], parameters: LumpedParameters, zero: float, begin: InitialState
     ) -> _About:
         """Differentiate by names, among them those of the start.
 
@@ -291,7 +291,7 @@ def is_segmented(
     """
     longer = log.time[-1] - log.time[0] > horizon
     loaded = parameters.with_added_mass(log.added_mass)
-    begins_in_motion = first == 0 and log.beginning.velocity != 0
+    begins_in_motion = first == 0 and log.initial_state.velocity != 0
     doubtful = loaded.p3 == 0 or begins_in_motion or (free and first == 0)
     return bool((longer or (doubtful and not velocity_known)) and loaded.p1 > 0)
 

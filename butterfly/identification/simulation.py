@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.logs.beginning import Beginning
+from butterfly.logs.initial_state import InitialState
 from butterfly.logs.log import Log
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
@@ -22,7 +22,7 @@ from butterfly.signals.window import STEADY_SECONDS, steady_span
 
 Samples = NDArray[np.float64]
 
-Begin: TypeAlias = Beginning | float | None
+Begin: TypeAlias = InitialState | float | None
 """How a simulation starts: with angle and velocity, with a velocity, or as the log does."""
 
 LONGEST_STEP = 0.01
@@ -40,7 +40,7 @@ _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 class Simulation:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.
 
-    It starts at rest, unless the log begins in motion (see `butterfly.signals.beginning`). The
+    It starts at rest, unless the log begins in motion (see `butterfly.logs.initial_state`). The
     step of the grid follows the resonance of the ``parameters`` (of the bare hand) and the log's
     drive. Errors count from the sample numbered ``first`` on.
 
@@ -164,9 +164,9 @@ class Simulation:
     def _start(self, zero: float, begin: Begin) -> tuple[float, float]:
         """Return angle, from the hanging position, and velocity at the first sample."""
         if begin is None:
-            begin = self.log.beginning
-        elif not isinstance(begin, Beginning):
-            begin = Beginning(float(self.log.angle[0]), begin)
+            begin = self.log.initial_state
+        elif not isinstance(begin, InitialState):
+            begin = InitialState(float(self.log.angle[0]), begin)
         return begin.angle - zero, begin.velocity
 
     @cached_property

@@ -14,8 +14,7 @@ from pyarrow import csv
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.as_read import AS_WRITTEN, Reading
-from butterfly.logs.column_map import (
+from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
     ColumnMap,
     checked_map,
@@ -23,7 +22,7 @@ from butterfly.logs.column_map import (
     place,
     unit_in,
 )
-from butterfly.logs.log import Log
+from butterfly.logs.log import AS_WRITTEN, Log, Reading
 from butterfly.logs.text_table import is_number, read_text_table
 from butterfly.logs.units import AS_IS, Units, known_factor
 

@@ -1,16 +1,16 @@
-"""The file formats of logs, by the endings of their names."""
+"""The file formats of logs, by the endings of their names, and which column holds what."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from butterfly.errors import InputError
-from butterfly.logs.column_map import ColumnMap
-from butterfly.logs.log import Log
+from butterfly.errors import InputError, nearest
+from butterfly.logs.log import SAMPLED, Log
 from butterfly.logs.units import AS_IS, Units
 
 
@@ -101,3 +101,73 @@ def _format_of(path: Path) -> Format:
     if path.suffix.lower() not in FORMATS:
         raise InputError(path, "file name", path.suffix or "no ending", ENDINGS)
     return FORMATS[path.suffix.lower()]
+
+
+ColumnMap = Mapping[str, str | int]
+"""Columns by the field of `Log` that they hold: their names, or their numbers from 0 on."""
+
+DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
+"""Column map used when none is given: the columns carry the names of the fields of `Log`."""
+
+_SAID = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
+_UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+
+
+def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
+    """Return a column map that says where time, input and angle stand.
+
+    Raises
+    ------
+    InputError
+        If it names another field, or lacks one of these.
+    """
+    if not isinstance(columns, Mapping):
+        raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
+    for field in columns:
+        if field not in SAMPLED:
+            raise InputError(
+                source, f"columns.{field}", "an unknown field", nearest(field, SAMPLED)
+            )
+    for field in DEFAULT_COLUMNS:
+        if field not in columns:
+            raise InputError(source, f"columns.{field}", "nothing", "the name of a column")
+    return dict(columns)
+
+
+def place(source: object, names: Sequence[str], wanted: str | int) -> int:
+    """Return the number of a column that is wanted by its name or number.
+
+    A name does without the unit that stands behind it in brackets.
+
+    Raises
+    ------
+    InputError
+        If there is no such column, or several.
+    """
+    for known in (list(names), [_UNIT.sub("", name) for name in names]):
+        places = [k for k, name in enumerate(known) if name == wanted]
+        if len(places) > 1:
+            numbers = " and ".join(map(str, places))
+            expected = f"one, or its number: {numbers}"
+            raise InputError(source, str(wanted), f"{len(places)} columns of this name", expected)
+        if places:
+            return places[0]
+    number = int(wanted) if str(wanted).isdecimal() else None
+    if number is not None and number < len(names):
+        return number
+    if number is not None:
+        expected = f"a number from 0 to {len(names) - 1}, or a name"
+        raise InputError(source, "columns", f"number {number}", expected)
+    expected = f"{nearest(str(wanted), names)} ({_SAID})"
+    raise InputError(source, str(wanted), "no such column", expected)
+
+
+def has_column(names: Sequence[str], wanted: str) -> bool:
+    """Whether there is a column of a name, its unit left aside."""
+    return any(wanted in {name, _UNIT.sub("", name)} for name in names)
+
+
+def unit_in(name: str) -> str | None:
+    """Return the text in brackets behind a column's name; None if there is none."""
+    found = _UNIT.search(name)
+    return None if found is None else found[1]

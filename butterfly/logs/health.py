@@ -1,4 +1,4 @@
-"""What is wrong with a log, and the repairs that were made to it, counted."""
+"""What is wrong with a log, what that means, and the repairs that were made to it, counted."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +15,29 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.clipping import clipped, saturated
 from butterfly.logs.log import Lead, Log
-from butterfly.logs.plausible import refuse_implausible
-from butterfly.logs.remarks import Remark, remarks_on
-from butterfly.logs.stamps import increasing, repeated, restarts
-from butterfly.logs.turns import Wrapping, find_wrapping, unwrapped
+from butterfly.logs.timestamps import increasing, repeated, restarts
+from butterfly.logs.unwrap import Wrapping, find_wrapping, unwrapped
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
 
 GAP_FACTOR = 3.0
 """A sampling interval longer than this many median intervals is a gap."""
+
+SPLIT = "split: restarts in a manifest, or --restarts"
+"""What makes a log of each of several recordings."""
+
+_MANY = 0.01  # share of the samples, or of the time, that may be missing without harm
+_SLOW = 0.25  # s between samples in which a hand does what no log of it shows
+_LARGEST = 1e30  # of any column, in its own unit: squares and ratios stay within doubles
+_SMALLEST = 1e-30  # range of any column that is not constant, and step of the clock
+_IF_DEGREES = (
+    "A joint that does not turn round may be recorded in degrees or counts: say --units angle=deg, "
+    "or units: {angle: deg} in the manifest."
+)
+_IF_MILLISECONDS = (
+    "A clock so slow may count milliseconds: say --units time=ms, or units: {time: ms} in the "
+    "manifest."
+)
 
 
 class Repair(StrEnum):
@@ -37,72 +52,73 @@ class Repair(StrEnum):
     UNWRAP = "unwrap"
 
 
-SPLIT = "split: restarts in a manifest, or --restarts"
-"""What makes a log of each of several recordings."""
-
 DEFAULT_REPAIRS = frozenset({Repair.DUPLICATE})
 """Only repeated stamps are dropped unasked; anything else must be allowed by name."""
 
 
+class Remark(NamedTuple):
+    """Something that was found, how much it matters, and what to do about it."""
+
+    condition: Level
+    text: str
+    hint: str = ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """Findings on one log, counted in samples unless said otherwise.
-
-    Parameters
-    ----------
-    samples, duration
-        Recorded samples, and last minus first stamp in s.
-    duplicate_stamps, backward_stamps, non_finite
-        Samples whose stamp repeats, or precedes, an earlier one; samples with a value that is not
-        a number.
-    dropped
-        Samples removed by repairs.
-    gaps, longest_gap
-        Intervals above `GAP_FACTOR` medians (bridged by interpolation), and the longest interval
-        in s.
-    step, jitter
-        Median sampling interval, and rms deviation from it (gaps left out), in s.
-    saturated
-        Samples that the input spends flat on its own extreme value.
-    clipped
-        Samples that the angle spends on a flat top it ran into at speed.
-    idle
-        Samples of a log whose input never changes, as in a free decay.
-    wraps
-        Jumps of the angle by a turn, which were undone.
-    turns
-        How many times the joint turns round: the span of the angle over 2 pi; 0 of a slide.
-    middle
-        Median angle in rad.
-    cut_lines
-        Lines at the end of the file that were cut off, and dropped.
-    units
-        Units, other than the project's, that the file itself gives to its columns.
-    """
+    """Findings on one log, counted in samples unless said otherwise."""
 
     samples: int
-    duration: float
+    duration: float  # s, last minus first stamp
     duplicate_stamps: int
     backward_stamps: int
     non_finite: int
-    dropped: int
-    gaps: int
-    longest_gap: float
-    step: float
-    jitter: float
-    saturated: int
-    clipped: int
-    idle: int
-    wraps: int = 0
-    turns: float = 0.0
-    middle: float = 0.0
-    cut_lines: int = 0
-    units: Mapping[str, str] = field(default_factory=dict)
+    dropped: int  # by repairs
+    gaps: int  # intervals above `GAP_FACTOR` medians, bridged by interpolation
+    longest_gap: float  # s, the longest interval
+    step: float  # s, median interval
+    jitter: float  # s, rms deviation from it, gaps left out
+    saturated: int  # the input flat on its own extreme value
+    clipped: int  # the angle on a flat top it ran into at speed
+    idle: int  # of a log whose input never changes, as in a free decay
+    wraps: int = 0  # jumps of the angle by a turn, which were undone
+    turns: float = 0.0  # span of the angle over 2 pi; 0 of a slide
+    middle: float = 0.0  # rad, median angle
+    cut_lines: int = 0  # at the end of the file, cut off and dropped
+    units: Mapping[str, str] = field(default_factory=dict)  # that the file itself gives
 
     @property
     def remarks(self) -> list[Remark]:
         """What is to be said of the log, worst first; nothing of a healthy one."""
-        return remarks_on(self)
+        lost = self.dropped > _MANY * self.samples
+        gone = self.longest_gap > _MANY * self.duration
+        counted = [
+            (self.saturated, "sample", "with the input saturated", True),
+            (self.clipped, "sample", "with the angle clipped", True),
+            (self.gaps, "gap", f"bridged, longest {1e3 * self.longest_gap:.1f} ms", gone),
+            (self.duplicate_stamps, "repeated stamp", "dropped", lost),
+            (self.backward_stamps, "backward stamp", "dropped", lost),
+            (self.non_finite, "sample", "not finite, dropped", lost),
+            (self.wraps, "jump", "by a turn undone", False),
+            (self.cut_lines, "last line", "cut off, dropped", False),
+            (self.idle, "sample", "with the same input throughout", False),
+        ]
+        found = [
+            Remark(Level.CARE if care else Level.NOTE, f"{count} {thing}{'s' * (count > 1)} {what}")
+            for count, thing, what, care in counted
+            if count
+        ]
+        if self.turns > 1.0:
+            text = f"turns {self.turns:.1f} times round"
+            meant = self.wraps or "angle" in self.units
+            found.append(Remark(Level.NOTE, text, "" if meant else _IF_DEGREES))
+        if self.step > _SLOW:
+            text = f"a sample in {self.step:.3g} s only"
+            found.append(Remark(Level.CARE, text, _IF_MILLISECONDS))
+        if self.units:
+            listed = ", ".join(f"{name} {unit}" for name, unit in self.units.items())
+            found.append(Remark(Level.NOTE, f"units of the file's own: {listed}"))
+        return sorted(found, key=lambda remark: remark.condition is not Level.CARE)
 
     @property
     def condition(self) -> Level:
@@ -116,13 +132,7 @@ class Health:
 
 
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
-    """Check a log, make the allowed ``repairs`` and count them.
-
-    Returns
-    -------
-    Log, Health
-        The log with strictly increasing stamps and finite values, and the record of what was
-        found in the log as recorded.
+    """Return a log with increasing stamps and finite values, and what was found in it as recorded.
 
     Raises
     ------
@@ -145,7 +155,7 @@ def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Lo
     _refuse_unless_allowed(log, repeats, Repair.DUPLICATE, repairs, "stamps that differ")
     clean = _with_sound_lead(_only(sound, kept))
     _refuse_constant(clean)
-    refuse_implausible(clean)
+    _refuse_implausible(clean)
     intervals = np.diff(clean.time)
     step = float(np.median(intervals))
     is_gap = intervals > GAP_FACTOR * step
@@ -203,15 +213,13 @@ def _refuse_unless_allowed(
     if repair in allowed or not faulty.any():
         return
     first = int(np.argmax(faulty))
-    field = "time" if repair is not Repair.NON_FINITE else _first_not_finite(log, first)
-    value = f"{log.columns()[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
+    columns, field = log.columns(), "time"
+    if repair is Repair.NON_FINITE:
+        field = next(name for name, column in columns.items() if not np.isfinite(column[first]))
+    value = f"{columns[field][first]} at sample {first} ({int(faulty.sum())} such samples)"
     hint = f"{expected} (or allow the repair {repair.value!r}, which drops and counts them: "
-    hint += f"{_how(repair)})"
+    hint += f"--repair {repair}, or the manifest's key repair)"
     raise InputError(log.source, field, value, hint)
-
-
-def _how(repair: Repair) -> str:
-    return f"--repair {repair}, or the manifest's key repair"
 
 
 def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -> None:
@@ -220,17 +228,13 @@ def _refuse_wrapped(log: Log, wrapping: Wrapping, allowed: Collection[Repair]) -
     first = log.time[wrapping.rows[0]]
     value = f"{wrapping.rows.size} jumps by {wrapping.turn:.4g} rad, the first at {first:.6g} s"
     hint = "an angle that goes on beyond a turn (or allow the repair 'unwrap', which undoes and "
-    hint += f"counts them: {_how(Repair.UNWRAP)})"
+    hint += f"counts them: --repair {Repair.UNWRAP}, or the manifest's key repair)"
     if not wrapping.exact:
         hint = (
             "jumps by whole turns of the joint, or a whole share of one: tell the angle's unit "
             "(--units angle=counts/N), or undo the jumps before"
         )
     raise InputError(log.source, "angle", value, hint)
-
-
-def _first_not_finite(log: Log, row: int) -> str:
-    return next(name for name, column in log.columns().items() if not np.isfinite(column[row]))
 
 
 def _refuse_constant(log: Log) -> None:
@@ -242,3 +246,21 @@ def _refuse_constant(log: Log) -> None:
         column = log.columns()[name]
         if np.ptp(column) == 0.0:
             raise InputError(log.source, name, f"a constant {column[0] + 0.0:g}", meaning)
+
+
+def _refuse_implausible(log: Log) -> None:
+    """Refuse numbers that no bench has: too large, or such as differ by too little."""
+    for name in ("time", "input", "angle"):
+        column = getattr(log, name)
+        largest = max(float(column.max()), -float(column.min()))
+        if largest > _LARGEST:
+            expected = f"numbers below {_LARGEST:g}"
+            raise InputError(log.source, name, f"numbers up to {largest:.3g}", expected)
+        span = float(column.max()) - float(column.min())
+        if 0 < span < _SMALLEST:
+            found = f"numbers that differ by {span:.3g} at most"
+            raise InputError(log.source, name, found, f"a range above {_SMALLEST:g}")
+    shortest = float(np.diff(log.time).min())
+    if shortest < _SMALLEST:
+        expected = f"stamps that differ by more than {_SMALLEST:g} s"
+        raise InputError(log.source, "time", f"stamps {shortest:.3g} s apart", expected)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from difflib import get_close_matches
 from enum import StrEnum
 from fnmatch import fnmatchcase
@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.as_read import AS_WRITTEN, Reading
-from butterfly.logs.beginning import Beginning, beginning, rms_speed
+from butterfly.logs.initial_state import InitialState, initial_state, rms_speed
 from butterfly.logs.units import Units
 from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -78,6 +77,18 @@ class Lead:
     time: NDArray[np.float64]
     input: NDArray[np.float64]
 
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How a file was read, where it is not as the project writes it."""
+
+    layout: tuple[str, ...] = ()  # of its text: delimiters, decimal commas, lines without samples
+    cut_lines: int = 0  # last lines that were cut off in writing, and dropped
+    units: Mapping[str, str] = field(default_factory=dict)  # that it gives to columns, by field
+
+
+AS_WRITTEN = Reading()
+"""Of a file as the project writes it, and of a log from no file."""
 
 LONGEST_LEAD = 2.0
 """Of what was commanded before a log, in s: longer than any delay."""
@@ -190,13 +201,13 @@ class Log:
         """
         named = {"time": time, "input": input, "angle": angle, "velocity": velocity}
         columns = {}
-        for field, name in named.items():
+        for column, name in named.items():
             if name is None:
                 continue
             try:
-                columns[field] = frame[name]
+                columns[column] = frame[name]
             except (KeyError, IndexError, ValueError, TypeError):
-                raise InputError("frame", field, name, "the name of a column") from None
+                raise InputError("frame", column, name, "the name of a column") from None
         return cls(**columns, **properties).converted(Units.told(units, "frame"))
 
     def converted(self, units: Units) -> Log:
@@ -273,9 +284,9 @@ class Log:
         return rms_speed(self.time, self.angle)
 
     @cached_property
-    def beginning(self) -> Beginning:
-        """How it begins, at rest or in motion (see `butterfly.logs.beginning`)."""
-        return beginning(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
+    def initial_state(self) -> InitialState:
+        """How it begins, at rest or in motion (see `butterfly.logs.initial_state`)."""
+        return initial_state(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
 
     @cached_property
     def roughness(self) -> float:

@@ -13,7 +13,7 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
-from butterfly.logs.column_map import DEFAULT_COLUMNS, ColumnMap, checked_map, place
+from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, place
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Units
 from butterfly.sizes import most_in, said

@@ -11,7 +11,7 @@ import numpy as np
 from butterfly.errors import InputError
 from butterfly.logs.log import MIN_SAMPLES, Log
 from butterfly.logs.manifest import LogEntry, Manifest, read_entry
-from butterfly.logs.stamps import restarts
+from butterfly.logs.timestamps import restarts
 from butterfly.progress import Track, untracked
 
 

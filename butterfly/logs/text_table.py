@@ -14,9 +14,8 @@ import pyarrow
 from pyarrow import csv
 
 from butterfly.errors import InputError
-from butterfly.logs.as_read import Reading
-from butterfly.logs.column_map import DEFAULT_COLUMNS
-from butterfly.logs.log import MIN_SAMPLES
+from butterfly.logs.formats import DEFAULT_COLUMNS
+from butterfly.logs.log import MIN_SAMPLES, Reading
 from butterfly.logs.units import UNITS, known_factor
 from butterfly.sizes import require_room, said
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from typing import Protocol
 
 import numpy as np
 
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.kinematics import Motion, Term
-from butterfly.model.parameters import LumpedParameters
+from butterfly.model.parameters import LumpedParameters, compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
-from butterfly.orbit.velocity import FilteredDifference, VelocityEstimator
-from butterfly.plant.bench import ControlLaw
+from butterfly.plant.control_loop import ControlLaw
 from butterfly.plant.motor import Reading
+from butterfly.plant.sensors import FilteredDifference
 
 Target = Callable[[LumpedParameters], Orbit]
 
@@ -22,7 +23,8 @@ _FRICTION = tuple(row for row in DISSIPATIVE if row.name != "p2")
 _STARTED = 0.01  # share of the target's energy above which the hand needs no kick
 _LEAST_GAIN = 0.1  # share of its gain that a drive is believed to keep at any command
 _SINES = 12  # of a dither
-_STANDSTILL = 1e-3  # rad/s, below which Coulomb friction is not compensated
+_STANDSTILL = 1e-3  # rad/s, below which Coulomb friction has no sign and is not compensated
+_STATIC = (*CONSERVATIVE, *DISSIPATIVE)
 
 
 def gain_for(orbit: Orbit, multiplier: float) -> float:
@@ -52,6 +54,70 @@ def steady_invariant(true: LumpedParameters, believed: LumpedParameters, gamma: 
     (p4 p2hat/p4hat - p2)/(p4 gamma); p1 and p3 are taken to be right.
     """
     return (true.p4 * believed.p2 / believed.p4 - true.p2) / (true.p4 * gamma)
+
+
+class VelocityEstimator(Protocol):
+    """Gives the velocity at each reading; its lag is stated in s."""
+
+    @property
+    def lag(self) -> float:
+        """Time in s by which the velocity is late, at low frequencies."""
+        ...
+
+    def update(self, time: float, angle: float, command: float) -> float:
+        """Return the velocity in rad/s; ``command`` was held since the reading before."""
+        ...
+
+
+class Observer:
+    """Luenberger's observer with the model: without lag where the model is right.
+
+    The delay, the armature's lag and bristles are left out of it.
+
+    Parameters
+    ----------
+    parameters
+        Of the hand with what it carries.
+    zero
+        Encoder reading in rad where the model's angle is 0.
+    bandwidth
+        In rad/s; both poles of the error are there. Encoder noise s is amplified to about
+        2 bandwidth s per reading.
+    """
+
+    def __init__(
+        self, parameters: LumpedParameters, zero: float = 0.0, bandwidth: float = 60.0
+    ) -> None:
+        require_number("Observer", positive=True, bandwidth=bandwidth)
+        self._p = parameters
+        self._zero = zero
+        self._gains = (2 * bandwidth, bandwidth**2)
+        self._time: float | None = None
+        self._angle = self._velocity = 0.0
+
+    @property
+    def lag(self) -> float:
+        """None, by design."""
+        return 0.0
+
+    def update(self, time: float, angle: float, command: float) -> float:
+        """Return the velocity in rad/s."""
+        angle -= self._zero
+        if self._time is None:
+            self._angle = angle
+        else:
+            p, step = self._p, time - self._time
+            error = angle - self._angle
+            motion = Motion.of(p, self._angle, self._velocity)
+            if abs(self._velocity) <= _STANDSTILL:
+                motion = motion._replace(direction=0.0)
+            delivered = compressed(command, p.compression)
+            torque = p.p4 * delivered - torque_of(p, motion, _STATIC)
+            rate = torque / p.p1 + self._gains[1] * error
+            self._angle += step * (self._velocity + 0.5 * step * rate + self._gains[0] * error)
+            self._velocity += step * rate
+        self._time = time
+        return self._velocity
 
 
 class EnergyShaping:

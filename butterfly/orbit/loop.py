@@ -14,18 +14,18 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.orbit.analysis import swing
-from butterfly.orbit.controller import Dithered, EnergyShaping, Target, gain_for
+from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
 from butterfly.orbit.recalibration import Recalibration, recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
-from butterfly.orbit.velocity import FilteredDifference, VelocityEstimator
-from butterfly.plant.bench import ControlLaw
+from butterfly.plant.control_loop import ControlLaw
+from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
 
 _SETTLED = 0.5  # share of a run after which its amplitude is measured
 
 
-class Rig(Protocol):
-    """Runs a control law on a robot; see `butterfly.experiment.orbit` for the simulated one."""
+class RunLaw(Protocol):
+    """Runs a control law on a robot; `butterfly.plant.rig.Rig.run` does, its ``rng`` given."""
 
     def __call__(self, law: ControlLaw, start: float, duration: float, added: AddedMass) -> Log:
         """Return the log of ``duration`` s from rest at the angle ``start``, carrying ``added``.
@@ -184,7 +184,7 @@ class Calibration:
 
 
 def calibrate(
-    rig: Rig,
+    rig: RunLaw,
     believed: LumpedParameters,
     zero: float,
     plan: Plan,
@@ -236,7 +236,7 @@ def calibrate(
 
 
 def _round(
-    rig: Rig,
+    rig: RunLaw,
     loaded: dict[AddedMass, LumpedParameters],
     zero: float,
     plan: Plan,

@@ -20,7 +20,7 @@ from butterfly.orbit.controller import EnergyShaping, Target, gain_for
 from butterfly.orbit.recalibration import estimate_of, from_ratios
 from butterfly.orbit.recalibration_options import BASE, LEAST, RecalibrationOptions
 from butterfly.orbit.selection import SEGMENT, Equations
-from butterfly.plant.bench import ControlLaw
+from butterfly.plant.control_loop import ControlLaw
 from butterfly.plant.motor import CommandPath, Reading
 
 _FEWEST = 20  # readings in a test function

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.following import judge_fit
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.orbit.controller import Dithered
-from butterfly.orbit.loop import Calibration, Plan, Rig, calibrate
+from butterfly.orbit.loop import Calibration, Plan, RunLaw, calibrate
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.progress import Track, untracked
@@ -71,7 +71,7 @@ class OrbitStudy:
 
 
 def study_orbit(
-    rig: Rig,
+    rig: RunLaw,
     believed: LumpedParameters,
     zero: float,
     plan: Plan,

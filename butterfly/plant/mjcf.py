@@ -19,7 +19,6 @@ from butterfly.model.parameters import (
     LumpedParameters,
     VoltageDrive,
 )
-from butterfly.plant.looks import dress, undress
 from butterfly.plant.robot import Assistance, Clutch, Robot
 
 MODEL = "models/butterfly_hand/hand.xml"
@@ -32,6 +31,15 @@ SCENE = "models/butterfly_hand/scene.xml"
 NO_CONSTANT = 1e-12
 """Motor constant in N m/A of the parts that MuJoCo calls a motor and that are none: it takes no 0,
 and this adds a damping of 1e-24 N m s/rad."""
+
+_PLATE = 0.15  # m from the axis to the end of a plate
+_SCENE = 0.2  # m from the axis that the camera shows at least
+_BRASS = 8500.0  # kg/m³
+_FLATNESS = 0.5  # thickness of the disc over its radius
+_SMALLEST = 0.004  # m, a disc that can be seen
+_BOLT = 0.28  # radius of the disc's bolt over its own
+_FRONT = -0.0145  # m along the axis, where the painted front plate ends
+_ROD = 0.004  # m, radius
 
 
 def mjcf(
@@ -73,7 +81,7 @@ def compile_model(
     """
     root = _built(robot, added, scene=scene, assisted=True)
     if not scene:
-        undress(root)
+        _undress(root)
     return mujoco.MjModel.from_xml_string(_text(root))
 
 
@@ -130,7 +138,7 @@ def _built(robot: Robot, added: AddedMass, *, scene: bool, assisted: bool) -> El
     actuators.extend(_pulls(friction))
     if scene:
         _merge(root, _parse(shipped(SCENE)))
-    dress(root, added)
+    _dress(root, added)
     return root
 
 
@@ -244,3 +252,51 @@ def _merge(root: ElementTree.Element, scene: ElementTree.Element) -> None:
             root.append(section)
         else:
             target.extend(list(section))
+
+
+def disc_radius(mass: float) -> float:
+    """Return the radius in m of the brass disc that is drawn for an added mass in kg."""
+    return max(_SMALLEST, math.cbrt(mass / (math.pi * _FLATNESS * _BRASS)))
+
+
+def _dress(root: ElementTree.Element, added: AddedMass) -> None:
+    """Draw the added mass: a disc of its size, screwed to the front plate or to a rod beyond it.
+
+    Cameras step back to what is beyond the plate. Nothing drawn has mass or contact of its own.
+    """
+    if not added.mass:
+        return
+    body = next(each for each in root.iter("body") if each.get("name") == "added_mass")
+    radius = disc_radius(added.mass)
+    half, bolt = _FLATNESS * radius / 2, _BOLT * radius
+    depth = _FRONT - half
+    _geom(body, "brass", name="added_mass", size=(radius, half), pos=(0, depth, 0))
+    _geom(body, "dark", size=(bolt, bolt / 4), pos=(0, depth - half - bolt / 4, 0))
+    reach = added.arm + radius
+    if reach > _PLATE:
+        ends = (0, depth, 0, 0, depth, added.arm)
+        _geom(body, "visual", type="capsule", size=(_ROD,), fromto=ends)
+    if reach > _SCENE:
+        _step_back(root, reach / _SCENE)
+
+
+def _undress(root: ElementTree.Element) -> None:
+    """Leave out all that is drawn, which would cost time wherever nobody looks."""
+    for parent in root.iter():
+        for child in [each for each in parent if each.tag in {"geom", "asset"}]:
+            parent.remove(child)
+
+
+def _geom(body: ElementTree.Element, kind: str, **attributes: str | tuple[float, ...]) -> None:
+    texts = {
+        name: value if isinstance(value, str) else " ".join(map(repr, value))
+        for name, value in attributes.items()
+    }
+    ElementTree.SubElement(body, "geom", {"class": kind} | texts)
+
+
+def _step_back(root: ElementTree.Element, factor: float) -> None:
+    for tag, name in (("camera", "pos"), ("statistic", "extent")):
+        for element in root.iter(tag):
+            numbers = [factor * float(number) for number in element.get(name, "").split()]
+            element.set(name, " ".join(map(repr, numbers)))

@@ -1,4 +1,4 @@
-"""The robot that a bench drives: hand, motor, friction, and what is between."""
+"""The robot: hand, motor, friction, and what is between; or one that moves as identified."""
 
 from __future__ import annotations
 
@@ -9,13 +9,21 @@ from butterfly.errors import InputError, require_number
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import (
     GRAVITY,
+    NO_ADDED_MASS,
     AddedMass,
     Drive,
     Hand,
     JointKind,
     LumpedParameters,
+    least_mass,
     lump,
+    unlump,
 )
+
+HAND_MASS = 0.3
+"""Mass in kg of an identified hand if none is given; the motion does not depend on it."""
+
+_AMPLE = 2.0  # least masses, of a hand that cannot be as light: half of p1 is then its J_p
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +73,36 @@ class Robot:
                 f"less than the {self.hand.inertia:g} kg m^2 of hand and rotor together",
             )
 
+    @classmethod
+    def of_lumped(cls, parameters: LumpedParameters, mass: float | None = None) -> Robot:
+        """Return a robot that moves as ``parameters`` say, numbers of any kind (see `unlump`).
+
+        The mass of its hand in kg is `HAND_MASS` if not given, or more where no hand so light moves
+        so; one that is given and too small is an InputError.
+        """
+        plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
+        least = least_mass(plain)
+        if mass is None:
+            mass = HAND_MASS if least < HAND_MASS else _AMPLE * least
+        if not mass > max(least, 0.0):
+            expected = f"more than {least:.3g} kg, for p1 and p3 to be possible; or none"
+            raise InputError("Hand", "mass (--hand-mass)", mass, f"{expected}, to have one chosen")
+        hand, drive, friction = unlump(plain, mass)
+        return cls(hand=hand, drive=drive, friction=friction)
+
+    @classmethod
+    def of_loaded(
+        cls, parameters: LumpedParameters, added: AddedMass, mass: float | None = None
+    ) -> tuple[Robot, AddedMass]:
+        """Return a robot and what it is to carry, that move together as a loaded joint does.
+
+        What a slide carries, or a joint across another gravity, becomes part of the hand.
+        """
+        if added.gravity == GRAVITY:
+            return cls.of_lumped(parameters, mass), added
+        whole = None if mass is None else mass + added.mass
+        return cls.of_lumped(parameters.with_added_mass(added), whole), NO_ADDED_MASS
+
     @property
     def lumped(self) -> LumpedParameters:
         """The lumped parameters of the bare hand (6), its clutch without play."""
@@ -73,11 +111,8 @@ class Robot:
     def loaded(self, added: AddedMass) -> LumpedParameters:
         """Return the lumped parameters of the hand that carries ``added`` (78).
 
-        Raises
-        ------
-        InputError
-            If the mass is not on a hinge under Earth's gravity, as the simulated one is, or its
-            weight relieves the bearing of more friction than there is.
+        An InputError if the mass is not on a hinge under Earth's gravity, as the simulated one is,
+        or its weight relieves the bearing of more friction than there is.
         """
         mounted = replace(added, gravity=GRAVITY, joint=JointKind.HINGE)
         if added.inertia_and_moment != mounted.inertia_and_moment:

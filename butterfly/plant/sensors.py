@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from butterfly.compiled import compiled
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import Log
-from butterfly.plant.simulink_noise import BandLimitedNoise
 from butterfly.sizes import require_room
 
 VELOCITY_LAG = 0.006
@@ -20,6 +20,68 @@ VELOCITY_LAG = 0.006
 _FINEST = 1 << 60  # steps per turn, finer than any angle in double precision
 _BYTES_PER_CYCLE = 64  # stamps, input, angle and velocity of a log, and copies
 _SHORTEST = 0.1  # an interval is never shorter than this share of the nominal one
+_MULTIPLIER, _MODULUS = 16807, 2147483647  # Park & Miller's minimal standard generator
+_LONGEST = 1 << 24  # samples of noise; a longer record is a slip in the sample time
+
+
+@dataclass(frozen=True, kw_only=True)
+class BandLimitedNoise:
+    """Simulink's band-limited white noise, number for number, so that the thesis's runs replay.
+
+    Parameters
+    ----------
+    power
+        Height of the power spectral density in rad^2 s; the variance is ``power``/``sample_time``.
+    sample_time
+        In s, over which each number is held.
+    seed
+        As typed into the Simulink block.
+    """
+
+    power: float
+    sample_time: float
+    seed: int = 23341
+
+    def __post_init__(self) -> None:
+        require_number("BandLimitedNoise", power=self.power)
+        require_number("BandLimitedNoise", positive=True, unit="s", sample_time=self.sample_time)
+        if not 0 <= self.seed < 2**32:
+            raise InputError("BandLimitedNoise", "seed", self.seed, "from 0 to 2^32 - 1")
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) noise in rad at (n,) instants in s, from 0 on."""
+        index = np.floor(np.asarray(time) / self.sample_time * (1 + 1e-12)).astype(np.int64)
+        last = int(index.max(initial=0))
+        if index.min(initial=0) < 0 or last >= _LONGEST:
+            raise InputError("BandLimitedNoise", "time", last, f"samples from 0 to {_LONGEST - 1}")
+        scale = math.sqrt(self.power / self.sample_time)
+        return np.asarray(scale * _normals(self.seed, 1 << (last + 1).bit_length())[index])
+
+
+@lru_cache(maxsize=8)
+def _normals(seed: int, count: int) -> NDArray[np.float64]:
+    """Return the first ``count`` standard normal numbers of Simulink's generator."""
+    high, bit = seed >> 16, seed & 32768
+    state = ((((seed - (high << 16)) + bit) << 16) + bit + high) & 0xFFFFFFFF
+    state = 1144108930 if state < 1 else min(state, _MODULUS - 1)
+    return _polar(state, count)
+
+
+@compiled
+def _polar(state: int, count: int) -> NDArray[np.float64]:
+    """Draw by Marsaglia's polar method, the second number of each pair thrown away."""
+    numbers = np.empty(count)
+    for k in range(count):
+        square = 2.0
+        first = 0.0
+        while square > 1.0:
+            state = _MULTIPLIER * state % _MODULUS
+            first = 2.0 * state / _MODULUS - 1.0
+            state = _MULTIPLIER * state % _MODULUS
+            second = 2.0 * state / _MODULUS - 1.0
+            square = first * first + second * second
+        numbers[k] = first * math.sqrt(-2.0 * math.log(square) / square)
+    return numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,15 +131,7 @@ class Encoder:
 
 @dataclass(frozen=True, kw_only=True)
 class Faults:
-    """What goes wrong between the controller and the file.
-
-    Parameters
-    ----------
-    dropped
-        Share of samples that are lost.
-    duplicated
-        Share of samples that are written twice.
-    """
+    """What goes wrong between the controller and the file: shares of samples lost, or repeated."""
 
     dropped: float = 0.0
     duplicated: float = 0.0
@@ -118,13 +172,7 @@ class Clock:
             raise InputError("Clock", "jitter", self.jitter, "between 0 and half the step, in s")
 
     def count(self, duration: float) -> int:
-        """Return how many cycles fill about ``duration`` s, at least one.
-
-        Raises
-        ------
-        InputError
-            If ``duration`` is not a finite positive number.
-        """
+        """Return how many cycles fill about ``duration`` s, at least one."""
         require_number("Clock", positive=True, unit="s", duration=duration)
         count = max(duration / self.step, 1.0)
         require_room("Clock", "duration", f"{duration:g} s", _BYTES_PER_CYCLE * count)
@@ -152,18 +200,10 @@ def stamps_of(cycles: NDArray[np.float64]) -> NDArray[np.float64]:
 def filtered_difference(
     time: NDArray[np.float64], angle: NDArray[np.float64], lag: float = VELOCITY_LAG
 ) -> NDArray[np.float64]:
-    """Differentiate sampled angles as a controller does: backward difference, then a low pass.
+    """Return (n,) velocities in rad/s, from 0 on, of (n,) angles in rad at increasing stamps in s.
 
-    Parameters
-    ----------
-    time, angle
-        (n,) increasing stamps in s, and angles in rad.
-    lag
-        Time constant of the first-order low pass in s. The result lags by it plus half a sample.
-
-    Returns
-    -------
-    (n,) velocity in rad/s, from 0 on.
+    As a controller makes them, and `FilteredDifference` one by one: a backward difference and a
+    low pass of first order with a time constant ``lag`` in s. They lag by it plus half a sample.
     """
     steps = np.diff(time)
     keep = np.exp(-steps / lag)
@@ -176,3 +216,36 @@ def _low_passed(keep: NDArray[np.float64], values: NDArray[np.float64]) -> NDArr
     for k in range(values.size):
         filtered[k + 1] = keep[k] * filtered[k] + (1.0 - keep[k]) * values[k]
     return filtered
+
+
+class FilteredDifference:
+    """The `filtered_difference` of readings as they come, in a running control loop.
+
+    Parameters
+    ----------
+    time_constant
+        Of the low pass in s.
+    step
+        Of the control loop in s, for `lag` only.
+    """
+
+    def __init__(self, time_constant: float = 0.003, step: float = 0.001) -> None:
+        require_number("FilteredDifference", positive=True, time_constant=time_constant, step=step)
+        self._constant = time_constant
+        self._step = step
+        self._last: tuple[float, float] | None = None
+        self._velocity = 0.0
+
+    @property
+    def lag(self) -> float:
+        """Time constant and half a step."""
+        return self._constant + 0.5 * self._step
+
+    def update(self, time: float, angle: float, command: float) -> float:  # noqa: ARG002 - not needed here
+        """Return the velocity in rad/s."""
+        if self._last is not None and time > self._last[0]:
+            step = time - self._last[0]
+            keep = math.exp(-step / self._constant)
+            self._velocity = keep * self._velocity + (1 - keep) * (angle - self._last[1]) / step
+        self._last = (time, angle)
+        return self._velocity

@@ -1,4 +1,4 @@
-"""A robot as one MJCF file that moves in plain MuJoCo, by itself, as it does here.
+"""Robots as MJCF files that move in plain MuJoCo, by themselves, as they do here.
 
 Here MuJoCo has help: the command is delayed and shaped before it, its steps are chosen anew for
 each interval, and friction that sticks harder than it slides is set step by step. A file has to say
@@ -8,7 +8,7 @@ all that itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -43,21 +43,19 @@ _NO_GAIN = 1e-30  # MuJoCo takes a gain of 0 beside a slope for a damping ratio
 
 @dataclass(frozen=True, kw_only=True)
 class StandAlone:
-    """A robot's file.
+    """A robot's file: MJCF with light and camera.
 
-    Parameters
-    ----------
-    text
-        MJCF with light and camera.
-    step
-        Its time step in s.
-    left_out
-        What it does not say, and what to do about it, in a sentence each; also in the file.
+    What it leaves out is in it too, a sentence each with what to do about it.
     """
 
     text: str
-    step: float
+    step: float  # s
     left_out: tuple[str, ...]
+
+    def write(self, path: Path) -> None:
+        """Write the file."""
+        with replacing(path) as draft:
+            draft.write_text(self.text, encoding="utf-8")
 
 
 def stand_alone(
@@ -71,20 +69,8 @@ def stand_alone(
 ) -> StandAlone:
     """Return a robot that moves by itself in plain MuJoCo, driven by the first of its commands.
 
-    Parameters
-    ----------
-    robot, added
-        The robot and what it carries.
-    delay
-        In s, from command to torque; one that is negative, as an estimate may be, is left out.
-        So is one of up to 10 us, in silence.
-    limit, resolution, compression
-        Of the command (see `butterfly.plant.motor.CommandPath`).
-
-    Raises
-    ------
-    InputError
-        If friction is negative (see `Robot.loaded`).
+    The command's path is that of `butterfly.plant.motor.CommandPath`; a delay that is negative, as
+    an estimate may be, is left out, and so is one of up to 10 us, in silence.
     """
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
@@ -113,6 +99,45 @@ def stand_alone(
     return StandAlone(text=text, step=step, left_out=left_out)
 
 
+def command_of(parameters: LumpedParameters) -> dict[str, float]:
+    """Return what becomes of the command before it is a torque, as `stand_alone` takes it."""
+    return {"delay": float(parameters.delay), "compression": float(parameters.compression)}
+
+
+def models(
+    drawn: Iterable[LumpedParameters],
+    added: AddedMass = NO_ADDED_MASS,
+    *,
+    mass: float | None = None,
+    bristle_stiffness: float = 0.0,
+) -> Iterator[str]:
+    """Yield the MJCF text of a robot for each set of parameters, for domain randomisation.
+
+    The input delay is left out (`stand_alone` has it).
+
+    Parameters
+    ----------
+    drawn
+        Parameters of the bare hand; numbers of any kind, as frames have them.
+    added
+        What it carries.
+    mass
+        Of the hand in kg; see `Robot.of_lumped`.
+    bristle_stiffness
+        In N m/rad, of friction that is larger at rest, which these models have with bristles only
+        (`stand_alone` has it without).
+
+    Raises
+    ------
+    InputError
+        If no hand of that mass moves so, or such friction has no bristles.
+    """
+    for parameters in drawn:
+        bends = bristle_stiffness if parameters.stribeck > 0 else 0.0
+        bent = replace(parameters, bristle_stiffness=bends) if bends else parameters
+        yield mjcf(Robot.of_lumped(bent, mass), added)
+
+
 def _parsed(text: str) -> ElementTree.Element:
     parser = ElementTree.XMLParser(  # noqa: S314 - our own text
         target=ElementTree.TreeBuilder(insert_comments=True)
@@ -121,7 +146,6 @@ def _parsed(text: str) -> ElementTree.Element:
 
 
 def _can_delay(delay: float, step: float) -> bool:
-    """Tell whether MuJoCo can delay a command so with steps of ``step`` s."""
     return delay >= _DELAYED * step * (1 - 1e-9)
 
 
@@ -236,11 +260,3 @@ def _polygon(knots: NDArray[np.float64]) -> NDArray[np.float64]:
     hats = np.array([np.interp(points, knots, hat) for hat in inner])
     rest = 1.0 - np.exp(-(points**2)) - np.interp(points, knots, last)
     return np.asarray(last + np.linalg.lstsq(hats.T, rest, rcond=None)[0] @ np.array(inner))
-
-
-def export(robot: Robot, added: AddedMass, path: Path, command: Mapping[str, float]) -> StandAlone:
-    """Write a robot, and what it carries, as a file (see `stand_alone`, also of ``command``)."""
-    written = stand_alone(robot, added, **command)
-    with replacing(path) as draft:
-        draft.write_text(written.text, encoding="utf-8")
-    return written

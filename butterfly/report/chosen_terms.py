@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from plotly.graph_objects import Figure, Scatter
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.inference.term_selection import Structure
+from butterfly.identification.validate import Structure
 from butterfly.report.figures import look
+from butterfly.report.format import fit_text
 from butterfly.report.numbers.document import Told
 from butterfly.report.page import Page, Section, Table
-from butterfly.report.words import fit_said
 
 
 def structures_table(passed: Sequence[Structure]) -> Table:
@@ -21,7 +21,7 @@ def structures_table(passed: Sequence[Structure]) -> Table:
     rows = []
     for structure in passed:
         fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
-        cells = [fit_said(value) for fit in fits for value in (fit.median, fit.mean)]
+        cells = [fit_text(value) for fit in fits for value in (fit.median, fit.mean)]
         rows.append((", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells))
     told = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
     return Table(headers=("terms", *told), rows=rows)

@@ -1,14 +1,15 @@
-"""What the figures of all pages have in common: colours, packed curves, a log against time."""
+"""What the figures of all pages share: colours, the samples that are drawn, curves in a page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
-from plotly.subplots import make_subplots
 
 from butterfly.model.parameters import AddedMass
 
@@ -27,7 +28,7 @@ SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "star"
 MARKS = 10
 """Numbers of logs that an axis shows, or about so many."""
 
-_MOST_OF_A_LOG = 20_000  # samples drawn of each column
+_SEEN = 20_000  # quanta of the whole range: a pixel is ten or more
 
 
 def look(number: int) -> tuple[str, str]:
@@ -60,20 +61,11 @@ def add(figure: Figure, row: int, x: object, y: object, **style: object) -> None
 def seen_samples(
     columns: Sequence[NDArray[np.float64]], most: int, *, every: int = 1
 ) -> NDArray[np.intp]:
-    """Return the numbers of the samples that a drawing needs of curves with one time axis.
+    """Return the numbers of the samples that a drawing needs of (n,) curves with one time axis.
 
-    Each ``every``-th sample where that is few enough; else of each stretch of time those with the
-    least and the largest value of each curve, so that no peak is lost (as LTTB keeps those of one
-    curve: Steinarsson, Downsampling time series for visual representation, 2013).
-
-    Parameters
-    ----------
-    columns
-        (n,) values of each curve.
-    most
-        Samples that are few enough.
-    every
-        Samples that a step of the drawing holds.
+    Each ``every``-th sample where ``most`` are not exceeded; else of each stretch of time those
+    with the least and the largest value of each curve, so that no peak is lost (as LTTB keeps those
+    of one curve: Steinarsson, Downsampling time series for visual representation, 2013).
     """
     count = columns[0].size
     if count // every <= most:
@@ -88,34 +80,51 @@ def seen_samples(
     return np.unique(np.concatenate(kept))
 
 
-def log_figure(
-    time: NDArray[np.float64],
-    columns: dict[str, NDArray[np.float64]],
-    intervals: tuple[NDArray[np.float64], NDArray[np.float64]],
-) -> Figure:
-    """Draw a log against time, a panel for each column and one for the sampling intervals.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """A figure of which there is one for each log; that of the log that is chosen is drawn.
 
-    Parameters
-    ----------
-    time
-        (n,) stamps in s.
-    columns
-        (n,) values by axis title.
-    intervals
-        (n - 1,) instants in s and (n - 1,) lengths in ms of the sampling intervals.
+    ``data`` and ``layout`` are of all of them, the traces without points; ``curves`` for each log
+    and each group of traces that share an x: that x, then the y of each (see `packable`).
     """
-    panels = {title: (time, values) for title, values in columns.items()}
-    panels["interval in ms"] = intervals
-    rows = len(panels)
-    figure = make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.03)
-    for row, (title, (x, y)) in enumerate(panels.items(), start=1):
-        colour, _ = look(row - 1)
-        style = {"mode": "lines", "line": {"color": colour, "width": 1}}
-        if row == rows:
-            style = {"mode": "markers", "marker": {"color": colour, "size": 2}}
-        some = seen_samples([y], _MOST_OF_A_LOG)
-        add(figure, row, x[some], y[some].astype(np.float32), showlegend=False, **style)
-        figure.update_yaxes(title=title, row=row)
-    figure.update_xaxes(title="time in s", row=rows)
-    figure.update_layout(height=220 * rows + 80)
-    return figure
+
+    data: list[dict[str, Any]]
+    layout: dict[str, Any]
+    curves: list[list[list[dict[str, Any]]]]
+
+    @classmethod
+    def of(cls, figure: Figure, curves: list[list[list[dict[str, Any]]]]) -> Series:
+        """Take the look of all from the figure of one."""
+        common = figure.to_dict()
+        traces = [{k: v for k, v in each.items() if k not in {"x", "y"}} for each in common["data"]]
+        layout = {key: value for key, value in common["layout"].items() if key != "template"}
+        return cls(data=traces, layout=layout, curves=curves)
+
+    @classmethod
+    def of_figures(cls, figures: Sequence[Figure]) -> Series:
+        """Take the points from the figure of each log."""
+        curves = [
+            [[packable(np.asarray(values)) for values in (trace.x, trace.y)] for trace in each.data]
+            for each in figures
+        ]
+        return cls.of(figures[0], curves)
+
+
+def packable(values: NDArray[np.floating[Any]], *, logarithmic: bool = False) -> dict[str, Any]:
+    """Return (n,) numbers as steps from each to the next, which pack into a byte or so each.
+
+    They are ``begin``, the first number, and ``steps`` from it in units of ``quantum``, less than a
+    screen shows of their range; None stands for what is no number. For a logarithmic axis it is
+    their logarithms that are packed.
+    """
+    if logarithmic:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values = np.log10(values)
+    there = np.isfinite(values)
+    finite = np.asarray(values[there], dtype=np.float64)
+    begin = float(finite[0]) if finite.size else 0.0
+    quantum = float(f"{(np.ptp(finite) if finite.size else 0.0) / _SEEN:.3g}") or 1.0
+    steps = np.full(values.size, None, dtype=object)
+    steps[there] = np.diff(np.rint((finite - begin) / quantum), prepend=0.0).astype(np.int64)
+    packed = {"begin": begin, "quantum": quantum, "steps": steps.tolist()}
+    return packed | {"logarithmic": True} if logarithmic else packed

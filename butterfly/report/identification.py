@@ -12,15 +12,22 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.identification import Identification
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import JointKind, LumpedParameters
-from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
+from butterfly.report.estimate_figures import (
+    correlation_map,
+    frequency_response_figure,
+    parameter_figure,
+    ranked_figure,
+)
 from butterfly.report.figures import middle
-from butterfly.report.frequency_figure import frequency_response_figure
-from butterfly.report.inspection import STATES, conditions_said
-from butterfly.report.misfit import (
+from butterfly.report.format import counted, fit_text
+from butterfly.report.inspection import STATES, conditions_text
+from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
-    misfit_sentences,
-    misfit_table,
+    spectrum_figure,
+    spectrum_series,
+    time_figure,
+    time_series,
 )
 from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.page import (
@@ -39,9 +46,10 @@ from butterfly.report.physical import (
     physical_rows,
     physical_sentences,
 )
-from butterfly.report.spectrum_figure import spectrum_figure, spectrum_series
-from butterfly.report.time_figure import time_figure, time_series
-from butterfly.report.words import counted, fit_said
+from butterfly.report.residual import (
+    misfit_sentences,
+    misfit_table,
+)
 
 _RESPONSE = (
     "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
@@ -119,7 +127,7 @@ def identification_page(
         *_correlations(identification),
         Section(
             title="FIT log by log",
-            text=f"Health of the {conditions_said(states)} A click on a point chooses its log."
+            text=f"Health of the {conditions_text(states)} A click on a point chooses its log."
             f"{_undrawn(identification)}",
             figures={"fit": ranked_figure(identification)},
             tables=(_logs_table(identification),),
@@ -139,7 +147,7 @@ def identification_page(
         summary=[*told.summary[1:], *misfit_sentences(misfit)],
         sections=sections,
         numbers=told.document(),
-        logs=[f"{run.log.label} – FIT {fit_said(run.fit)} %" for run in runs],
+        logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         stills={
             "parameters": partial(parameter_figure, rows),
@@ -155,8 +163,8 @@ def _facts(identification: Identification) -> list[Fact]:
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
     return [
-        Fact("FIT, median of all logs", f"{fit_said(fit.median)} %", f"100 % is perfect{fit.over}"),
-        Fact("FIT, worst log", f"{fit_said(fit.worst)} %"),
+        Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
+        Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
         *_left_over(identification.misfit.times),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),
@@ -241,7 +249,7 @@ def _logs_table(identification: Identification) -> Table:
             steady = (f"{point.amplitude:.3f}", *shares)
         rows.append(
             (
-                *(run.log.label, f"{fit_said(run.fit)}", Chip(STATES[state], state)),
+                *(run.log.label, f"{fit_text(run.fit)}", Chip(STATES[state], state)),
                 "; ".join(health.findings) or "–",
                 *steady,
                 *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),
@@ -305,14 +313,14 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
         (
             "this identification",
             *(own.get(key, "–") for key in _COMPARED),
-            *map(fit_said, (fit.median, fit.mean, fit.worst)),
+            *map(fit_text, (fit.median, fit.mean, fit.worst)),
         )
     ]
     for other in identification.comparisons:
         values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
         values[3] += " (fitted)" if other.gain_fitted else ""
         fits = (other.summary.median, other.summary.mean, other.summary.worst)
-        lines.append((other.name, *values, *map(fit_said, fits)))
+        lines.append((other.name, *values, *map(fit_text, fits)))
     headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
     table = Table(name="against", headers=headers, rows=lines)
     return [Section(title="Against other parameters", tables=(table,))]
@@ -321,7 +329,7 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
 def _held_out(identification: Identification) -> list[Section]:
     if not identification.held_out:
         return []
-    rows = [(name, fit_said(value)) for name, value in identification.held_out.items()]
+    rows = [(name, fit_text(value)) for name, value in identification.held_out.items()]
     caption = "Logs that were not used for the fit, simulated with its values."
     table = Table(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
     return [Section(title="Held out", tables=(table,))]

@@ -10,11 +10,10 @@ from typing import TypeGuard
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.logs.health import Health, examine
+from butterfly.logs.health import Health, Remark, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.logs.pieces import piece_name, read_pieces
-from butterfly.logs.remarks import Remark
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
@@ -77,7 +76,7 @@ def inspect_logs(manifest: Manifest, track: Track = untracked) -> list[Inspected
     return sorted(seen, key=lambda each: -list(Level).index(each.condition))
 
 
-def conditions_said(conditions: Sequence[Level]) -> str:
+def conditions_text(conditions: Sequence[Level]) -> str:
     """Say how many logs are in which condition."""
     logs = f"{len(conditions)} log{'s' * (len(conditions) != 1)}"
     counts = {each: conditions.count(each) for each in Level}

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from plotly.graph_objects import Figure
+from plotly.subplots import make_subplots
 
 from butterfly.logs.health import Health
 from butterfly.logs.log import Log
-from butterfly.report.figures import log_figure
+from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.inspection import STATES, health_rows, hints
 from butterfly.report.page import Badge, Page, Section, Table, write_html
 from butterfly.verdict import Level
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
+_MOST = 20_000  # samples drawn of each column
 _ON_BADGE = ("state", "findings")
 _SAID = {
     Level.GOOD: "nothing was found that speaks against this log.",
@@ -52,18 +51,32 @@ def inspection_page(log: Log, health: Health) -> Page:
             title="In numbers",
             tables=(Table(headers=(), rows=rows, words=(1,)),),
         ),
-        sections=[Section(title="The log", figures={"log": _figure(log)})],
+        sections=[Section(title="The log", figures={"log": _log_figure(log)})],
         numbers={},
     )
 
 
-def _figure(log: Log) -> Figure:
+def _log_figure(log: Log) -> Figure:
+    """Draw a log against time, a panel for each column and one for the sampling intervals."""
     way = log.added_mass.joint.way
     titles = {
         "input": "input in its own unit",
         "angle": f"angle in {way}",
         "velocity": f"velocity in {way}/s",
     }
-    columns = {titles[name]: values for name, values in log.columns().items() if name in titles}
+    panels = {titles[k]: (log.time, values) for k, values in log.columns().items() if k in titles}
     middles = (log.time[1:] + log.time[:-1]) / 2
-    return log_figure(log.time, columns, (middles, 1e3 * np.diff(log.time)))
+    panels["interval in ms"] = (middles, 1e3 * np.diff(log.time))
+    rows = len(panels)
+    figure = make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.03)
+    for row, (title, (x, y)) in enumerate(panels.items(), start=1):
+        colour, _ = look(row - 1)
+        style = {"mode": "lines", "line": {"color": colour, "width": 1}}
+        if row == rows:
+            style = {"mode": "markers", "marker": {"color": colour, "size": 2}}
+        some = seen_samples([y], _MOST)
+        add(figure, row, x[some], y[some].astype(np.float32), showlegend=False, **style)
+        figure.update_yaxes(title=title, row=row)
+    figure.update_xaxes(title="time in s", row=rows)
+    figure.update_layout(height=220 * rows + 80)
+    return figure

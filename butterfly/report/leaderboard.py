@@ -10,9 +10,9 @@ from plotly.graph_objects import Figure, Scatter
 from butterfly.comparison.leaderboard import Entry
 from butterfly.identification.free_run import FitSummary
 from butterfly.report.figures import look
+from butterfly.report.format import fit_text
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.page import Chip, Page, Section, Table
-from butterfly.report.words import fit_said
 
 _HEADERS: tuple[str, ...] = (
     *("estimator", "verdict", "left out: median", "left out: worst"),
@@ -65,7 +65,7 @@ def _table(entries: Sequence[Entry]) -> Table:
 
 
 def _fit(fit: FitSummary | None) -> tuple[str, str]:
-    return ("–", "–") if fit is None else (fit_said(fit.median), fit_said(fit.worst))
+    return ("–", "–") if fit is None else (fit_text(fit.median), fit_text(fit.worst))
 
 
 def _figure(entries: Sequence[Entry]) -> Figure:
@@ -81,7 +81,7 @@ def _figure(entries: Sequence[Entry]) -> Figure:
         drawn = Scatter(
             x=[max(100 - fit, _LEAST) for fit in shown.values()],
             y=list(shown),
-            text=[f"{fit_said(fit)} %" for fit in shown.values()],
+            text=[f"{fit_text(fit)} %" for fit in shown.values()],
             textposition=f"{place} center",
             mode="markers+text",
             name=f"{name}, median FIT",

@@ -15,10 +15,10 @@ from butterfly.orbit.analysis import invariant
 from butterfly.orbit.loop import Round
 from butterfly.orbit.study import PERIODS, OrbitStudy
 from butterfly.report.figures import PALETTE
+from butterfly.report.finding_texts import estimate_sentences
 from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit
 from butterfly.report.page import Fact, Page, Section, Table
 from butterfly.report.parameter_table import Whisker, interval, with_error
-from butterfly.report.words import sentences
 
 _RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
 _EVERY = 0.01  # s between drawn points
@@ -58,7 +58,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         Section(
             title="Parameters",
             tables=(_parameters_table(study, truth),),
-            text="\n".join(sentences(study.estimate)[1:]),
+            text="\n".join(estimate_sentences(study.estimate)[1:]),
         ),
         Section(
             title="Free-run prediction next to the orbit",

@@ -16,11 +16,12 @@ from butterfly import __version__
 from butterfly.files import replacing
 from butterfly.report.numbers.document import write_document
 from butterfly.report.parameter_table import Whisker
-from butterfly.report.series import Series
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+    from butterfly.report.figures import Series
 
 _PLOTLY = Path(__file__).parent / "plotly_js/plotly-cartesian.min.js.gz"
 
@@ -252,7 +253,7 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
         If a file cannot be written.
     """
     if figures:
-        from butterfly.report.still import write_stills  # noqa: PLC0415 - slow to import
+        from butterfly.report.pictures import write_stills  # noqa: PLC0415 - slow to import
 
         stills = {name: draw() for name, draw in page.stills.items()}
         write_stills({**page.figures, **stills}, path.with_name(f"{path.stem}-figures"))

@@ -10,8 +10,7 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
-from butterfly.report.figures import GREY, PALETTE
-from butterfly.report.series import Series
+from butterfly.report.figures import GREY, PALETTE, Series
 
 _DRAWN = 12  # logs at most, of which a figure shows the course
 _BANDS = {OF_NEW_LOG: (PALETTE[4], 0.35), OF_PARAMETERS: (PALETTE[1], 0.8)}  # colour, opacity

@@ -13,11 +13,17 @@ from butterfly.experiment.columns import MISSING
 from butterfly.experiment.record import OK, SweepRecord
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
-from butterfly.report.field_names import said_field, said_name
+from butterfly.report.format import field_label, field_name
 from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Fact, Link, Page, Section, Table
-from butterfly.report.parallel_figure import parallel_figure
-from butterfly.report.sweep_figures import Estimates, axis_figure, column, heat_maps, short
+from butterfly.report.sweep_figures import (
+    Estimates,
+    axis_figure,
+    column,
+    heat_maps,
+    parallel_figure,
+    short,
+)
 from butterfly.verdict import VERDICTS
 
 if TYPE_CHECKING:
@@ -94,7 +100,7 @@ def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section
         figure = axis_figure(deviating, field)
         if figure is not None:
             section = Section(
-                title=f"Against {said_name(field)}",
+                title=f"Against {field_name(field)}",
                 text="Median deviation, with the middle half of the runs.",
                 figures={f"axis-{number}": figure},
             )
@@ -212,7 +218,7 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
         "it in words."
     )
-    headers = (*told, *map(said_field, fields))
+    headers = (*told, *map(field_label, fields))
     return Table(headers=headers, rows=rows, words=(1,), caption=caption)
 
 
@@ -267,7 +273,7 @@ def _orbits(runs: pa.Table) -> Table:
 
 def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> list[str]:
     done = int((status == OK).sum())
-    varied = ", ".join(map(said_name, fields)) or "nothing but the seed"
+    varied = ", ".join(map(field_name, fields)) or "nothing but the seed"
     sentences = [f"{status.size} runs, {done} of them with a result; varied: {varied}."]
     missing = int((status == MISSING).sum())
     if missing:

@@ -65,7 +65,7 @@ def _synthetic(synthetic: Synthetic) -> dict[int, Columns]:
     coarse = COARSE * slow.mean_step
     frequency, power = periodogram(slow.angle[::COARSE][-math.floor(_WINDOW / coarse) :], coarse)
     omega = np.array(list(sines))
-    linear = synthetic.setup.robot.lumped
+    linear = synthetic.rig.robot.lumped
     curve = np.linspace(0.5, 8.0, 400)
     held = HeldSystem.of(linear, coarse)
 

@@ -10,7 +10,7 @@ import numpy as np
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass
-from butterfly.plant.setup import Setup
+from butterfly.plant.rig import Rig
 
 _START = 0.01  # rad, at which the Simulink model starts
 
@@ -21,7 +21,7 @@ class Synthetic:
 
     Parameters
     ----------
-    setup
+    rig
         The robot, its clock and its encoder.
     added_masses, sines
         Every sine is tried with every added mass.
@@ -29,7 +29,7 @@ class Synthetic:
         Of a run in s.
     """
 
-    setup: Setup
+    rig: Rig
     added_masses: Sequence[AddedMass]
     sines: Sequence[Sine]
     duration: float
@@ -37,13 +37,13 @@ class Synthetic:
 
 def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: bool) -> Log:
     """Simulate one response of the thesis's synthetic robot to a continuous sine."""
-    clock = synthetic.setup.clock
+    clock = synthetic.rig.clock
     step = clock.step
     time = step * np.arange(clock.count(synthetic.duration) + 1, dtype=np.float64)
     instants = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]])
-    loaded = synthetic.setup.robot.lumped.with_added_mass(added)
+    loaded = synthetic.rig.robot.lumped.with_added_mass(added)
     angle, _ = simulate(loaded, time, sine.sample(instants), _START)
-    source = synthetic.setup.encoder.band_limited
+    source = synthetic.rig.encoder.band_limited
     if noise and source is not None:
         angle = angle + source.sample(time)
     return Log(

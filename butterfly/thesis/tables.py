@@ -116,8 +116,8 @@ def _table_1(
 
 
 def _linearisation(synthetic: Synthetic) -> list[Row]:
-    p = synthetic.setup.robot.lumped
-    held = HeldSystem.of(p, COARSE * synthetic.setup.clock.step)
+    p = synthetic.rig.robot.lumped
+    held = HeldSystem.of(p, COARSE * synthetic.rig.clock.step)
     return [
         Row(
             what="(63) a1 a0 b0",
@@ -135,7 +135,7 @@ def _linearisation(synthetic: Synthetic) -> list[Row]:
 def _table_1_rows(
     synthetic: Synthetic, scripted: dict[AddedMass, float], right: dict[AddedMass, float]
 ) -> list[Row]:
-    p = synthetic.setup.robot.lumped
+    p = synthetic.rig.robot.lumped
     nearest = synthetic.added_masses[1].arm
     twice = [
         resonance_frequency(p.with_added_mass(m).with_added_mass(replace(m, arm=nearest)))

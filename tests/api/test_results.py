@@ -16,8 +16,8 @@ import butterfly as bf
 from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identification.design import masses_at_hand
 from butterfly.identification.estimators import HarmonicBalance, OutputError
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import hold_out
 from butterfly.logs.mat import write_mat
 
 OLDER = Path(__file__).parents[1] / "data/older"

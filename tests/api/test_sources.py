@@ -10,7 +10,7 @@ import pytest
 from butterfly.api.sources import manifest_of, read
 from butterfly.errors import InputError
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.sweep import run_sweep
 from butterfly.logs.log import InputKind
 from butterfly.logs.mat import write_mat
 from butterfly.model.known import Known

@@ -2,10 +2,10 @@
 
 import math
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 
-from butterfly.experiment.orbit import simulated_rig
 from butterfly.identification.weak_signals import Balance
 from butterfly.orbit.loop import calibrate
 from butterfly.orbit.recalibration import recalibrate
@@ -83,7 +83,7 @@ def _effect(name):
     spec, amplitudes, told = EFFECTS[name]
     rng = np.random.default_rng(0)
     study = study_orbit(
-        simulated_rig(spec.setup, rng),
+        partial(spec.rig.run, rng=rng),
         generic(spec, amplitudes),
         0.0,
         sixty_degrees(),
@@ -114,7 +114,7 @@ def test_free_run_errors_for_every_effect():
 def _swings(seed):
     """Swings in degrees of the loop in MuJoCo, from a small-swing model and from a wrong one."""
     rng = np.random.default_rng(seed)
-    rig = simulated_rig(ROUGH.setup, rng)
+    rig = partial(ROUGH.rig.run, rng=rng)
     loops = [
         calibrate(rig, believed, 0.0, sixty_degrees(duration=20.0), rng=rng)
         for believed in (generic(ROUGH, AGAINST_COULOMB), wrong(TRUE, rng))

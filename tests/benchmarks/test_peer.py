@@ -16,10 +16,10 @@ from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
 from butterfly.plant.mjcf import mjcf
+from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
-from butterfly.plant.setup import Setup
 from tests.benchmarks.bars import at_least, at_most, count_missing
 from tests.benchmarks.cpu_time import least_seconds
 
@@ -52,10 +52,10 @@ INERTIA, DISTANCE, DAMPING, GAIN = 0.0024, 0.06, 8e-4, 0.03
 
 @pytest.fixture(scope="module")
 def logs():
-    setup = Setup(robot=ROBOT, clock=Clock(step=STEP), encoder=Encoder(steps=32768, noise=2e-4))
+    rig = Rig(robot=ROBOT, clock=Clock(step=STEP), encoder=Encoder(steps=32768, noise=2e-4))
     runs = [(mass, Sine(omega=w, amplitude=0.15)) for mass in MASSES for w in (3.5, 5.5)]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
-    return list(simulate_runs(setup, runs, 70.0, seeds))
+    return list(simulate_runs(rig, runs, 70.0, seeds))
 
 
 def _lumped(inertia, distance, damping, gain):

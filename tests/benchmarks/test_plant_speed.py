@@ -13,9 +13,9 @@ from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Reading
+from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
-from butterfly.plant.setup import Setup
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 
@@ -41,7 +41,7 @@ def test_the_motor_wrapper_costs_little_more_than_a_bare_mujoco_loop():
     sine, rng = Sine(omega=4, amplitude=0.2), np.random.default_rng(0)
 
     def driven():
-        Setup(robot=ROBOT).play(AddedMass(), sine, steps * 1e-3, rng)
+        Rig(robot=ROBOT).play(AddedMass(), sine, steps * 1e-3, rng)
 
     least, own = least_seconds(bare, driven)
     ratio = own / least
@@ -64,7 +64,7 @@ def test_a_sweep_costs_little_more_than_a_bare_rollout():
 
     def swept():
         seeds = np.random.SeedSequence(0).spawn(39)
-        list(simulate_runs(Setup(robot=ROBOT), runs, duration, seeds, threads=threads))
+        list(simulate_runs(Rig(robot=ROBOT), runs, duration, seeds, threads=threads))
 
     least, own = least_seconds(bare, swept, repeats=2)
     soonest, took = least_seconds(bare, swept, repeats=2, clock=time.perf_counter)

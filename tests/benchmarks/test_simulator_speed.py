@@ -9,7 +9,7 @@ from butterfly.identification.simulation import Simulation
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 from butterfly.plant.mjcf import compile_model
-from butterfly.plant.twin import twin
+from butterfly.plant.robot import Robot
 from butterfly.signals import hold
 from tests.benchmarks.bars import at_least
 from tests.benchmarks.cpu_time import least_seconds
@@ -59,7 +59,7 @@ def test_scipy_and_mujoco_need_hundreds_of_times_the_kernel_s_time(real):
     error = np.abs(_by_kernel(loaded, log, grid) - exact).max()
     tolerance = _least_accurate(loaded, log, grid, exact, error)
 
-    model = compile_model(twin(parameters), log.added_mass)
+    model = compile_model(Robot.of_lumped(parameters), log.added_mass)
     model.opt.timestep = 1e-3
     data = mujoco.MjData(model)
     data.qpos[0] = _START

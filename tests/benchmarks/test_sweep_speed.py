@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from butterfly.experiment.perform import execute
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.record import OK
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import simulate as simulated_logs
 from butterfly.experiment.source import Source
+from butterfly.experiment.sweep import plan_sweep
 from butterfly.model.greybox import simulate
 from tests.benchmarks.bars import at_least, at_most
 from tests.benchmarks.cpu_time import least_seconds

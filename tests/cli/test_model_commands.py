@@ -11,7 +11,7 @@ from PIL import Image
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
-from butterfly.plant.twin import MASS, twin
+from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.watch.picture import Painter, RenderingError
 from tests.cli.one_line import assert_one_line_error
 from tests.conftest import MASSES, ROBOT
@@ -97,7 +97,7 @@ def test_what_is_neither_experiment_nor_data_set_is_refused(butterfly, tmp_path)
 
 def test_the_robot_is_drawn_and_turns_with_its_angle(butterfly, tmp_path):
     try:
-        with Painter(twin(ROBOT, MASS), MASSES[1], 32):
+        with Painter(Robot.of_lumped(ROBOT, HAND_MASS), MASSES[1], 32):
             pass
     except RenderingError as missing:
         pytest.skip(str(missing))

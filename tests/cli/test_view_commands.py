@@ -9,8 +9,8 @@ from PIL import Image
 from scipy.io import loadmat
 
 from butterfly.model.parameters import AddedMass
-from butterfly.plant.twin import twin
-from butterfly.plant.watch import show as viewing
+from butterfly.plant.robot import Robot
+from butterfly.plant.watch import picture
 from butterfly.plant.watch.picture import Painter, RenderingError
 from tests.cli.one_line import assert_one_line_error
 from tests.conftest import ROBOT
@@ -35,7 +35,7 @@ def painted(monkeypatch):
             angles.append(angle)
             return Image.new("RGB", (self.size, self.size), (len(angles), 0, 0))
 
-    monkeypatch.setattr(viewing, "Painter", Painter)
+    monkeypatch.setattr(picture, "Painter", Painter)
     return angles
 
 
@@ -72,7 +72,7 @@ def test_a_film_draws_the_log_that_simulate_writes(
 
 def _needs_drawing():
     try:
-        Painter(twin(ROBOT), AddedMass(), 32).__exit__()
+        Painter(Robot.of_lumped(ROBOT), AddedMass(), 32).__exit__()
     except RenderingError as error:
         pytest.skip(str(error))
 

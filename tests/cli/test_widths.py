@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.sweep import run_sweep
 from tests.cli.fitting import assert_tables_fit
 from tests.cli.test_app import CALLS
 from tests.experiment.setting import HereEngine, small_plan

@@ -10,8 +10,8 @@ import pytest
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, WeakForm
-from butterfly.identification.inference.splits import Split
-from butterfly.identification.inference.validation import hold_out
+from butterfly.identification.splits import Split
+from butterfly.identification.validate import hold_out
 from butterfly.report.leaderboard import leaderboard_page
 from tests.identification.simulated import ROBOT, SWINGS, steady
 

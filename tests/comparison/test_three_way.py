@@ -14,8 +14,8 @@ from butterfly.identification.given import given_estimate
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.replay import replay_input
-from butterfly.plant.twin import twin
+from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import replay_input
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, steady
 from tests.independent.integrator import Joint, motion
@@ -123,7 +123,8 @@ def test_the_three_ways_to_simulate_a_real_log_agree(real, number):
     log, p = real.data.logs[number], setting.parameters
     start = float(log.angle[0]) - setting.zero
     mujoco, grey = (
-        replay_input(kind(twin(p), log.added_mass, angle=start), log, p.delay) + setting.zero
+        replay_input(kind(Robot.of_lumped(p), log.added_mass, angle=start), log, p.delay)
+        + setting.zero
         for kind in (MujocoJoint, GreyBoxJoint)
     )
     run = real.data.simulations.run_with(number, setting).simulated

@@ -16,7 +16,7 @@ from butterfly.identification.identification import identify
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.known import Known
-from butterfly.plant.bench import Bench
+from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.sensors import Clock, Encoder
 from examples.odrive_can import AxisState, Command, DriveError, ODrive
 from examples.odrive_stand_in import StandIn, WaitingBus
@@ -95,8 +95,8 @@ def bus(drive):
 
 def _run(bus, law, duration=1.0, **options):
     motor = ODrive(bus, **{"limit": 0.3, "node": NODE, "period": PERIOD, **options})
-    with Bench(motor, clock=Clock(step=PERIOD)) as bench:
-        return bench.run(law, duration)
+    with ControlLoop(motor, clock=Clock(step=PERIOD)) as loop:
+        return loop.run(law, duration)
 
 
 def _sine(reading):

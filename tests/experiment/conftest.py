@@ -2,7 +2,7 @@
 
 import pytest
 
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.sweep import run_sweep
 from butterfly.experiment.workers import LocalEngine
 from tests.experiment.setting import small_plan, tables_of
 

@@ -3,8 +3,8 @@
 import yaml
 
 from butterfly.experiment.columns import TABLES
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.source import Source
+from butterfly.experiment.sweep import plan_sweep
 
 SWEEP = {
     "name": "small",

@@ -8,7 +8,7 @@ from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.picked_rows import without_formulas
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
-from butterfly.experiment.sweeps import SweepSpec
+from butterfly.experiment.sweep_spec import SweepSpec
 from butterfly.files import is_name
 from butterfly.sizes import memory, require_room, said
 

@@ -10,12 +10,11 @@ import yaml
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment import orbit
 from butterfly.experiment.perform import execute, perform
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, read_experiment
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.sweep import plan_sweep, run_sweep
 from tests.experiment.setting import SWEEP, HereEngine, small_plan
 
 SINGLE = {key: value for key, value in SWEEP.items() if key != "sweep"} | {"name": "single"}

@@ -8,8 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.experiment.orbit_record import CrossRecord, OrbitRecord
-from butterfly.experiment.record import EstimateRecord, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.record import (
+    CrossRecord,
+    EstimateRecord,
+    OrbitRecord,
+    RunRecord,
+    SweepRecord,
+    SweepRun,
+)
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
@@ -78,7 +84,7 @@ def test_a_run_comes_back_from_json(overrides, seed, error):
 
 
 def test_a_sweep_comes_back_from_json():
-    run = PlannedRun(number=0, key="a", repetition=1, seed=2**63 - 1, overrides={"x.y": [1, None]})
+    run = SweepRun(number=0, key="a", repetition=1, seed=2**63 - 1, overrides={"x.y": [1, None]})
     about = {"name": "s", "description": "", "seed": 0, "worst": 3, "versions": {"numpy": "2"}}
     sweep = SweepRecord(**about, fields=("x.y",), runs=(run,))
     assert SweepRecord.from_json(sweep.to_json()) == sweep

@@ -1,6 +1,7 @@
 """What is on disk is whole, found again, and the tables hold whatever a field may be set to."""
 
 import os
+import shutil
 import subprocess
 import sys
 from contextlib import suppress
@@ -11,11 +12,10 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS, Columns
-from butterfly.experiment.plan import plan_sweep
-from butterfly.experiment.record import FAILED, Outcome, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.sweep import plan_sweep, run_sweep
 from tests.experiment.setting import HereEngine, small_plan
 
 
@@ -102,10 +102,39 @@ def test_a_foreign_record_counts_as_none(tmp_path, text):
     assert store.read("ab" * 12) is None
 
 
-def test_results_of_another_version_are_named_as_such(tmp_path):
-    (tmp_path / "sweep.json").write_text('{"fields": [], "runs": []}')
-    with pytest.raises(InputError, match="of this version"):
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ('{"fields": [], "runs": []}', "no record"),
+        ("[" * 100_000, "no record"),
+        ('{"schema": 4, "versions": {"butterfly": "0.3.0"}}', "a damaged record"),
+        (
+            '{"schema": 2, "versions": {"butterfly": "0.1.0"}}',
+            "records of schema 2, written by butterfly 0.1.0",
+        ),
+    ],
+)
+def test_results_of_another_version_are_named_as_such(tmp_path, content, found):
+    (tmp_path / "sweep.json").write_text(content)
+    with pytest.raises(InputError, match=f"got {found}; expected .*butterfly run does the sweep"):
         ResultStore(tmp_path).sweep()
+
+
+def test_a_half_done_sweep_of_0_2_0_is_read_and_done_anew(tmp_path):
+    """`before/` is what butterfly 0.2.0 (6a36961) left after one of two runs."""
+    shutil.copytree(Path(__file__).parent / "before", tmp_path / "before")
+    store = ResultStore(tmp_path / "before")
+    first, second = store.sweep().runs
+    record = store.read(first.key)
+    assert store.read(second.key) is None
+    assert [each.name for each in record.estimates[0].parameters][:4] == ["p1", "p2", "p3", "p4"]
+    plan = plan_sweep(Source(store.folder / "experiment.yaml"))
+    assert {task.key for task in plan.tasks}.isdisjoint({first.key, second.key})
+    summary = run_sweep(plan, store.folder, HereEngine())
+    assert (summary.done, summary.reused, summary.unsuccessful) == (2, 0, 0)
+    again = store.read(plan.tasks[0].key).estimates[0].estimate
+    assert again.values == pytest.approx(record.estimates[0].estimate.values, rel=1e-9)
+    assert store.record_path(first.key) in store.clean()
 
 
 MIXED = [1.0, "a", True, None, {"x": 1}, {"x": {"y": 2}}, [1, 2], 10**400, 2**60, float("nan")]
@@ -125,7 +154,7 @@ MIXED = [1.0, "a", True, None, {"x": 1}, {"x": {"y": 2}}, [1, 2], 10**400, 2**60
 )
 def test_a_field_may_be_set_to_anything(values, kind):
     runs = [
-        PlannedRun(number=k, key=str(k), repetition=0, seed=2**63 - 1, overrides={"f": value})
+        SweepRun(number=k, key=str(k), repetition=0, seed=2**63 - 1, overrides={"f": value})
         for k, value in enumerate(values)
     ]
     columns = Columns(("f",), runs)
@@ -144,7 +173,7 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
         "sweep: {grid: {plant.encoder.noise: [1e-4, 2.0e-4], duration: [20, 3e1]}}\n"
     )
     plan = plan_sweep(Source(path))
-    runs = [task.planned for task in plan.tasks]
+    runs = [task.run for task in plan.tasks]
     columns = Columns(plan.fields, runs)
     schema = columns.schema(RUNS)
     assert {schema.field(name).type for name in plan.fields} == {pa.float64()}
@@ -188,7 +217,7 @@ def end_often(folder, name):
     """End a sweep of one's own in a folder, again and again."""
     store = ResultStore(Path(folder))
     key = name * 24
-    run = PlannedRun(number=0, key=key, repetition=0, seed=0, overrides={})
+    run = SweepRun(number=0, key=key, repetition=0, seed=0, overrides={})
     about = {"name": name, "description": "", "seed": 0, "worst": 1, "versions": {}}
     sweep = SweepRecord(**about, fields=(), runs=(run,))
     store.write(Outcome(record=RunRecord(key=key, status="ok", seed=0)))

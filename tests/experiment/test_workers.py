@@ -16,7 +16,7 @@ from butterfly.experiment.columns import RUNS
 from butterfly.experiment.perform import execute
 from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import run_sweep
+from butterfly.experiment.sweep import run_sweep
 from butterfly.experiment.workers import DaskEngine, LocalEngine
 from tests.experiment.jobs import EndsWorker, Job, work
 from tests.experiment.setting import small_plan, tables_of
@@ -73,7 +73,7 @@ def test_a_task_whose_worker_dies_is_given_up_after_three_attempts_and_tried_aga
 ):
     plan = small_plan(folder)
     work = partial(_dies_or_executes, plan.tasks[2].key)
-    monkeypatch.setattr("butterfly.experiment.sweep_runner.execute", work)
+    monkeypatch.setattr("butterfly.experiment.sweep.execute", work)
     summary = run_sweep(plan, folder / "dying", LocalEngine(2))
     assert summary.unsuccessful == 1
     rows = ResultStore(folder / "dying").table(RUNS).to_pylist()

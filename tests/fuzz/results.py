@@ -7,11 +7,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.record import RunRecord
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep_runner import kept_status, run_sweep
+from butterfly.experiment.sweep import kept_status, plan_sweep, run_sweep
 from tests.fuzz.command import escape_of_command
 from tests.fuzz.escape import escape_of
 

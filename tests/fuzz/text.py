@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from butterfly.experiment.plan import plan_sweep
 from butterfly.experiment.source import Source
+from butterfly.experiment.sweep import plan_sweep
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
 from butterfly.logs.csv import read_csv

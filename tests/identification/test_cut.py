@@ -17,7 +17,7 @@ def test_the_piece_after_a_stretch_begins_in_motion_with_what_was_commanded():
     assert (before.time[0], before.time[-1]) == (0.0, 4.99)
     assert after.time[0] == 10.0
     assert after.time.size == 1000
-    assert after.beginning.velocity == pytest.approx(0.6 * np.cos(20), abs=0.01)
+    assert after.initial_state.velocity == pytest.approx(0.6 * np.cos(20), abs=0.01)
     np.testing.assert_allclose(after.lead.input, np.cos(after.lead.time))
     assert (before.name, after.name) == ("swing, before", "swing, after")
 

@@ -12,7 +12,7 @@ from butterfly.identification.estimators import HarmonicBalance
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
-from butterfly.report.words import sentences
+from butterfly.report.finding_texts import estimate_sentences
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.sine_fit import SineFit
 from tests.conftest import MASSES, ROBOT
@@ -150,7 +150,7 @@ def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
     assert bounded
     for fit in bounded:
         assert "coulomb" in fit.on_bound
-        assert any("bound" in sentence for sentence in sentences(fit))
+        assert any("bound" in sentence for sentence in estimate_sentences(fit))
     assert all(fit.values[4] >= 0 for fit in fits)
 
 
@@ -160,14 +160,14 @@ def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
     monkeypatch.setattr("butterfly.identification.estimators.describing_fit._MAX_ITERATIONS", 2)
     stopped = HarmonicBalance(terms=()).of_points(points)
     assert stopped.ending is Ending.STOPPED
-    assert any("did not settle" in sentence for sentence in sentences(stopped))
+    assert any("did not settle" in sentence for sentence in estimate_sentences(stopped))
 
 
 def test_two_added_masses_suffice_but_cannot_be_checked_by_leaving_one_out():
     estimate = HarmonicBalance(terms=()).of_points(_points(ROBOT, masses=MASSES[:2]))
     np.testing.assert_allclose(estimate.values, _vector(ROBOT), rtol=1e-6)
     assert estimate.left_out == {}
-    assert any("Fewer than three" in sentence for sentence in sentences(estimate))
+    assert any("Fewer than three" in sentence for sentence in estimate_sentences(estimate))
 
 
 def test_the_real_robot_s_parameters_lie_in_the_known_ranges(real):

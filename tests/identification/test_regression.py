@@ -8,6 +8,7 @@ from scipy.optimize import nnls
 
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.prior import Prior
 from butterfly.identification.regression import Regression
 from butterfly.identification.solved import Solved
 
@@ -107,3 +108,11 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
     plain = np.sum([np.outer(s, s) for s in scores], axis=0)[:2, :2]
     ratio = np.diag(found.covariance) / np.diag(plain)
     assert np.all((ratio > 1) & (ratio < 2))  # CR2 is somewhat wider than CR0
+
+
+def test_what_is_known_of_a_value_is_known_of_its_multiple_by_as_many_standard_deviations():
+    """3 (x - 1) of an x of 2 with a standard deviation of 0.5 is 3 with one of 1.5."""
+    prior = Prior(mean=np.array([2.0]), weight=np.array([1 / 0.5**2]))
+    turned = prior.turned(np.array([3.0]), np.array([1.0]))
+    assert turned.mean[0] == pytest.approx(3.0)
+    assert turned.weight[0] == pytest.approx(1 / 1.5**2)

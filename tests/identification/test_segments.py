@@ -18,7 +18,7 @@ from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
-from butterfly.report.words import summary
+from butterfly.report.summary import summary
 from tests.independent.integrator import Joint, motion
 
 STEP = 0.005

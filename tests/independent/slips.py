@@ -19,7 +19,7 @@ from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.identification import identify
 from butterfly.logs.log import Log, with_unique_names
 from butterfly.model.parameters import AddedMass
-from butterfly.report.words import sentences
+from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.independent.robots import draw as draw_robot
 
@@ -119,7 +119,7 @@ def ask(logs: Logs, family: str) -> Answer:
     except ButterflyError as error:
         return Answer(recognised=True, text=str(error))
     good = found.level is Level.GOOD
-    text = " ".join(sentences(found))
+    text = " ".join(estimate_sentences(found))
     return Answer(recognised=not good, text=text, standing=found.level.verdict)
 
 

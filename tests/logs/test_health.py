@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from butterfly.errors import InputError
-from butterfly.logs.as_read import Reading
 from butterfly.logs.health import Repair, examine
+from butterfly.logs.log import Reading
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
 

@@ -6,7 +6,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.identification.data import read_data_set
 from butterfly.logs.manifest import Manifest, Split, manifest_text, read_manifest
-from butterfly.logs.stamps import restarts
+from butterfly.logs.timestamps import restarts
 
 TIME = np.arange(400) / 100
 HEAD = "name: set\ninput: voltage\n"

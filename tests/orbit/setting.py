@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from butterfly.experiment.orbit import simulated_rig
 from butterfly.experiment.schema import PlantSpec
 from butterfly.identification.estimators import Linear
 from butterfly.logs.log import Sine
@@ -13,7 +13,7 @@ from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.loop import Plan
-from butterfly.plant.joints import Simulator
+from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.signals.frequency_response import response_point
 
@@ -46,7 +46,7 @@ def wrong(parameters, rng):
 
 def grey_rig(spec, rng):
     """Rig of the same plant, simulated by the grey-box equation."""
-    return simulated_rig(replace(spec.setup, simulator=Simulator.GREY_BOX), rng)
+    return partial(replace(spec.rig, simulator=Simulator.GREY_BOX).run, rng=rng)
 
 
 def runs(spec, rng, *, starts=STARTS, masses=(NO_ADDED_MASS,), duration=20.0):
@@ -68,7 +68,7 @@ def generic(spec, amplitudes, *, simulator=Simulator.MUJOCO, duration=60.0):
     sines = [Sine(omega=w, amplitude=1e-5 * a) for w, a in zip(omegas, amplitudes, strict=True)]
     jobs = [(mass, sine) for mass in (NO_ADDED_MASS, KNOWN) for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(jobs))
-    logs = simulate_runs(replace(spec.setup, simulator=simulator), jobs, duration, seeds)
+    logs = simulate_runs(replace(spec.rig, simulator=simulator), jobs, duration, seeds)
     return Linear().of_points([response_point(log) for log in logs]).parameters
 
 

@@ -12,7 +12,7 @@ from butterfly.model.friction import Friction
 from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for, multiplier_of
 from butterfly.orbit.margins import loop_margins, loop_multiplier
-from butterfly.plant.bench import Bench
+from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.motor import CommandPath, SimulatedMotor
 from butterfly.plant.robot import Robot
@@ -92,9 +92,9 @@ def _held(orbit, gamma, delay, duration):
 
     law = EnergyShaping(orbit, gamma, velocity=Exact())
     motor = SimulatedMotor(joint, encoder=Encoder(steps=2**40), path=CommandPath(delay=delay))
-    with Bench(motor, clock=Clock(step=CYCLE)) as bench:
+    with ControlLoop(motor, clock=Clock(step=CYCLE)) as loop:
         try:
-            log = bench.run(law, duration)
+            log = loop.run(law, duration)
         except InputError:  # the joint spins faster and faster
             return math.inf
     last = log.time > duration - 4 * orbit.period

@@ -14,13 +14,18 @@ from butterfly.model.energy import Orbit, energy, potential
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
 from butterfly.orbit.analysis import comparison_factors, invariant, lifted_matrix, monodromy
-from butterfly.orbit.controller import EnergyShaping, gain_for, multiplier_of, steady_invariant
-from butterfly.orbit.velocity import FilteredDifference, Observer
-from butterfly.plant.bench import Bench
+from butterfly.orbit.controller import (
+    EnergyShaping,
+    Observer,
+    gain_for,
+    multiplier_of,
+    steady_invariant,
+)
+from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, Reading, SimulatedMotor
 from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Clock, Encoder
+from butterfly.plant.sensors import Clock, Encoder, FilteredDifference
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
@@ -35,8 +40,8 @@ def _robot(coulomb=0.0):
 
 def _swing(joint, law, duration, encoder=None, path=CommandPath()):
     motor = SimulatedMotor(joint, encoder=encoder or Encoder(steps=2**40), path=path)
-    with Bench(motor, clock=Clock(step=1e-3)) as bench:
-        return bench.run(law, duration)
+    with ControlLoop(motor, clock=Clock(step=1e-3)) as loop:
+        return loop.run(law, duration)
 
 
 def test_the_60_degree_orbit_has_the_known_period_and_squared_speed():

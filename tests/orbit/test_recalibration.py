@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.experiment.orbit import simulated_rig
 from butterfly.identification.weak_signals import Balance
 from butterfly.model.energy import Orbit
 from butterfly.orbit.analysis import swing
@@ -17,9 +17,9 @@ from butterfly.orbit.online import OnlineRecalibration, SelfTuning
 from butterfly.orbit.recalibration import recalibrate
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
-from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import CommandPath
-from butterfly.report.words import sentences
+from butterfly.plant.rig import Simulator
+from butterfly.report.finding_texts import estimate_sentences
 from tests.orbit.setting import (
     AGAINST_COULOMB,
     EFFECTS,
@@ -79,7 +79,7 @@ def test_terms_that_are_not_there_are_rejected_and_intervals_hold_the_truth(draw
         held.append((found.estimate.lower <= true) & (true <= found.estimate.upper))
     assert np.mean(held) > 0.85
     assert not found.is_absolute
-    assert any("Ratios" in sentence for sentence in sentences(found.estimate))
+    assert any("Ratios" in sentence for sentence in estimate_sentences(found.estimate))
 
 
 def test_with_a_known_mass_all_of_p1_to_p4_are_absolute():
@@ -139,7 +139,7 @@ def test_the_recalibrated_model_predicts_a_hundred_times_better():
 def test_in_mujoco_the_loop_brings_97_degrees_to_60():
     rng = np.random.default_rng(3)
     small = generic(ROUGH, AGAINST_COULOMB, duration=40.0)
-    found = calibrate(simulated_rig(ROUGH.setup, rng), small, 0.0, sixty_degrees(), rng=rng)
+    found = calibrate(partial(ROUGH.rig.run, rng=rng), small, 0.0, sixty_degrees(), rng=rng)
     reached = [math.degrees(each.amplitude) for each in found.rounds]
     assert reached[0] == pytest.approx(97.0, abs=1.0)
     assert reached[-1] == pytest.approx(60.0, abs=0.2)

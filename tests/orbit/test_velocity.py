@@ -10,7 +10,8 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.velocity import FilteredDifference, Observer
+from butterfly.orbit.controller import Observer
+from butterfly.plant.sensors import FilteredDifference
 
 ROBOT = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10.0)
 PRESENT = {

@@ -11,7 +11,7 @@ import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.diagnostics.unit_errors.names import Slip
-from butterfly.report.words import sentences_of
+from butterfly.report.finding_texts import sentences_of
 from butterfly.verdict import Level
 
 ROOT = Path(__file__).parents[2]

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from butterfly.errors import InputError
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
-from butterfly.plant.bench import Bench
+from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.motor import SimulatedMotor
@@ -35,8 +35,8 @@ def _robot(friction, hand=HAND, drive=DRIVE):
 
 def _run(joint, duration=10.0, amplitude=0.5, step=0.01):
     motor = SimulatedMotor(joint, encoder=Encoder(steps=2**45))
-    with Bench(motor, clock=Clock(step=step)) as bench:
-        return bench.play(lambda time: amplitude * np.sin(4 * time), duration)
+    with ControlLoop(motor, clock=Clock(step=step)) as loop:
+        return loop.play(lambda time: amplitude * np.sin(4 * time), duration)
 
 
 def _reference(log, rhs, start):

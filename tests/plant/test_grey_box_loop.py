@@ -21,13 +21,11 @@ from butterfly.plant.excitations import (
     SteppedSine,
     Table,
 )
-from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import LARGEST_COMMAND, CommandPath
+from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.rollout import simulate_runs
-from butterfly.plant.sensors import Clock, Encoder, Faults
-from butterfly.plant.setup import Setup
-from butterfly.plant.simulink_noise import BandLimitedNoise
+from butterfly.plant.sensors import BandLimitedNoise, Clock, Encoder, Faults
 
 
 def _or_none(values):
@@ -118,7 +116,7 @@ def clocks(draw):
 
 
 SETUPS = st.builds(
-    Setup,
+    Rig,
     robot=ROBOTS,
     simulator=st.just(Simulator.GREY_BOX),
     clock=clocks(),
@@ -127,7 +125,7 @@ SETUPS = st.builds(
     faults=FAULTS,
 )
 
-PLAIN = Setup(
+PLAIN = Rig(
     robot=Robot(
         hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
         drive=VoltageDrive(resistance=2, torque_constant=0.05, back_emf_constant=0.03),
@@ -139,15 +137,15 @@ SINE = Sine(omega=4.0, amplitude=0.3)
 ADDED = AddedMass(mass=0.05, arm=0.104)
 
 
-def _compiled(setup, runs, duration, *, threads=1):
+def _compiled(rig, runs, duration, *, threads=1):
     seeds = np.random.SeedSequence(3).spawn(len(runs))
-    return list(simulate_runs(setup, runs, duration, seeds, threads=threads))
+    return list(simulate_runs(rig, runs, duration, seeds, threads=threads))
 
 
-def _wrapped(setup, runs, duration):
+def _wrapped(rig, runs, duration):
     seeds = np.random.SeedSequence(3).spawn(len(runs))
     generators = map(np.random.default_rng, seeds)
-    return [setup.play(*run, duration, rng) for run, rng in zip(runs, generators, strict=True)]
+    return [rig.play(*run, duration, rng) for run, rng in zip(runs, generators, strict=True)]
 
 
 def _assert_same_bits(logs, others):
@@ -158,24 +156,24 @@ def _assert_same_bits(logs, others):
             assert getattr(log, name) == getattr(other, name)
 
 
-@given(setup=SETUPS, added=MASSES, excitation=EXCITATIONS, count=st.integers(40, 250))
-def test_it_gives_the_wrapper_s_log_to_the_bit(setup, added, excitation, count):
-    runs, duration = [(added, excitation), (AddedMass(), excitation)], count * setup.clock.step
-    _assert_same_bits(_compiled(setup, runs, duration), _wrapped(setup, runs, duration))
+@given(rig=SETUPS, added=MASSES, excitation=EXCITATIONS, count=st.integers(40, 250))
+def test_it_gives_the_wrapper_s_log_to_the_bit(rig, added, excitation, count):
+    runs, duration = [(added, excitation), (AddedMass(), excitation)], count * rig.clock.step
+    _assert_same_bits(_compiled(rig, runs, duration), _wrapped(rig, runs, duration))
 
 
 def test_a_minute_at_1_khz_is_the_wrapper_s_to_the_bit():
     """Long enough for the stamps to round, so that no two cycles are of quite the same length."""
-    setup = replace(PLAIN, encoder=Encoder(noise=1e-4), path=CommandPath(delay=0.0023))
+    rig = replace(PLAIN, encoder=Encoder(noise=1e-4), path=CommandPath(delay=0.0023))
     runs = [(ADDED, Multisine(base=0.5, harmonics=(3, 5, 8, 13), peak=0.3))]
-    _assert_same_bits(_compiled(setup, runs, 60.0), _wrapped(setup, runs, 60.0))
+    _assert_same_bits(_compiled(rig, runs, 60.0), _wrapped(rig, runs, 60.0))
 
 
 @pytest.mark.parametrize("jitter", [0.0, 2e-4])
 def test_any_number_of_threads_gives_the_same_logs(jitter):
     runs = [(ADDED, Sine(omega=1.0 + k, amplitude=0.3)) for k in range(20)]
-    setup = replace(PLAIN, clock=Clock(jitter=jitter), encoder=Encoder(noise=1e-3))
-    one, three = (_compiled(setup, runs, 1.0, threads=k) for k in (1, 3))
+    rig = replace(PLAIN, clock=Clock(jitter=jitter), encoder=Encoder(noise=1e-3))
+    one, three = (_compiled(rig, runs, 1.0, threads=k) for k in (1, 3))
     _assert_same_bits(one, three)
 
 
@@ -205,11 +203,11 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("setup", "excitation"), REFUSED.values(), ids=REFUSED)
-def test_what_the_wrapper_refuses_is_refused_in_the_same_words(setup, excitation):
+@pytest.mark.parametrize(("rig", "excitation"), REFUSED.values(), ids=REFUSED)
+def test_what_the_wrapper_refuses_is_refused_in_the_same_words(rig, excitation):
     errors = []
     for simulate in (_compiled, _wrapped):
         with pytest.raises(InputError) as caught:
-            simulate(setup, [(ADDED, excitation)], 2.0)
+            simulate(rig, [(ADDED, excitation)], 2.0)
         errors.append(str(caught.value))
     assert errors[0] == errors[1]

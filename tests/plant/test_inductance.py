@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from butterfly.model.friction import Friction
 from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
-from butterfly.plant.bench import Bench
+from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.motor import SimulatedMotor
@@ -44,8 +44,8 @@ def _voltage(time):
 
 
 def _run(joint, duration=5.0, clock=CLOCK):
-    with Bench(SimulatedMotor(joint, encoder=FINE), clock=clock) as bench:
-        return bench.play(_voltage, duration)
+    with ControlLoop(SimulatedMotor(joint, encoder=FINE), clock=clock) as loop:
+        return loop.play(_voltage, duration)
 
 
 @cache
@@ -107,8 +107,8 @@ def test_with_coulomb_friction_both_joints_still_agree():
 def test_the_frequency_response_has_the_armature_s_lag():
     robot = replace(_robot(0.02), hand=Hand(mass=0.01, com_distance=0.0, inertia=0.003))
     clock = Clock(step=1e-3)
-    with Bench(SimulatedMotor(GreyBoxJoint(robot), encoder=FINE), clock=clock) as bench:
-        log = bench.play(lambda time: 0.05 * np.sin(9 * time), 40.0)
+    with ControlLoop(SimulatedMotor(GreyBoxJoint(robot), encoder=FINE), clock=clock) as loop:
+        log = loop.play(lambda time: 0.05 * np.sin(9 * time), 40.0)
     rows = log.time > 40 - 10 * 2 * np.pi / 9
     angle, voltage = (
         fit_sine(log.time[rows], x[rows], 9.0).fundamental for x in (log.angle, log.input)

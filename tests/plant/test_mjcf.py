@@ -11,11 +11,11 @@ from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
-from butterfly.plant.mjcf import compile_model, mjcf, mount
+from butterfly.plant.mjcf import compile_model, disc_radius, mjcf, mount
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder
-from butterfly.plant.setup import Setup
 from butterfly.plant.watch.picture import Painter, RenderingError, render
 
 ROBOT = Robot(
@@ -82,9 +82,9 @@ def _delayed(attributes):
 def test_mujoco_s_own_delay_can_be_that_of_the_command_path(delay, attributes):
     """As the model's README says."""
     smooth = replace(ROBOT, friction=Friction(viscous=1e-3))
-    setup = Setup(robot=smooth, encoder=Encoder(steps=2**45), path=CommandPath(delay=delay))
+    rig = Rig(robot=smooth, encoder=Encoder(steps=2**45), path=CommandPath(delay=delay))
     sine = Sine(omega=6.0, amplitude=0.6)
-    log = setup.play(ADDED, sine, 10.0, np.random.default_rng(0))
+    log = rig.play(ADDED, sine, 10.0, np.random.default_rng(0))
     np.testing.assert_allclose(_delayed(attributes), log.angle, atol=1e-6)
     assert np.abs(_delayed("") - log.angle).max() > 1e-3
 
@@ -197,3 +197,26 @@ def test_each_integrator_of_mujoco_converges_with_its_order(integrator, order):
     exact = simulate(smooth.lumped, instants, held, 0.5)[0][-1]
     coarse, fine = (abs(final(step) - exact) for step in (0.02, 0.01))
     assert np.log2(coarse / fine) == pytest.approx(order, abs=0.2)
+
+
+def test_the_disc_is_of_brass_and_drawn_where_the_added_mass_is():
+    model = mujoco.MjModel.from_xml_string(mjcf(ROBOT, AddedMass(mass=0.154, arm=0.104)))
+    disc = model.geom("added_mass")
+    radius = disc.size[0]
+    assert radius == disc_radius(0.154)
+    assert 8500 * np.pi * radius**2 * (radius / 2) == pytest.approx(0.154)
+    assert model.body(disc.bodyid[0]).name == "added_mass"
+    assert (disc.pos[0], disc.pos[2]) == (0, 0)
+
+
+def test_even_the_smallest_added_mass_is_seen_and_nothing_is_drawn_of_none():
+    assert disc_radius(1e-12) == 0.004
+    bare, loaded = (
+        mujoco.MjModel.from_xml_string(mjcf(ROBOT, each)) for each in (AddedMass(), ADDED)
+    )
+    assert loaded.ngeom > bare.ngeom
+
+
+def test_a_model_without_a_scene_has_nothing_to_draw():
+    model = compile_model(ROBOT, ADDED)
+    assert (model.ngeom, model.nmesh, model.nbody, model.nu) == (0, 0, 3, 1)

@@ -11,8 +11,8 @@ from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.replay import replay_input
 from butterfly.plant.robot import Robot
+from butterfly.plant.rollout import replay_input
 
 ADDED = AddedMass(mass=0.05, arm=0.104)
 ROBOT = Robot(

@@ -12,10 +12,10 @@ from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDriv
 from butterfly.plant.excitations import Chirp, FreeDecay, Multisine, Table
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
-from butterfly.plant.setup import Setup
 from butterfly.signals.sine_fit import fit_sine
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
@@ -31,8 +31,8 @@ def _robot(drive=MOTOR, coulomb=0.0):
 
 
 def _run(robot, *, duration=20.0, clock=STEADY, encoder=FINE, seed=0, sine=SINE):
-    setup = Setup(robot=robot, clock=clock, encoder=encoder)
-    (log,) = simulate_runs(setup, [(LOADED, sine)], duration, [np.random.SeedSequence(seed)])
+    rig = Rig(robot=robot, clock=clock, encoder=encoder)
+    (log,) = simulate_runs(rig, [(LOADED, sine)], duration, [np.random.SeedSequence(seed)])
     return log
 
 
@@ -158,17 +158,17 @@ def test_the_compiled_loop_and_the_wrapper_give_the_same_logs():
         FreeDecay(angle=0.6),
     ]
     runs = [(mass, signal) for mass in masses for signal in inputs]
-    setup = Setup(
+    rig = Rig(
         robot=robot,
         clock=Clock(step=0.0025),
         encoder=FINE,
         path=CommandPath(limit=0.25, resolution=0.01),
     )
     seeds = np.random.SeedSequence(0).spawn(len(runs))
-    logs = list(simulate_runs(setup, runs, 3.0, seeds, threads=2))
+    logs = list(simulate_runs(rig, runs, 3.0, seeds, threads=2))
     assert len(logs) == 18
     for log, (mass, signal), seed in zip(logs, runs, seeds, strict=True):
-        single = setup.play(mass, signal, 3.0, np.random.default_rng(seed))
+        single = rig.play(mass, signal, 3.0, np.random.default_rng(seed))
         assert log.added_mass == mass
         assert log.excitation == (signal if isinstance(signal, Sine) else None)
         np.testing.assert_allclose(log.time, single.time, atol=1e-12)
@@ -178,9 +178,9 @@ def test_the_compiled_loop_and_the_wrapper_give_the_same_logs():
 
 def test_any_number_of_threads_gives_the_same_logs():
     runs = [(AddedMass(), Sine(omega=w, amplitude=0.3)) for w in (2.0, 3.0, 4.0, 5.0)]
-    setup = Setup(robot=_robot(), encoder=Encoder(noise=1e-3))
+    rig = Rig(robot=_robot(), encoder=Encoder(noise=1e-3))
     seeds = np.random.SeedSequence(0).spawn(4)
-    one, three = (list(simulate_runs(setup, runs, 2.0, seeds, threads=k)) for k in (1, 3))
+    one, three = (list(simulate_runs(rig, runs, 2.0, seeds, threads=k)) for k in (1, 3))
     for first, second in zip(one, three, strict=True):
         np.testing.assert_array_equal(first.angle, second.angle)
 
@@ -188,10 +188,8 @@ def test_any_number_of_threads_gives_the_same_logs():
 def test_mujoco_s_coulomb_friction_follows_the_set_valued_one_in_a_wide_decay_to_rest():
     """Within 1e-3 rad, its constraint being regularised; see models/butterfly_hand/README.md."""
     robot = _robot(coulomb=1e-3)
-    setup = Setup(robot=robot, encoder=FINE)
-    (log,) = simulate_runs(
-        setup, [(LOADED, FreeDecay(angle=1.5))], 20.0, [np.random.SeedSequence(0)]
-    )
+    rig = Rig(robot=robot, encoder=FINE)
+    (log,) = simulate_runs(rig, [(LOADED, FreeDecay(angle=1.5))], 20.0, [np.random.SeedSequence(0)])
     loaded = robot.lumped.with_added_mass(LOADED)
     exact, velocity = simulate(loaded, log.time, np.zeros((log.time.size - 1, 3)), 1.5)
     assert velocity[-1] == 0
@@ -200,7 +198,7 @@ def test_mujoco_s_coulomb_friction_follows_the_set_valued_one_in_a_wide_decay_to
 
 def test_mujoco_s_coulomb_friction_hardly_creeps_at_rest():
     robot = _robot(coulomb=2e-3)
-    setup = Setup(robot=robot, encoder=FINE)
+    rig = Rig(robot=robot, encoder=FINE)
     push = Table(time=(0.0,), values=(0.07,))  # 1.75e-3 N m, held by friction
-    (log,) = simulate_runs(setup, [(LOADED, push)], 20.0, [np.random.SeedSequence(0)])
+    (log,) = simulate_runs(rig, [(LOADED, push)], 20.0, [np.random.SeedSequence(0)])
     assert np.abs(log.angle).max() < 1e-5

@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 
 from butterfly.api.identified_model import IdentifiedModel
+from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.friction import Friction
+from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, VoltageDrive
 from butterfly.plant.joints import GreyBoxJoint
-from butterfly.plant.replay import replay_input
-from butterfly.plant.robot import Clutch, Robot
-from butterfly.plant.stand_alone import AIM, stand_alone
-from butterfly.plant.twin import command_of, twin
+from butterfly.plant.robot import HAND_MASS, Clutch, Robot
+from butterfly.plant.rollout import replay_input
+from butterfly.plant.stand_alone import AIM, command_of, models, stand_alone
 from butterfly.signals import hold
 
 MASS = 2.0  # kg, which carries all that is drawn
@@ -106,7 +107,9 @@ def test_the_file_alone_moves_within_a_ten_thousandth_of_a_radian_of_our_free_ru
 def test_without_its_delay_the_file_would_move_otherwise():
     parameters, log = _drawn(0, "smooth")
     ours = IdentifiedModel(parameters).simulate(log, velocity=0.0).angle
-    model = mujoco.MjModel.from_xml_string(stand_alone(twin(parameters, MASS), ADDED).text)
+    model = mujoco.MjModel.from_xml_string(
+        stand_alone(Robot.of_lumped(parameters, MASS), ADDED).text
+    )
     assert np.abs(_moved(model, log) - ours).max() > 10 * AIM
 
 
@@ -154,7 +157,7 @@ def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity()
     parameters = LumpedParameters(
         p1=0.003, p2=0, p3=0.05, p4=1, coulomb=2e-3, stribeck=3e-3, stribeck_velocity=0.2
     )
-    model = mujoco.MjModel.from_xml_string(stand_alone(twin(parameters)).text)
+    model = mujoco.MjModel.from_xml_string(stand_alone(Robot.of_lumped(parameters)).text)
     data = mujoco.MjData(model)
     for velocity in (-3.0, -0.5, -0.2, -0.05, 0.01, 0.1, 0.3, 0.55, 0.7, 5.0):
         data.qvel[0] = velocity
@@ -175,7 +178,7 @@ def test_friction_that_sticks_harder_is_that_of_the_equation_at_every_velocity()
 )
 def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(command, said, tmp_path):
     parameters = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
-    written = stand_alone(twin(parameters), **command)
+    written = stand_alone(Robot.of_lumped(parameters), **command)
     (sentence,) = written.left_out
     assert f"<!-- {sentence} -->" in written.text
     if command.keys() <= command_of(parameters).keys():
@@ -186,12 +189,12 @@ def test_what_mujoco_cannot_do_is_said_to_the_user_and_in_the_file(command, said
 def test_a_delay_too_short_to_be_seen_is_none():
     parameters = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=1)
     for delay in (-8e-6, 0.0, 8e-6):
-        assert stand_alone(twin(parameters), delay=delay).left_out == ()
+        assert stand_alone(Robot.of_lumped(parameters), delay=delay).left_out == ()
 
 
 def test_friction_too_strong_for_any_step_is_said():
     strong = LumpedParameters(p1=1e-4, p2=1e-3, p3=0.0, p4=1, coulomb=0.1)
-    (sentence,) = stand_alone(twin(strong)).left_out
+    (sentence,) = stand_alone(Robot.of_lumped(strong)).left_out
     assert sentence.startswith("Friction this strong is up to some 0.03 rad off")
 
 
@@ -212,6 +215,65 @@ def test_a_twin_takes_numbers_of_any_kind():
     numbers = {"p1": 0.003, "p2": 0.001, "p3": 0.05, "p4": 1.0, "coulomb": 0.003, "delay": 0.004}
     plain = LumpedParameters(**numbers)
     drawn = LumpedParameters(**{name: np.float64(number) for name, number in numbers.items()})
-    texts = [stand_alone(twin(each), **command_of(each)).text for each in (plain, drawn)]
+    texts = [stand_alone(Robot.of_lumped(each), **command_of(each)).text for each in (plain, drawn)]
     assert texts[0] == texts[1]
     assert mujoco.MjModel.from_xml_string(texts[0]).nhistory
+
+
+def _drawn_about(seed, **more):
+    factor = 1 + 0.1 * np.random.default_rng(seed).standard_normal(5)
+    values = factor * np.array([0.003, 1e-3, 0.04, 0.5, 8e-4])
+    return LumpedParameters(
+        **dict(zip(("p1", "p2", "p3", "p4", "coulomb"), values, strict=True)), **more
+    )
+
+
+def _driven(text, angle, commands):
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[0] = angle
+    angles = [angle]
+    for command in commands:
+        data.ctrl[0] = command
+        mujoco.mj_step(model, data)
+        angles.append(data.qpos[0])
+    return model.opt.timestep, np.array(angles)
+
+
+def test_each_model_moves_as_the_grey_box_with_its_draw():
+    drawn = [_drawn_about(seed, drag=1e-5 * seed, bias=1e-3) for seed in range(4)]
+    commands = 0.02 * np.sin(5e-3 * np.arange(8000))
+    ends = []
+    for parameters, text in zip(drawn, models(drawn, ADDED), strict=True):
+        step, angles = _driven(text, 0.3, commands)
+        time = step * np.arange(angles.size)
+        held = np.repeat(commands[:, None], 3, axis=1)
+        expected, _ = simulate(parameters.with_added_mass(ADDED), time, held, 0.3)
+        assert np.abs(angles - expected).max() < 2e-3
+        ends.append(expected[-1])
+    assert np.ptp(ends) > 1e-2
+
+
+def test_a_hand_too_light_for_its_parameters_is_made_heavier_or_refused():
+    ordinary = LumpedParameters(p1=0.012, p2=0.02, p3=0.62, p4=1.0)
+    lumped = Robot.of_lumped(ordinary).lumped
+    assert (lumped.p1, lumped.p3) == pytest.approx((0.012, 0.62))
+    assert Robot.of_lumped(_drawn_about(0)).hand.mass == HAND_MASS
+    (text,) = models([ordinary])
+    mujoco.MjModel.from_xml_string(text)
+    with pytest.raises(InputError, match=r"--hand-mass.*more than 0\.333 kg"):
+        Robot.of_lumped(ordinary, 0.3)
+
+
+def test_friction_that_is_larger_at_rest_needs_bristles():
+    drawn = [_drawn_about(0, stribeck=3e-4), _drawn_about(1)]
+    with pytest.raises(InputError, match="bristles"):
+        list(models(drawn))
+    first, second = models(drawn, bristle_stiffness=10.0)
+    assert "lugre" in first
+    assert "lugre" not in second
+    commands = 0.02 * np.sin(5e-3 * np.arange(8000))
+    step, angles = _driven(first, 0.3, commands)
+    held = np.repeat(commands[:, None], 3, axis=1)
+    expected, _ = simulate(drawn[0], step * np.arange(angles.size), held, 0.3)
+    assert np.abs(angles - expected).max() < 0.02

@@ -14,7 +14,7 @@ from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.experiment.columns import ESTIMATES, RUNS
-from butterfly.experiment.record import EstimateRecord, Outcome, PlannedRun, RunRecord, SweepRecord
+from butterfly.experiment.record import EstimateRecord, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.store import ResultStore
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
@@ -27,15 +27,14 @@ from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.orbit.recalibration_options import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
-from butterfly.plant.joints import Simulator
+from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
-from butterfly.plant.setup import Setup
 from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.orbit import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
-from butterfly.report.still import draw
+from butterfly.report.pictures import draw
 from butterfly.report.sweep import sweep_page
 from butterfly.report.three_way import three_way_page
 from butterfly.thesis.method import Thesis
@@ -61,8 +60,8 @@ def data():
     runs = [(mass, sine) for mass in masses for sine in sines]
     seeds = np.random.SeedSequence(0).spawn(len(runs))
     bench = {"encoder": ROUGH.encoder, "clock": Clock(step=0.004)}
-    setup = Setup(robot=ROUGH.robot, simulator=Simulator.GREY_BOX, **bench)
-    return DataSet.of(list(simulate_runs(setup, runs, 40.0, seeds)), name="six sines")
+    rig = Rig(robot=ROUGH.robot, simulator=Simulator.GREY_BOX, **bench)
+    return DataSet.of(list(simulate_runs(rig, runs, 40.0, seeds)), name="six sines")
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +99,7 @@ def _sweep_page(folder):
         values = (0.1 + 0.01 * number, 10 ** rng.uniform(-5, -2), "ab"[number % 2])
         place = {"key": f"{number:024d}", "repetition": 0, "seed": number}
         place["overrides"] = dict(zip(fields, values, strict=True))
-        runs.append(PlannedRun(number=number, **place))
+        runs.append(SweepRun(number=number, **place))
         status = {7: "refused", 8: "failed"}.get(number, "ok")
         names = ("p1", "p3")
         values = np.array([rng.normal(1, 0.05) for _ in (*names, "p4")])

@@ -19,23 +19,31 @@ from butterfly.identification.parameter import Parameter
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
 from butterfly.model.harmonic import quasi_linear_response
-from butterfly.plant.joints import Simulator
-from butterfly.report.estimate_figures import correlation_map, parameter_figure, ranked_figure
-from butterfly.report.figures import seen_samples
-from butterfly.report.frequency_figure import frequency_response_figure, swings_between
+from butterfly.plant.rig import Simulator
+from butterfly.report.estimate_figures import (
+    correlation_map,
+    frequency_response_figure,
+    parameter_figure,
+    ranked_figure,
+    swings_between,
+)
+from butterfly.report.figures import packable, seen_samples
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.identification import identification_page, write_report
 from butterfly.report.inspection import health_rows
 from butterfly.report.inspection_page import write_inspection
-from butterfly.report.misfit import (
+from butterfly.report.log_figures import (
     correlation_figure,
     correlation_series,
+    time_figure,
+    time_series,
+)
+from butterfly.report.parameter_table import Whisker, interval, parameter_rows, with_error
+from butterfly.report.residual import (
     misfit_sentences,
     misfit_table,
 )
-from butterfly.report.parameter_table import Whisker, interval, parameter_rows, with_error
-from butterfly.report.series import packable
-from butterfly.report.time_figure import time_figure, time_series
-from butterfly.report.words import summary, verdict_on
+from butterfly.report.summary import summary
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
@@ -78,7 +86,7 @@ def test_the_page_holds_every_parameter_log_and_sentence(page, simulated):
     for row in parameter_rows(result.estimate.table(truth)):
         for cell in (row.symbol, row.value, row.error, row.interval, row.true, row.deviation):
             assert cell in text
-    said = verdict_on(result.estimate)
+    said = estimate_verdict(result.estimate)
     assert f'<div class="verdict {said.level}">' in text
     for sentence in (*said.paragraphs, *summary(result)[1:]):
         assert sentence in text

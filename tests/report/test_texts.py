@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.report.page import Page, Section, Table, rendered, write_page
-from butterfly.report.still import draw, write_stills
+from butterfly.report.pictures import draw, write_stills
 from butterfly.report.sweep_figures import Estimates, axis_figure
 from butterfly.verdict import Level, Verdict
 

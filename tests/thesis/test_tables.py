@@ -43,8 +43,8 @@ def test_without_simulink_s_noise_table_1_has_the_digits_of_the_errata():
 
 def test_a_synthetic_log_lasts_as_long_as_the_experiment_says_whatever_its_clock():
     robot = thesis_robot()
-    fast = replace(robot.setup, clock=Clock(step=0.004))
-    changed = replace(robot, setup=fast, duration=2.0)
+    fast = replace(robot.rig, clock=Clock(step=0.004))
+    changed = replace(robot, rig=fast, duration=2.0)
     log = synthetic_log(changed, AddedMass(), Sine(omega=3.0, amplitude=1e-4), noise=False)
     assert log.time[-1] == pytest.approx(2.0)
     np.testing.assert_allclose(np.diff(log.time), 0.004, rtol=1e-9)

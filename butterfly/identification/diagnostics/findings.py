@@ -1,4 +1,4 @@
-"""What can be concluded from a fit, as data; `butterfly.report.words` makes sentences of it."""
+"""What can be concluded from a fit, as data; `report.finding_texts` makes sentences of it."""
 
 from __future__ import annotations
 

@@ -12,21 +12,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.free_run_errors import (
+from butterfly.identification.diagnostics.residuals import (
+    Balance,
     Errors,
+    LeftOver,
     Run,
     free_run_errors,
     less_shared,
+    name_left_over,
 )
-from butterfly.identification.diagnostics.left_over import Balance, LeftOver, name_left_over
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
-from butterfly.identification.diagnostics.whiteness import Curve, autocorrelation, cross_correlation
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.intervals import SPREADS
 
@@ -46,18 +48,10 @@ _NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorBand:
-    """How far a reading may be from the simulated angle, as the parameters and the sensor have it.
+    """How far a reading may be from the simulation, by the parameters and the sensor."""
 
-    Parameters
-    ----------
-    time
-        (m,) instants in s.
-    reach
-        (m,) half widths in rad, at `CONFIDENCE`.
-    """
-
-    time: Samples
-    reach: Samples
+    time: Samples  # (m,) instants in s
+    reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
 
     @classmethod
     def of(cls, log: Errors, sensor: SensorErrors) -> ErrorBand:
@@ -68,41 +62,21 @@ class ErrorBand:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogMisfit:
-    """What the free run leaves over of one log, where its errors count (see `first_counted`).
+    """What the free run leaves over of one log, where its errors count (see `first_counted`)."""
 
-    Parameters
-    ----------
-    name, label
-        Of the log.
-    motion
-        Rms of the measured angle about its mean, in rad.
-    error
-        Rms of measured less simulated angle in rad, averaged over steps of the simulation.
-    left
-        The same, less what a small change of parameters would take from it.
-    explained
-        The same of errors drawn as the log's sensor makes them.
-    sensor
-        That sensor.
-    autocorrelation, cross_correlation
-        Of what is left with itself, and with the input before it; None where a simulation failed.
-    left_over
-        What it looks like, of the terms that the model lacks.
-    band
-        About the simulated angle, within which a reading is expected; None where a simulation
-        failed.
-    """
-
-    name: str
+    name: str  # Of the log
     label: str
-    motion: float
+    motion: float  # Rms of the measured angle about its mean, in rad
+    # Rms of measured less simulated angle in rad, averaged over steps of the simulation
     error: float
-    left: float
-    explained: float
-    sensor: SensorErrors
+    left: float  # The same, less what a small change of parameters would take from it
+    explained: float  # The same of errors drawn as the log's sensor makes them
+    sensor: SensorErrors  # That sensor
+    # Of what is left with itself, and with the input before it; None where a simulation failed
     autocorrelation: Curve | None
     cross_correlation: Curve | None
-    left_over: LeftOver
+    left_over: LeftOver  # What it looks like, of the terms that the model lacks
+    # About the simulated angle, within which a reading is expected; None where a simulation failed
     band: ErrorBand | None
 
     @cached_property
@@ -132,18 +106,10 @@ class LogMisfit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Misfit:
-    """What the free runs of all logs leave over.
+    """What the free runs of all logs leave over."""
 
-    Parameters
-    ----------
-    logs
-        One for each log of the data set.
-    left_over
-        What all of it looks like, of the terms that the model lacks.
-    """
-
-    logs: tuple[LogMisfit, ...]
-    left_over: LeftOver
+    logs: tuple[LogMisfit, ...]  # One for each log of the data set
+    left_over: LeftOver  # What all of it looks like, of the terms that the model lacks
 
     @property
     def outside(self) -> int:
@@ -194,15 +160,7 @@ class Misfit:
 
 
 def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
-    """Compare what the free runs of an estimate leave over with what the sensors explain.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    estimate
-        Of any method; its parameters are those that may change.
-    """
+    """Compare what the free runs of an estimate leave over with what the sensors explain."""
     found = free_run_errors(data, estimate)
     logs = [each for each in found if isinstance(each, Errors)]
     if not logs:
@@ -296,3 +254,77 @@ def _failed(run: Run) -> LogMisfit:
 
 def _rms(values: Samples) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+LEVELS = (0.95, 0.99)
+"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
+
+_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
+_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """A correlation over lags, and what sensors make of it."""
+
+    lag: Samples  # (l,) in s
+    value: Samples  # (l,) correlation, between -1 and 1
+    centre: Samples  # (l,) mean of that of a sensor's errors
+    reach: Samples  # (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`
+
+    @property
+    def excess(self) -> Samples:
+        """(2,) largest distance from the centre over the band's half-width, by `LEVELS`."""
+        return np.asarray((np.abs(self.value - self.centre) / self.reach).max(axis=1))
+
+    @classmethod
+    def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
+        """Put bands about a curve.
+
+        (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors; the number of errors, of
+        which white ones have correlations of variance 1/count; and by how much a misfit too small
+        to count may move the curve.
+        """
+        value, drawn = curves[:, 0], curves[:, 1:]
+        variance = _smoothed(drawn.var(axis=1, ddof=1)) * (1 + 1 / drawn.shape[1])
+        spread = np.sqrt(np.maximum(variance, 1 / count))
+        tails = [(1 - level) / (2 * _CURVES * lag.size) for level in LEVELS]
+        factors = np.array([-NormalDist().inv_cdf(tail) for tail in tails])
+        return cls(
+            lag=lag,
+            value=value,
+            centre=drawn.mean(axis=1),
+            reach=factors[:, None] * spread + allowance,
+        )
+
+
+def autocorrelation(errors: Samples, lags: int) -> Samples:
+    """Return the (lags, k) correlations of (m, k) errors with themselves, from lag 1 on."""
+    size = _padded(errors.shape[0] + lags)
+    spectrum = np.fft.rfft(errors, size, axis=0)
+    sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
+    return np.asarray(sums[1:] / _or_one(sums[0]))
+
+
+def cross_correlation(errors: Samples, inputs: Samples, lags: int) -> Samples:
+    """Return the (lags + 1, k) correlations of (m, k) errors with (m,) inputs before them."""
+    size = _padded(errors.shape[0] + lags)
+    moving = inputs - inputs.mean()
+    product = np.fft.rfft(errors, size, axis=0) * np.conj(np.fft.rfft(moving, size))[:, None]
+    sums = np.fft.irfft(product, size, axis=0)[: lags + 1]
+    powers = np.sum(errors**2, axis=0) * np.sum(moving**2)
+    return np.asarray(sums / _or_one(np.sqrt(powers)))
+
+
+def _padded(size: int) -> int:
+    return 1 << (size - 1).bit_length()
+
+
+def _or_one(values: Samples) -> Samples:
+    return np.where(values > 0, values, 1.0)
+
+
+def _smoothed(values: Samples) -> Samples:
+    window = np.ones(min(2 * _SMOOTHED + 1, values.size))
+    sums = np.convolve(values, window, "same")
+    return np.asarray(sums / np.convolve(np.ones_like(values), window, "same"))

@@ -7,9 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
+from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.implied import apart
 from butterfly.identification.inference.intervals import CONFIDENCE
+from butterfly.identification.physical import physical_parameters
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.verdict import Level
@@ -24,13 +28,6 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
 
     A negative p4 is possible: the angle or the input may count the other way. One that was known
     is no surprise. Stamps of input and angle are hardly better than 0.1 ms.
-
-    Parameters
-    ----------
-    estimate
-        The parameters.
-    masses
-        What the hand carried.
     """
     found = estimate.parameters
     judged = []
@@ -84,3 +81,65 @@ def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:
     """Names, values and half-widths."""
     reach = np.nan_to_num((estimate.upper - estimate.lower) / 2)
     return list(zip(estimate.names, estimate.values.tolist(), reach.tolist(), strict=True))
+
+
+LEAST_RESISTANCE = 0.01
+"""Ohm; no motor of a robot's joint has less."""
+
+
+def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
+    """Tell whether a voltage-fed motor could have the damping and gain that were found.
+
+    With one motor constant K for torque and back EMF, p4 = K/R and p2 >= K^2/R = p4^2 R (6): the
+    damping bounds the resistance. If the bound is below what any motor has, the input can hardly
+    be a voltage.
+    """
+    if kind is not InputKind.VOLTAGE or "p4" not in estimate.names:
+        return []
+    upper = {"p2": estimate.parameters.p2}  # where it is known
+    upper |= dict(zip(estimate.names, estimate.upper.tolist(), strict=True))
+    p4 = abs(estimate.parameters.p4)
+    if not upper["p2"] >= 0 or not p4 > 0:
+        return []
+    resistance = upper["p2"] / p4**2
+    if resistance >= LEAST_RESISTANCE:
+        return []
+    return [
+        Finding(
+            kind=FindingKind.TORQUE_DRIVEN,
+            parameters=("p2", "p4"),
+            number=resistance,
+        )
+    ]
+
+
+_CONTRADICTED = 3.0  # standard errors, or uncertainties, apart
+
+
+def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
+    """Tell what cannot all be true: p4 of two sources, friction or inertia that would be negative.
+
+    So p2 is at least the back EMF's share N^2 k_emf k_t/R, p1 at least the rotor's N^2 J_r, and
+    with the hand weighed at least that of its centre of mass besides.
+    """
+    carrier = data.logs[0].added_mass
+    sources = apart(data.told, data.input_kind, carrier.joint)
+    found = [
+        Finding(kind=FindingKind.TOLD_APART, parameters=(name,), number=far, severity=Level.CARE)
+        for name, far in sources.items()
+        if far > _CONTRADICTED
+    ]
+    physical = physical_parameters(estimate, data.known, data.input_kind, carrier)
+    below = {
+        each.name: each.below_zero for each in physical.found if each.below_zero > _CONTRADICTED
+    }
+    if below:
+        found.append(
+            Finding(
+                kind=FindingKind.CONTRADICTED,
+                parameters=tuple(below),
+                number=max(below.values()),
+                severity=Level.CARE,
+            )
+        )
+    return found

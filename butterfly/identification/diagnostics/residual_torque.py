@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.left_over import (
+from butterfly.identification.diagnostics.residuals import (
     Balance,
     LeftOver,
     missing_terms,
@@ -42,25 +42,16 @@ _AVERAGED = (*_ACTING, "delay")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualTorque:
-    """What the model leaves over of the torque in one log, averaged over short bumps.
+    """What the model leaves over of the torque in one log, averaged over short bumps."""
 
-    Parameters
-    ----------
-    label
-        Of the log.
-    time, angle, velocity, torque
-        (n,) instants in s at which the joint moves, angle in rad from the hanging position,
-        velocity in rad/s, N m.
-    left_over
-        What it looks like.
-    """
-
-    label: str
+    label: str  # Of the log
+    # (n,) instants in s at which the joint moves, angle in rad from the hanging position, velocity
+    # in rad/s, N m
     time: Samples
     angle: Samples
     velocity: Samples
     torque: Samples
-    left_over: LeftOver
+    left_over: LeftOver  # What it looks like
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,20 +69,7 @@ def residual_torques(
 
     Averaged over a bump phi, the acceleration becomes int phi'' th, so nothing is differentiated
     twice; where the joint may stick, friction is no function of the motion and nothing is said.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    estimate
-        Of any method.
-    numbers
-        Of the logs; all if not given.
-
-    Raises
-    ------
-    InputError
-        If a log is shorter than a bump.
+    InputError if a log, of these numbers or of all, is shorter than a bump.
     """
     predictor = data.simulations
     chosen = range(len(data.logs)) if numbers is None else numbers

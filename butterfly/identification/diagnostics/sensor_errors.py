@@ -27,17 +27,10 @@ class SensorErrors:
 
     Where the noise is less than a step the error is not white: it depends on the angle, and the
     slower that moves the longer the error stays.
-
-    Parameters
-    ----------
-    step
-        Of the encoder in rad; 0 if the readings lie on no grid.
-    noise
-        Standard deviation in rad of the noise before rounding.
     """
 
-    step: float
-    noise: float
+    step: float  # Of the encoder in rad; 0 if the readings lie on no grid
+    noise: float  # Standard deviation in rad of the noise before rounding
 
     @property
     def spread(self) -> float:
@@ -46,16 +39,11 @@ class SensorErrors:
 
     @classmethod
     def of(cls, measured: Samples, angle: Samples) -> SensorErrors:
-        """Tell step and noise from readings and the angle that a model gives for them.
+        """Tell step and noise from (n,) readings and the angles in rad that a model gives for them.
 
         The step is the distance of neighbouring readings. The noise is what makes the second
-        differences of the errors as large as they are: what a model misses is smooth from sample
-        to sample and hardly enters them.
-
-        Parameters
-        ----------
-        measured, angle
-            (n,) in rad.
+        differences of the errors as large as they are: what a model misses is smooth from sample to
+        sample and hardly enters them.
         """
         step = encoder_step(measured)
         some = slice(_MOST_SAMPLES)
@@ -76,16 +64,9 @@ class SensorErrors:
         return cls(step=step, noise=lower)
 
     def draw(self, angle: Samples, random: np.random.Generator, *, unsure: float) -> Samples:
-        """Return (n,) errors in rad that readings of (n,) angles may have.
+        """Return (n,) errors in rad that readings of (n,) angles in rad may have.
 
-        Parameters
-        ----------
-        angle
-            True angles in rad.
-        random
-            What draws.
-        unsure
-            Standard deviation in rad of how far all angles together may be off.
+        All angles together may be off by a standard deviation of ``unsure`` rad.
         """
         shifted = angle + unsure * random.standard_normal()
         if not self.noise:

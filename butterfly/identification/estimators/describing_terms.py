@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.describing_fit import DescribingFit
-from butterfly.identification.inference.scanned_terms import SCANNED, ScannedTerms
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
+    SCANNED,
+    ScannedTerms,
     candidates,
     folds_of,
     missing_terms,

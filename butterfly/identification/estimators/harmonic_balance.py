@@ -32,12 +32,12 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.knowledge import refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.describing_fit import DescribingFit
 from butterfly.identification.estimators.describing_terms import DescribingTerms
 from butterfly.identification.estimators.steady_model import ROUGHLY, SteadyModel
+from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.intervals import without_each_mass
 from butterfly.identification.phasors import Phasors
 from butterfly.identification.reference import Reference

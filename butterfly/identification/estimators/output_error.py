@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
 from butterfly.identification.estimators.ends import Ends
@@ -33,6 +32,7 @@ from butterfly.identification.estimators.gauss_newton import MOST, Minimum, mini
 from butterfly.identification.estimators.loss import Loss, outlying
 from butterfly.identification.estimators.starts import Start, starts
 from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
 from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon

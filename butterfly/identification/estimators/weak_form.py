@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from butterfly.errors import require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import is_driven, refuse_without_scale
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
 from butterfly.identification.estimators.instruments import refined, seen
@@ -33,6 +32,7 @@ from butterfly.identification.estimators.weak_fit import Windows
 from butterfly.identification.estimators.weak_terms import WeakTerms
 from butterfly.identification.estimators.zero_errors import zero_covariance
 from butterfly.identification.inference.covariance import blocks_of, split
+from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
 from butterfly.identification.inference.term_choice import missing_terms
 from butterfly.identification.reference import Reference

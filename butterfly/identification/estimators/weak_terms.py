@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimators.weak_fit import WeakFit, Windows
-from butterfly.identification.inference.scanned_terms import ScannedTerms
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
+    ScannedTerms,
     candidates,
     folds_of,
     stribeck_velocities,

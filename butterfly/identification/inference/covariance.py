@@ -37,16 +37,9 @@ def robust(
 ) -> NDArray[np.float64]:
     """Return the covariance of an M-estimate from that of its weighted least squares.
 
-    The weights move with the residuals, so that the gradient changes by less than the weighted
-    normal equations say (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009, section 7.6).
-
-    Parameters
-    ----------
-    covariance
-        (n, n), as if the weights were given.
-    weighted, bread
-        (n, n) weighted normal equations, and derivatives of the gradient. Where the latter are not
-        positive definite, the covariance stays.
+    The weights move with the residuals, so that the gradient changes by ``bread`` (n, n), less than
+    the ``weighted`` normal equations say (Huber & Ronchetti, Robust Statistics, 2nd ed. 2009,
+    section 7.6). Where the bread is not positive definite, the covariance stays.
     """
     if np.linalg.eigvalsh(bread / np.sqrt(np.outer(np.diag(weighted), np.diag(weighted))))[0] <= 0:
         return covariance
@@ -59,9 +52,7 @@ def compress(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Reduce one cluster of m equations in p parameters to p, which say the same of them.
 
-    Returns
-    -------
-    (p, p) triangular factor R of the (m, p) Jacobian Q R, and (p,) residuals Q^T r.
+    That is the (p, p) triangular factor R of the (m, p) Jacobian Q R, and (p,) residuals Q^T r.
     """
     count = jacobian.shape[1]
     basis, triangle = np.linalg.qr(jacobian)
@@ -86,30 +77,16 @@ def cluster_covariance(
     prior: Prior | None = None,
     considered: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the bias-reduced cluster-robust covariance (CR2) and its degrees of freedom.
+    """Return the (p, p) bias-reduced cluster-robust covariance (CR2) and (p,) degrees of freedom.
 
     Unbiased when the weights are right, and consistent when they are not; few and unequal clusters
-    are accounted for by Satterthwaite degrees of freedom, one number per parameter (Bell &
-    McCaffrey, Survey Methodology 28, 2002). With X_g the rows of cluster g, N = (X^T X + W)^-1, W
-    the weights of a prior, and A_g = (I - X_g N X_g^T)^(-1/2), the influence of a cluster is
-    A_g X_g N. What is uncertain by itself adds its share, of degrees of freedom without end.
-
-    Parameters
-    ----------
-    rows
-        (n, m, p) weighted regressors of n clusters of m equations each.
-    residuals
-        (n, m) weighted residuals.
-    prior
-        Of the p parameters.
-    considered
-        (n, m, k) derivatives of the residuals by k quantities that are not estimated, each times
-        its standard uncertainty (Schmidt's considered parameters).
-
-    Returns
-    -------
-    covariance, freedom
-        (p, p), and (p,) degrees of freedom for Student's t.
+    are accounted for by Satterthwaite degrees of freedom, one number per parameter, for Student's t
+    (Bell & McCaffrey, Survey Methodology 28, 2002). With X_g the (m, p) weighted rows of cluster g,
+    N = (X^T X + W)^-1, W the weights of a prior, and A_g = (I - X_g N X_g^T)^(-1/2), the influence
+    of a cluster's (m,) residuals is A_g X_g N. What is uncertain by itself adds its share, of
+    degrees of freedom without end: the prior, and ``considered`` (n, m, k), derivatives of the
+    residuals by k quantities that are not estimated, each times its standard uncertainty (Schmidt's
+    considered parameters).
     """
     weight = np.zeros(rows.shape[2]) if prior is None else prior.weight
     scale = np.sqrt(np.sum(rows**2, axis=(0, 1)) + weight)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.logs.log import Log
+from butterfly.model.known import Knowledge
+from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.verdict import Level
 
 WEAK_CONDITION = 1e3
@@ -30,18 +34,10 @@ OTHER_LOGS = (
 
 @dataclass(frozen=True)
 class Conditioning:
-    """How well a regression tells its parameters apart, whatever their units.
+    """How well a regression tells its parameters apart, whatever their units."""
 
-    Parameters
-    ----------
-    number
-        Condition number with the columns scaled to one length.
-    weakest
-        Parameters of the combination that the data tell least about.
-    """
-
-    number: float
-    weakest: tuple[str, ...]
+    number: float  # Condition number with the columns scaled to one length
+    weakest: tuple[str, ...]  # Parameters of the combination that the data tell least about
 
     @classmethod
     def of(
@@ -125,3 +121,49 @@ def sort_by_precision(
         for kind, parameters in groups.items()
         if parameters
     ]
+
+
+def is_driven(logs: Iterable[Log]) -> bool:
+    """Whether any input ever acts."""
+    return any(bool(np.any(log.input)) for log in logs)
+
+
+def refuse_without_scale(
+    masses: Iterable[AddedMass], known: Knowledge, *, driven: bool = True
+) -> None:
+    """Raise IdentifiabilityError if nothing says how large the parameters are.
+
+    All torques of the equation add up to 0, so that p1..p4 times any number would do as well: it
+    takes two different added masses, or a parameter that is known and is not 0.
+    """
+    if not driven and not {"p4", "delay"} <= known.exact.keys():
+        raise IdentifiabilityError(
+            "the input is zero throughout, so that p4 and the delay are not seen: add logs of a "
+            "driven joint, or say what they are (--known p4=...,delay=0)"
+        )
+    carried = sorted(set(masses))
+    scale = [name for name in known.scale if driven or name != "p4"]
+    if scale or len({mass.inertia_and_moment for mass in carried}) > 1:
+        return
+    what = "the same added mass" if carried[0].mass else "no added mass"
+    raise IdentifiabilityError(
+        f"all logs carry {what}, so p1..p4 are known only up to a common factor: "
+        f"{'; or '.join(_remedies(carried[0], driven=driven))}"
+    )
+
+
+def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
+    """Name what would tell how large the parameters are, of logs that all carry the same."""
+    slide = carried.joint is JointKind.SLIDE
+    remedies = ["add a run with another known mass (none counts as one)"]
+    if driven:
+        force = "N" if slide else "N m"
+        motor = "resistance=...,torque_constant=..." + (",gear_ratio=..." if slide else "")
+        remedies.append(
+            f"say what p4 is, {force} per unit of input: --known p4=1 for a command in {force}, "
+            f"--known {motor} of a motor that is fed with a voltage"
+        )
+    if carried.gravity:
+        remedies.append("say what p3 is: --known p3=..., the hand's weight in N times l_c in m")
+    remedies.append(f"say what p1 is: --known p1=..., in {'kg' if slide else 'kg m²'}")
+    return remedies

@@ -10,8 +10,8 @@ from scipy.special import ndtri, stdtrit
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import refuse_without_scale
 from butterfly.identification.inference.covariance import FEW
+from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.verdict import Level
@@ -33,23 +33,9 @@ def without_each_mass(
 ) -> tuple[dict[Hashable, NDArray[np.float64]], list[Finding]]:
     """Estimate again without each added mass, but where the rest cannot determine the parameters.
 
-    Parameters
-    ----------
-    masses
-        Of the logs.
-    refit
-        Returns the (n,) estimates from all logs but those of one added mass.
-    known
-        What is known of the robot. If that is exact, even one mass may be enough; a scale that
-        rests on what is uncertain would tell of that alone.
-    asked
-        Whether to do so at all.
-    driven
-        Whether an input acts.
-
-    Returns
-    -------
-    The estimates, and what is to be said if there are none.
+    ``refit`` returns the (n,) estimates from all logs but those of one added mass. If what is known
+    of the robot is exact, even one mass may be enough; a scale that rests on what is uncertain
+    would tell of that alone. Returns the estimates, and what is to be said if there are none.
     """
     different = sorted(set(masses))
     if not asked:
@@ -82,13 +68,7 @@ def widened(
 ) -> NDArray[np.float64]:
     """(n, n) covariance, wider along the ways that estimates of partial data and rivals went.
 
-    Parameters
-    ----------
-    values, covariance
-        (n,) estimates, and their (n, n) covariance.
-    left_out, rivals
-        As `honest_limits` takes them: each of the first counts as if it stood on a limit of its
-        interval.
+    Each of the first counts as if it were a limit of its interval (see `honest_limits`).
     """
     if left_out:
         apart = np.array(left_out) - values
@@ -108,18 +88,9 @@ def honest_limits(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return Student's limits at `CONFIDENCE`, widened to hold the estimates of partial data.
 
-    More logs do not help where the model is wrong in a way that depends on what was left out. Of
-    fits that predict as well any may be the right one, so that the limits hold what is as far from
-    each.
-
-    Parameters
-    ----------
-    values, covariance, freedom
-        (n,) estimates, their (n, n) covariance and (n,) degrees of freedom.
-    left_out
-        (n,) estimates with a part of the data left out.
-    rivals
-        (n,) estimates of other fits that predict as well.
+    (n,) values, their (n, n) covariance and (n,) degrees of freedom. More logs do not help where
+    the model is wrong in a way that depends on what was left out. Of rivals, fits that predict as
+    well, any may be the right one, so that the limits hold what is as far from each.
     """
     reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance))
     likely, partial = np.array([values, *rivals]), np.array([values, *left_out])

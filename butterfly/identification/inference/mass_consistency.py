@@ -9,7 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.model.parameters import AddedMass
+from butterfly.errors import InputError
+from butterfly.model.parameters import AddedMass, rounded
+
+Samples = NDArray[np.float64]
 
 _OF_A_LOG = 25.0  # F statistic above which a log's correction is no fluke, though one of many
 _MISTAKEN = 12.0  # of a log that may have carried another of the masses
@@ -23,27 +26,13 @@ _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is
 
 @dataclass(frozen=True, kw_only=True)
 class Correction:
-    """What some logs would have carried, had the rest been told right.
+    """What some logs would have carried, had the rest been told right."""
 
-    Parameters
-    ----------
-    told
-        What they are said to have carried.
-    logs
-        Their numbers.
-    change
-        To be added to the told mass, in kg.
-    evidence
-        F statistic of the change: that of one more parameter.
-    mistaken
-        Whether the corrected mass may be another of those that were told.
-    """
-
-    told: AddedMass
-    logs: tuple[int, ...]
-    change: float
-    evidence: float
-    mistaken: bool = False
+    told: AddedMass  # What they are said to have carried
+    logs: tuple[int, ...]  # Their numbers
+    change: float  # To be added to the told mass, in kg
+    evidence: float  # F statistic of the change: that of one more parameter
+    mistaken: bool = False  # Whether the corrected mass may be another of those that were told
 
     @property
     def evident(self) -> bool:
@@ -54,25 +43,17 @@ class Correction:
 
 
 def corrections(
-    rows: NDArray[np.float64],
-    residuals: NDArray[np.float64],
+    rows: Samples,
+    residuals: Samples,
     names: Sequence[str],
     carried: Mapping[int, AddedMass],
 ) -> tuple[Correction, ...]:
     """Return what each added mass, and each log alone, would have to be; the best explained first.
 
     A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, r_1 and r_3
-    being their derivatives by p1 and p3. The change that explains most of the residuals, once the
-    parameters follow, is a regression on one column more.
-
-    Parameters
-    ----------
-    rows, residuals
-        (k, m, n) derivatives and (k, m) residuals of k logs.
-    names
-        Of the n parameters; without p1 and p3 there is nothing to tell.
-    carried
-        What each of the k logs carried, by its number, in order; nothing if that is not asked.
+    being their derivatives by p1 and p3. The change that explains most of the (k, m) residuals,
+    once the parameters follow by the (k, m, n) rows, is a regression on one column more. Without p1
+    and p3, or what was carried by number of the log, there is nothing to tell.
     """
     if not carried or not {"p1", "p3"} <= set(names):
         return ()
@@ -129,3 +110,53 @@ def _suspects(masses: Sequence[AddedMass]) -> list[tuple[AddedMass, tuple[int, .
     enough = len({mass.inertia_and_moment for mass in own}) >= _LEAST_MASSES
     whole = [(mass, tuple(group)) for mass, group in own.items()] if enough else []
     return [*whole, *single]
+
+
+def moved_by_masses(
+    rows: Samples, names: Sequence[str], carried: Mapping[int, AddedMass]
+) -> Samples | None:
+    """Return what uncertain added masses, and their arms, do to the residuals of the logs.
+
+    A mass that is off by dm adds dm (l^2 r_1 + g l r_3) to the residuals of its logs, an arm that
+    is off by dl adds dl m (2 l r_1 + g r_3), with r_1 and r_3 their derivatives by p1 and p3. Equal
+    masses are taken to be the same piece of metal, equal arms the same hole.
+
+    Of (k, m, n) rows it is (k, m, q) for q uncertain quantities, each times its standard
+    uncertainty; None if all are exact. InputError if p1 or p3 is known exactly although the mass
+    that is added to it is not.
+    """
+    moves: dict[tuple[str, float], list[tuple[float, float]]] = {}
+    zero = (0.0, 0.0)
+    for position, added in enumerate(carried.values()):
+        for key, by_inertia, by_gravity in _moves(added):
+            own = moves.setdefault(key, [zero] * len(carried))
+            own[position] = (by_inertia, by_gravity)
+    if not moves:
+        return None
+    shares = np.array(list(moves.values()))  # (q, k, 2)
+    result = np.zeros((*rows.shape[:2], shares.shape[0]))
+    for part, name in enumerate(("p1", "p3")):
+        if not shares[:, :, part].any():
+            continue
+        if name not in names:
+            expected = f"added masses that are exact, or {name} with an uncertainty"
+            raise InputError("known", name, "an exact value beside uncertain masses", expected)
+        column = rows[:, :, list(names).index(name)]
+        result += column[:, :, None] * shares[:, :, part].T[:, None, :]
+    return result
+
+
+def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
+    """Return what a standard uncertainty of a mass, and of its arm, adds to inertia and gravity."""
+    found = []
+    if added.mass_uncertainty and added.mass:
+        share = added.mass_uncertainty / added.mass
+        found.append(
+            (("mass", rounded(added.mass)), share * added.inertia, share * added.gravity_moment)
+        )
+    if added.arm_uncertainty and added.arm:
+        share = added.arm_uncertainty / added.arm
+        found.append(
+            (("arm", rounded(added.arm)), 2 * share * added.inertia, share * added.gravity_moment)
+        )
+    return found

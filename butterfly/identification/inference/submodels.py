@@ -24,42 +24,22 @@ _LEAST_FOLDS = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nested:
-    """The equations of k logs about a fit with n parameters.
+    """The equations of k logs about a fit with n parameters."""
 
-    Parameters
-    ----------
-    names
-        Of the n.
-    values, lower
-        (n,) values, and the least ones.
-    curvature, gradient, cost
-        (k, n, n), (k, n) and (k,): J^T J, J^T r and r^T r of each log.
-    folds
-        (k,) numbers of the parts of the data that are left out together, one after the other.
-    settings
-        Values of what is no parameter here, but was set.
-    demanded
-        Parameters without which these equations are not asked.
-    negligible
-        Size of an error that is none, as rounding leaves it to exact data.
-    prior
-        What is known besides, in every part of the data.
-    slack
-        Standard errors by which a fit with fewer parameters may foretell worse.
-    """
-
-    names: tuple[str, ...]
-    values: Samples
+    names: tuple[str, ...]  # Of the n
+    values: Samples  # (n,) values, and the least ones
     lower: Samples
-    curvature: Samples
+    curvature: Samples  # (k, n, n), (k, n) and (k,): J^T J, J^T r and r^T r of each log
     gradient: Samples
     cost: Samples
+    # (k,) numbers of the parts of the data that are left out together, one after the other
     folds: NDArray[np.intp]
+    # Values of what is no parameter here, but was set
     settings: dict[str, float] = field(default_factory=dict)
-    demanded: tuple[str, ...] = ()
-    negligible: float = 0.0
-    prior: Prior | None = None
-    slack: float = 1.0
+    demanded: tuple[str, ...] = ()  # Parameters without which these equations are not asked
+    negligible: float = 0.0  # Size of an error that is none, as rounding leaves it to exact data
+    prior: Prior | None = None  # What is known besides, in every part of the data
+    slack: float = 1.0  # Standard errors by which a fit with fewer parameters may foretell worse
 
     @cached_property
     def _total(self) -> tuple[Samples, Samples]:
@@ -98,16 +78,9 @@ class Nested:
         )
 
     def fitted(self, kept: NDArray[np.bool_]) -> Samples:
-        """Return the values of fits with some of the parameters, all at once.
+        """Return the (t, n) values of t fits with the parameters in (t, n) ``kept``, all at once.
 
-        Parameters
-        ----------
-        kept
-            (t, n) which parameters each of t fits has.
-
-        Returns
-        -------
-        (t, n), nan where the data do not determine what a fit has.
+        They are nan where the data do not determine what a fit has.
         """
         return self._fitted(*self._total, kept)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,33 +43,16 @@ SLACK_OF_STRETCHES = 2.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TermChoice:
-    """Terms that were chosen, and what speaks for others.
+    """Terms that were chosen, and what speaks for others."""
 
-    Parameters
-    ----------
-    names
-        Of the parameters, the terms last.
-    terms
-        Chosen.
-    values
-        Of the parameters, by name, as the nested fit foretells them.
-    settings
-        See `Nested`.
-    rivals
-        Values, by name, of the fits that predict as well, with other terms or other settings.
-    not_helping
-        Terms that were offered and not chosen.
-    inseparable
-        Terms that the data cannot tell from the rest.
-    """
-
-    names: tuple[str, ...]
-    terms: tuple[str, ...]
-    values: dict[str, float]
-    settings: dict[str, float]
+    names: tuple[str, ...]  # Of the parameters, the terms last
+    terms: tuple[str, ...]  # Chosen
+    values: dict[str, float]  # Of the parameters, by name, as the nested fit foretells them
+    settings: dict[str, float]  # See `Nested`
+    # Values, by name, of the fits that predict as well, with other terms or other settings
     rivals: tuple[dict[str, float], ...]
-    not_helping: tuple[str, ...]
-    inseparable: tuple[str, ...]
+    not_helping: tuple[str, ...]  # Terms that were offered and not chosen
+    inseparable: tuple[str, ...]  # Terms that the data cannot tell from the rest
 
     @property
     def best(self) -> dict[str, float]:
@@ -151,22 +134,11 @@ def folds_of(parts: Sequence[Hashable]) -> NDArray[np.intp]:
 def choose_terms(
     fits: Sequence[Nested], *, always: tuple[str, ...], demanded: tuple[str, ...] = ()
 ) -> TermChoice:
-    """Choose from the terms of fits that have them all.
+    """Choose from the terms of fits that have them all, about one or more settings.
 
-    Parameters
-    ----------
-    fits
-        The same equations about one or more settings, with all terms.
-    always
-        Parameters that every fit has.
-    demanded
-        Terms that are not chosen, but wanted; the last of them are dropped that cannot be told from
-        the others.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the data do not even determine what every fit has.
+    Every fit has the parameters ``always``. Terms that are ``demanded`` are not chosen, but wanted;
+    the last of them are dropped that cannot be told from the others. IdentifiabilityError if the
+    data do not even determine what every fit has.
     """
     offered = tuple(dict.fromkeys(n for nested in fits for n in nested.names if n not in always))
     trials = _all_trials(fits, always, demanded)
@@ -215,13 +187,7 @@ class _Trial(NamedTuple):
 def _all_trials(
     fits: Sequence[Nested], always: tuple[str, ...], demanded: tuple[str, ...]
 ) -> list[_Trial]:
-    """Try all that can be tried: of the parts of the data, or else of single logs.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If no fit can be left to foretell anything.
-    """
+    """Try all that can be tried: of the parts of the data, or else of single logs."""
     by_log = [replace(nested, folds=np.arange(nested.cost.size)) for nested in fits]
     for wanted in [demanded[:count] for count in range(len(demanded), -1, -1)]:
         for split in (fits, by_log):
@@ -288,17 +254,10 @@ def _kept(
 
 
 def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
-    """Tell which terms an estimate lacks that would help, and matter.
+    """Tell which terms an estimate lacks that would help, and matter, by the best values.
 
     They matter if they would move a parameter by more than the half-width of its interval, or by
     `_MATTERS` of it.
-
-    Parameters
-    ----------
-    found
-        The estimate.
-    best
-        Values with the terms that predict best.
     """
     missing = [name for name in best if name not in {*found.names, *PARAMETERS}]
     if not missing:
@@ -320,3 +279,73 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
             severity=Level.CARE,
         )
     ]
+
+
+SCANNED = "stribeck"
+"""The term whose velocity is tried."""
+
+
+class Equations(Protocol):
+    """What gives the equations of a method with any terms."""
+
+    @property
+    def always(self) -> tuple[str, ...]:
+        """Names of the parameters that are fitted with any terms."""
+
+    @property
+    def speeds(self) -> Sequence[float]:
+        """Stribeck velocities in rad/s to try; none where that friction is known."""
+
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+        """Return the equations with terms besides what is always fitted.
+
+        The Stribeck velocity in rad/s is None where no term needs it.
+        """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScannedTerms:
+    """Terms for a method."""
+
+    chosen: TermChoice  # Those to fit
+    # What would have been chosen from all terms; None if that was not asked
+    free: TermChoice | None
+
+    @classmethod
+    def of(
+        cls,
+        equations: Equations,
+        tried: tuple[str, ...],
+        told: tuple[str, ...] | None,
+        *,
+        check: bool,
+        scan: bool = True,
+    ) -> ScannedTerms:
+        """Choose from the terms ``tried`` and Stribeck friction, or fit those ``told``.
+
+        Of the latter only the Stribeck velocity is chosen; ``check`` says besides which terms would
+        help that were not asked for, Stribeck friction among them if there is a ``scan``.
+        """
+        if told is None:
+            free = choose_terms([*_fits(equations, tried)], always=equations.always)
+            return cls(chosen=free, free=free)
+        rest = tuple(name for name in told if name != SCANNED)
+        with_it = SCANNED in told
+        fits = [*_fits(equations, rest, plain=not with_it, scanned=with_it)]
+        chosen = choose_terms(fits, always=equations.always, demanded=told)
+        if not check:
+            return cls(chosen=chosen, free=None)
+        every = [*_fits(equations, tried, scanned=scan)]
+        return cls(chosen=chosen, free=choose_terms(every, always=equations.always))
+
+
+def _fits(
+    equations: Equations, names: tuple[str, ...], *, plain: bool = True, scanned: bool = True
+) -> Iterator[Nested]:
+    """Yield the equations without Stribeck friction, and with it at one velocity after another."""
+    if plain:
+        yield equations.with_terms(names, None)
+    if scanned:
+        for speed in equations.speeds:
+            nested = equations.with_terms((*names, SCANNED), speed)
+            yield replace(nested, demanded=(SCANNED,), settings={"stribeck_velocity": speed})

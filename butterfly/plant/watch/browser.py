@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import logging
+import secrets
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http.cookies import CookieError, SimpleCookie
 from typing import Any
+from urllib.parse import parse_qs
 
 import mujoco
 from mujoco.studio import launch_web, messages, plugin, viewer_protocol, web_viewer
@@ -15,8 +19,14 @@ from mujoco.studio.dear_imgui import dear_imgui
 from mujoco.studio.web import web_server
 
 from butterfly.errors import InputError
-from butterfly.plant.watch.caption import told
-from butterfly.plant.watch.guard import LOOPBACK, Guard
+from butterfly.plant.watch.picture import caption_text
+
+LOOPBACK = "127.0.0.1"
+"""The only address at which anything is served."""
+
+_NAMES = (LOOPBACK, "localhost")
+_TOKEN = "token"  # noqa: S105 - its name, in the address
+_COOKIE = "butterfly-viewer"
 
 
 def serve(
@@ -25,21 +35,9 @@ def serve(
     advance: Callable[[], None],
     port: int = 0,
 ) -> None:
-    """Show a simulation to a browser until it is stopped.
+    """Show a simulation, which ``advance`` steps on by a frame, to a browser until it is stopped.
 
-    Parameters
-    ----------
-    model, data
-        The simulation.
-    advance
-        Steps them on by a frame.
-    port
-        To serve at; 0 picks a free one.
-
-    Raises
-    ------
-    InputError
-        If the port is taken.
+    Port 0 picks a free one; one that is taken is an InputError.
     """
     config = viewer_protocol.ViewerConfig(title="butterfly", gfx="web", http_port=port)
     with _guarded(_bound(port)), launch_web.launch(config, plugins=[Front()]) as handle:
@@ -47,6 +45,63 @@ def serve(
         while handle.is_running():
             advance()
             handle.sync()
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Who may see and steer what is served at a port: whoever was given its address, here alone.
+
+    The address says a token, which nobody else knows. Other pages that the same browser shows, and
+    other names that lead to this machine, may not: the first send an `Origin`, the second a `Host`,
+    that is not the server's own (RFC 6455, 10.2; "DNS rebinding").
+    """
+
+    port: int
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(16))
+
+    @property
+    def url(self) -> str:
+        """The address to open."""
+        return f"http://{LOOPBACK}:{self.port}/?{_TOKEN}={self.token}"
+
+    @property
+    def cookie(self) -> str:
+        """What a browser that was given the address sends from then on."""
+        return f"{self._name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+
+    @property
+    def _name(self) -> str:
+        """Of the cookie: browsers keep one of a name for all ports."""
+        return f"{_COOKIE}-{self.port}"
+
+    def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
+        """Return why a request for a path, with its query, is not answered; None if it is.
+
+        Headers are found by names of any case.
+        """
+        own = {f"{name}:{self.port}" for name in _NAMES}
+        if headers.get("Host") not in own:
+            return "asked for under another name than this machine's own"
+        if headers.get("Origin", f"http://{LOOPBACK}:{self.port}") not in {
+            f"http://{name}" for name in own
+        }:
+            return "asked for by another page"
+        if not self.knows(path) and not self._is_own(headers.get("Cookie", "")):
+            return "the address that the program printed has a token, which is missing here"
+        return None
+
+    def knows(self, path: str) -> bool:
+        """Whether an address has the token."""
+        token = parse_qs(path.partition("?")[2]).get(_TOKEN, [""])[0]
+        return secrets.compare_digest(token.encode(), self.token.encode())
+
+    def _is_own(self, cookies: str) -> bool:
+        try:
+            cookie = SimpleCookie(cookies).get(self._name)
+        except CookieError:
+            return False
+        sent = "" if cookie is None else cookie.value
+        return secrets.compare_digest(sent.encode(), self.token.encode())
 
 
 class _Viewer(web_viewer.WebViewer):  # type: ignore[misc] # MuJoCo's, without types
@@ -71,7 +126,7 @@ class Front(plugin.ViewerPlugin):  # type: ignore[misc] # MuJoCo's, without type
         data = self.viewer.data
         if data.qpos.size:
             dear_imgui.Begin("Hand", None, int(dear_imgui.WindowFlags.AlwaysAutoResize))
-            dear_imgui.Text(told(data.time, data.qpos[0], "angle"))
+            dear_imgui.Text(caption_text(data.time, data.qpos[0], "angle"))
             dear_imgui.End()
 
 
@@ -93,10 +148,7 @@ def _bound(port: int) -> socket.socket:
 def _guarded(bound: socket.socket) -> Iterator[None]:
     """Have MuJoCo 4 serve at a socket and ask who comes; it binds all interfaces, and asks nobody.
 
-    Parameters
-    ----------
-    bound
-        Closed in the end.
+    The socket is closed in the end.
     """
     guard = Guard(bound.getsockname()[1])
     serve_all = web_server.serve

@@ -1,4 +1,4 @@
-"""A run that is watched while it is simulated, at the pace of the clock on the wall."""
+"""A run that is watched while it is simulated: in MuJoCo's own viewer or in a browser."""
 
 from __future__ import annotations
 
@@ -10,55 +10,43 @@ import mujoco
 import numpy as np
 
 from butterfly.model.parameters import AddedMass
-from butterfly.plant.bench import Sample
+from butterfly.plant import has_display
+from butterfly.plant.control_loop import Sample
 from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.mjcf import compile_model
-from butterfly.plant.setup import Setup
+from butterfly.plant.rig import Rig
+from butterfly.plant.watch.picture import RenderingError
 
 _PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up
 _BUSY = 0.02  # s on the wall clock that one frame may spend on simulating
+_FRAME = 0.01  # s of rest between two frames
 
 
 class LiveRun:
-    """One run of a setup, sample by sample, in a MuJoCo model that a viewer can show.
+    """One run of a rig, sample by sample, in a MuJoCo model that a viewer can show.
 
-    Its samples are those of the run's log, before the setup's faults befall them. After the last it
-    starts again, with the same seed; so it does when a viewer resets the state.
-
-    Parameters
-    ----------
-    setup, added, excitation
-        What is run.
-    duration
-        Of the run in s.
-    seed
-        Of everything random in it.
-
-    Attributes
-    ----------
-    model, data
-        What a viewer shows. MuJoCo's joint is this model, so that a hand that is pulled in the
-        viewer gives way; the grey box is only drawn in it.
-    sample
-        The latest.
+    Its samples are those of the run's log, before the rig's faults befall them. After the last it
+    starts again, with the same seed; so it does when a viewer resets the state. MuJoCo's joint is
+    the ``model`` with its ``data``, so that a hand that is pulled in the viewer gives way; the grey
+    box is only drawn in it. ``sample`` is the latest.
     """
 
     def __init__(
         self,
-        setup: Setup,
+        rig: Rig,
         added: AddedMass,
         excitation: Excitation,
         duration: float,
         seed: np.random.SeedSequence,
     ) -> None:
-        self._setup, self._signal, self._duration = setup, excitation.sample, duration
+        self._rig, self._signal, self._duration = rig, excitation.sample, duration
         self._seed = seed
-        self._joint = setup.joint(added, initial_angle(excitation), scene=True)
+        self._joint = rig.joint(added, initial_angle(excitation), scene=True)
         if isinstance(self._joint, MujocoJoint):
             self.model, self.data = self._joint.model, self._joint.data
         else:
-            self.model = compile_model(setup.robot, added, scene=True)
+            self.model = compile_model(rig.robot, added, scene=True)
             self.data = mujoco.MjData(self.model)
         self._before = 0.0  # s of earlier rounds
         self._left = 0.0  # MuJoCo's time when it was last left alone
@@ -86,8 +74,8 @@ class LiveRun:
         self._show()
 
     def _play(self) -> Iterator[Sample]:
-        with self._setup.bench_of(self._joint, np.random.default_rng(self._seed)) as bench:
-            yield from bench.samples(self._signal, self._duration)
+        with self._rig.loop(self._joint, np.random.default_rng(self._seed)) as loop:
+            yield from loop.samples(self._signal, self._duration)
 
     def _show(self) -> None:
         if not isinstance(self._joint, MujocoJoint):
@@ -98,15 +86,7 @@ class LiveRun:
 
 
 class RealTime:
-    """Steps a run as fast as the clock on the wall runs.
-
-    Parameters
-    ----------
-    run
-        What is stepped.
-    clock
-        Tells the time in s.
-    """
+    """Steps a run as fast as the clock on the wall runs, which tells the time in s."""
 
     def __init__(self, run: LiveRun, clock: Callable[[], float] = time.monotonic) -> None:
         self._run, self._clock = run, clock
@@ -125,3 +105,45 @@ class RealTime:
         while self._run.elapsed < now - self._origin and now < end:
             self._run.advance()
             now = self._clock()
+
+
+def watch(
+    rig: Rig,
+    added: AddedMass,
+    excitation: Excitation,
+    duration: float,
+    seed: np.random.SeedSequence,
+    *,
+    web: bool = False,
+    port: int = 0,
+) -> None:
+    """Run a robot in a viewer, in real time, until the viewer is closed or Ctrl-C is pressed.
+
+    With ``web`` the viewer is served to a browser on this machine, at a free port for 0; without it
+    opens a window, or raises a RenderingError where there is no display.
+    """
+    run = LiveRun(rig, added, excitation, duration, seed)
+    pace = RealTime(run)
+    if not web:
+        _run_in_window(run, pace)
+        return
+    from butterfly.plant.watch import browser  # noqa: PLC0415 - slow to import, and seldom wanted
+
+    def advance() -> None:
+        time.sleep(_FRAME)
+        pace.catch_up()
+
+    browser.serve(run.model, run.data, advance, port)
+
+
+def _run_in_window(run: LiveRun, pace: RealTime) -> None:
+    if not has_display():
+        raise RenderingError("no display for a viewer: use --web, or butterfly video")
+    from mujoco import viewer  # noqa: PLC0415 - needs the window system when it is imported
+
+    with viewer.launch_passive(run.model, run.data) as handle:
+        while handle.is_running():
+            time.sleep(_FRAME)
+            with handle.lock():
+                pace.catch_up()
+            handle.sync()

@@ -1,23 +1,34 @@
-"""Pictures of the robot, drawn with or without a display."""
+"""Pictures and films of the robot, drawn with or without a display."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
-from PIL import Image
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.files import replacing
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.robot import Robot
+from butterfly.progress import Track, untracked
 
 CAMERA = "bench"
 """Camera of the shipped scene."""
 
 _FINER = 2  # drawn, either way, than the picture, whose edges are then smooth
 _LARGE = 1024  # pixels of a picture that is fine enough; a finer one might not fit the card
+_PILLOW = (".gif", ".webp")
+_FFMPEG = (".mp4",)
+_LINES = 26  # that a picture is high
+_SMALLEST = 8  # pixels of a letter that can be read
+_PLACE = (0.66, 0.025)  # of the corner that the hand leaves free, in parts of the picture
+_INK = (52, 56, 64)
 
 
 class RenderingError(ButterflyError):
@@ -27,17 +38,7 @@ class RenderingError(ButterflyError):
 class Painter:
     """Draws one robot at any angle; a context manager, since it holds a drawing surface.
 
-    Parameters
-    ----------
-    robot, added
-        The robot and what it carries.
-    size
-        Width and height in pixels.
-
-    Raises
-    ------
-    RenderingError
-        If MuJoCo finds no way to draw.
+    Pictures are ``size`` pixels wide and high. A RenderingError if MuJoCo finds no way to draw.
     """
 
     def __init__(self, robot: Robot, added: AddedMass, size: int = 640) -> None:
@@ -69,18 +70,86 @@ class Painter:
 
 
 def render(robot: Robot, added: AddedMass, angle: float, path: Path, size: int = 640) -> None:
-    """Draw the robot at ``angle`` rad into an image file, in the format of its ending.
-
-    Raises
-    ------
-    RenderingError
-        If MuJoCo finds no way to draw.
-    InputError
-        If the file cannot be written, or its ending names no image format.
-    """
+    """Draw the robot at ``angle`` rad into an image file, in the format of its ending."""
     if path.suffix.lower() not in Image.registered_extensions():
         raise InputError(path, "file name", path.suffix or "no ending", ".png, .jpg or .webp")
     with Painter(robot, added, size) as painter:
         picture = painter.frame(angle)
     with replacing(path) as draft:
         picture.save(draft)
+
+
+def film(
+    robot: Robot,
+    added: AddedMass,
+    times: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    path: Path,
+    *,
+    fps: int = 30,
+    size: int = 480,
+    track: Track = untracked,
+) -> None:
+    """Draw a recorded motion as a film with time and angle, in the format of the file's ending.
+
+    The motion is of (n,) instants in s and angles in rad; the file .gif, .webp, or .mp4, which
+    needs the extra ``video``.
+    """
+    save = _saver(path)
+    caption = Caption(size)
+    instants = np.arange(times[0], times[-1], 1 / fps)
+    motion = list(zip(instants.tolist(), np.interp(instants, times, angles).tolist(), strict=True))
+    with Painter(robot, added, size) as painter:
+        frames = [
+            caption.write(painter.frame(angle), instant, angle)
+            for instant, angle in track(motion, "Drawing frames")
+        ]
+    with replacing(path) as draft:
+        save(draft, frames, fps)
+
+
+def _saver(path: Path) -> Callable[[Path, list[Image.Image], int], None]:
+    ending = path.suffix.lower()
+    if ending in _PILLOW:
+        return _save_with_pillow
+    if ending not in _FFMPEG:
+        raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")
+    if find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None:
+        raise InputError(path, "file name", ending, ".gif or .webp, or the extra 'video' installed")
+    return _save_with_ffmpeg
+
+
+def _save_with_pillow(path: Path, frames: list[Image.Image], fps: int) -> None:
+    first, *rest = frames
+    first.save(path, save_all=True, append_images=rest, duration=1000 / fps, loop=0)
+
+
+def _save_with_ffmpeg(path: Path, frames: list[Image.Image], fps: int) -> None:
+    import imageio.v3 as iio  # noqa: PLC0415 - an extra, which need not be there
+
+    iio.imwrite(
+        path, np.stack([np.asarray(frame) for frame in frames]), fps=fps, macro_block_size=None
+    )
+
+
+class Caption:
+    """Writes time and angle into pictures that are ``size`` pixels wide and high."""
+
+    def __init__(self, size: int) -> None:
+        import matplotlib as mpl  # noqa: PLC0415 - slow to import
+
+        # Pillow's own letters are Latin, and have no minus.
+        letters = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+        self._font = ImageFont.truetype(letters, max(_SMALLEST, size // _LINES))
+        self._place = (_PLACE[0] * size, _PLACE[1] * size)
+
+    def write(self, picture: Image.Image, instant: float, angle: float) -> Image.Image:
+        """Write a time in s and an angle in rad into a picture, and return it."""
+        text = caption_text(instant, angle, "θ").replace("-", "−")
+        ImageDraw.Draw(picture).multiline_text(self._place, text, _INK, self._font)
+        return picture
+
+
+def caption_text(instant: float, angle: float, symbol: str) -> str:
+    """Return a time in s and an angle in rad as two lines, in letters that any font has."""
+    return f"t = {instant:z.2f} s\n{symbol} = {angle:+z.3f} rad"

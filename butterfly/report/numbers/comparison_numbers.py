@@ -13,7 +13,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.report.misfit import misfit_sentences
+from butterfly.report.finding_texts import estimate_verdict, values_of
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.misfit_numbers import (
@@ -22,7 +22,7 @@ from butterfly.report.numbers.misfit_numbers import (
     misfit_units,
 )
 from butterfly.report.numbers.table_numbers import about, rests_on
-from butterfly.report.words import values_of, verdict_on
+from butterfly.report.residual import misfit_sentences
 from butterfly.verdict import Level, Verdict
 
 
@@ -34,7 +34,7 @@ def told_comparison(
     found: Estimate,
 ) -> Told:
     """Tell logs, each simulated twice with an estimate, and the misfit of the data set."""
-    verdict, way = verdict_on(found), data.joint.way
+    verdict, way = estimate_verdict(found), data.joint.way
     judged = {log.name: log for log in misfit.logs}
     rows = [
         {
@@ -137,7 +137,7 @@ def _verdict(entries: Sequence[Entry], sets: Sequence[str]) -> Verdict:
             levels.append(Level.WARNING)
             reasons.append(f"{name}: {first.error}")
             continue
-        said = verdict_on(first.estimate)
+        said = estimate_verdict(first.estimate)
         levels.append(said.level)
         reasons += [f"{name}, {first.method}: {reason}" for reason in said.reasons]
     return Verdict(Level.worst(levels) if levels else Level.WARNING, tuple(reasons))
@@ -148,7 +148,7 @@ def _entry(entry: Entry) -> dict[str, Any]:
     said: dict[str, Any] = {"verdict": None, "reasons": []}
     if entry.estimate is not None:
         known = estimate_numbers(entry.estimate)
-        said = verdict_on(entry.estimate).numbers() | known
+        said = estimate_verdict(entry.estimate).numbers() | known
     return {
         **said,
         "data": entry.data,

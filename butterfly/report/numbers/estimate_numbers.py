@@ -14,7 +14,7 @@ from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS
-from butterfly.report.words import finding_said, values_of
+from butterfly.report.finding_texts import finding_text, values_of
 
 
 def data_numbers(data: DataSet) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def finding_numbers(
         {
             "kind": str(each.kind),
             "severity": str(each.severity),
-            "text": finding_said(each, values),
+            "text": finding_text(each, values),
             "parameters": list(each.parameters),
             "number": each.number,
             "logs": list(each.logs),

@@ -12,6 +12,8 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.physical import PhysicalParameters
 from butterfly.model.parameters import LumpedParameters
+from butterfly.report.finding_texts import estimate_verdict, values_of
+from butterfly.report.format import fit_text
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import (
     chosen_numbers,
@@ -22,7 +24,7 @@ from butterfly.report.numbers.estimate_numbers import (
 )
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
 from butterfly.report.physical import physical_numbers
-from butterfly.report.words import fit_said, summary, values_of, verdict_on
+from butterfly.report.summary import summary
 
 KIND = "identification"
 
@@ -120,7 +122,7 @@ def told_of_parts(
     return Told(
         kind=KIND,
         title=titled(label, origin["name"], fit),
-        verdict=verdict_on(estimate),
+        verdict=estimate_verdict(estimate),
         summary=tuple(said),
         content={
             "estimator": label,
@@ -138,4 +140,4 @@ def told_of_parts(
 
 def titled(label: str, name: str, fit: FitSummary) -> str:
     """Return an identification in a line."""
-    return f"{label} of {name!r}, median FIT{fit.over} {fit_said(fit.median)} %"
+    return f"{label} of {name!r}, median FIT{fit.over} {fit_text(fit.median)} %"

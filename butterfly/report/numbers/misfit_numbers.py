@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from butterfly.identification.diagnostics.left_over import LeftOver
-from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
-from butterfly.identification.diagnostics.whiteness import LEVELS
+from butterfly.identification.diagnostics.misfit import LEVELS, LogMisfit, Misfit
+from butterfly.identification.diagnostics.residuals import LeftOver
 from butterfly.model.parameters import JointKind
 from butterfly.report.numbers.estimate_numbers import finding_numbers
 

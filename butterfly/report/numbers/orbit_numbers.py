@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from butterfly.experiment.orbit_record import OrbitRecord
+from butterfly.experiment.record import OrbitRecord
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.study import OrbitStudy
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers, lumped_numbers
-from butterfly.report.words import sentences, verdict_on
 
 
 def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
@@ -23,7 +23,7 @@ def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
     truth
         True parameters of the hand with what it carries, where they are known.
     """
-    rounds, verdict = study.calibration.rounds, verdict_on(study.estimate)
+    rounds, verdict = study.calibration.rounds, estimate_verdict(study.estimate)
     last, log = rounds[-1].recalibration, rounds[-1].logs[0]
     ratios = [name for name in last.names if last.is_ratio(name)]
     known = {} if truth is None else {"truth": lumped_numbers(truth, input_kind=log.input_kind)}
@@ -66,8 +66,8 @@ def _orbit_sentences(study: OrbitStudy) -> list[str]:
         f"{degrees_said(generic)}°: {better:.3g} times less.",
         f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
         f"terms that did not help on held-out data: {rejected}.",
-        *sentences(study.estimate)[1:],
-        *([] if begun is None else [f"What it began with: {verdict_on(begun).sentence}"]),
+        *estimate_sentences(study.estimate)[1:],
+        *([] if begun is None else [f"What it began with: {estimate_verdict(begun).sentence}"]),
     ]
 
 

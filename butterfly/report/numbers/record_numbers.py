@@ -11,11 +11,11 @@ from butterfly.experiment.record import EstimateRecord, RunRecord, SweepRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
+from butterfly.report.finding_texts import estimate_verdict, values_of
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import finding_numbers, lumped_numbers
 from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.numbers.orbit_numbers import told_orbit
-from butterfly.report.words import values_of, verdict_on
 from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -139,7 +139,9 @@ def verdict_of_run(record: RunRecord) -> Verdict | None:
     if level is None:
         return None
     told = [(each, each.estimate) for each in record.estimates if each.estimate is not None]
-    reasons = [(each.estimator, why) for each, found in told for why in verdict_on(found).reasons]
+    reasons = [
+        (each.estimator, why) for each, found in told for why in estimate_verdict(found).reasons
+    ]
     named = (f"{name}: {reason}" if len(told) > 1 else reason for name, reason in reasons)
     return Verdict(level, tuple(named))
 
@@ -201,7 +203,9 @@ def _estimate(record: EstimateRecord) -> dict[str, Any]:
     if record.estimate is None:
         content |= {"verdict": None, "reasons": [], "ending": str(record.ending)}
     else:
-        content |= verdict_on(record.estimate).numbers() | record.estimate.to_dict(record.truth)
+        content |= estimate_verdict(record.estimate).numbers() | record.estimate.to_dict(
+            record.truth
+        )
         values = values_of(record.estimate)
         content["findings"] = finding_numbers(record.estimate.findings, values)
     return content | {name: fit and fit.numbers() for name, fit in fits.items()}

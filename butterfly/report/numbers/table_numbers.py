@@ -15,10 +15,10 @@ from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import held_out_fits
-from butterfly.identification.inference.bootstrap import Bootstrap
-from butterfly.identification.inference.term_selection import Structure
-from butterfly.identification.inference.validation import HeldOut
+from butterfly.identification.validate import Bootstrap, HeldOut, Structure
 from butterfly.logs.log import Log
+from butterfly.report.finding_texts import estimate_verdict, values_of
+from butterfly.report.format import fit_text
 from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import (
     chosen_numbers,
@@ -26,8 +26,7 @@ from butterfly.report.numbers.estimate_numbers import (
     estimate_numbers,
 )
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
-from butterfly.report.recommendations import chosen_said, most_telling
-from butterfly.report.words import fit_said, held_out_sentences, values_of, verdict_on
+from butterfly.report.summary import best_experiment_text, chosen_terms_text, held_out_sentences
 
 _FIT_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"}
 
@@ -62,7 +61,7 @@ def told_validation(
         for log, inside, outside in zip(data.logs, seen, held.fits, strict=True)
     ]
     within = FitSummary.of(seen, predictor.horizon(whole))
-    without, judged = held.summary, verdict_on(whole)
+    without, judged = held.summary, estimate_verdict(whole)
     unused = held_out_fits(data, whole)
     return Told(
         kind="validation",
@@ -72,8 +71,8 @@ def told_validation(
             judged.sentence,
             held.division.said,
             f"What was left out is followed with a median FIT{without.over} of "
-            f"{fit_said(without.median)} % (mean {fit_said(without.mean)} %, worst "
-            f"{fit_said(without.worst)} %); those that were seen, {fit_said(within.median)} %.",
+            f"{fit_text(without.median)} % (mean {fit_text(without.mean)} %, worst "
+            f"{fit_text(without.worst)} %); those that were seen, {fit_text(within.median)} %.",
             *held_out_sentences(unused),
         ),
         content={
@@ -119,7 +118,7 @@ def told_residual(
     said
         The same in words.
     """
-    judged = verdict_on(found)
+    judged = estimate_verdict(found)
     about_estimate = rests_on(data, found, estimator, more=misfit.findings)
     return Told(
         kind="residual",
@@ -149,12 +148,12 @@ def told_design(
         }
         for each in ranked
     ]
-    judged = verdict_on(found)
+    judged = estimate_verdict(found)
     return Told(
         kind="design",
         title=f"Next experiments after {data.name!r}: standard errors over those now",
         verdict=judged,
-        summary=(judged.sentence, most_telling(ranked[0])),
+        summary=(judged.sentence, best_experiment_text(ranked[0])),
         content={**rests_on(data, found, estimator), "rows": rows},
         units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
     )
@@ -168,7 +167,7 @@ def told_selection(
     found: Estimate,
 ) -> Told:
     """Tell the sets of terms that were passed through, the last being the one that is chosen."""
-    judged = verdict_on(found)
+    judged = estimate_verdict(found)
     rows = [
         {
             "terms": list(each.terms),
@@ -181,7 +180,7 @@ def told_selection(
         kind="selection",
         title=f"Terms chosen for {data.name!r} by {estimator.method}",
         verdict=judged,
-        summary=(judged.sentence, chosen_said(passed)),
+        summary=(judged.sentence, chosen_terms_text(passed)),
         content={
             **rests_on(data, found, estimator),
             "candidates": list(candidates),

@@ -11,7 +11,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.input_kind import judge_input
+from butterfly.identification.diagnostics.physics import judge_input
 from butterfly.identification.estimators import (
     Estimator,
     HarmonicBalance,
@@ -19,12 +19,12 @@ from butterfly.identification.estimators import (
     OutputError,
     WeakForm,
 )
-from butterfly.identification.inference.bootstrap import bootstrap
+from butterfly.identification.validate import bootstrap
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
-from butterfly.report.words import sentences
+from butterfly.report.finding_texts import estimate_sentences
 from butterfly.thesis.scripts import fit_thesis
 from butterfly.verdict import Level
 from tests.conftest import MASSES
@@ -104,7 +104,7 @@ def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):
     assert len(said) == 1
     assert said[0].kind is FindingKind.TORQUE_DRIVEN
     assert said[0].severity is Level.NOTE
-    assert "resistance below" in sentences(real.estimate.with_findings(*said))[-1]
+    assert "resistance below" in estimate_sentences(real.estimate.with_findings(*said))[-1]
     assert judge_input(real.estimate, InputKind.TORQUE) == []
     motor = replace(
         real.estimate,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.misfit import judge_misfit
+from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.free_run import FreeRun, Setting
@@ -187,3 +188,9 @@ def test_a_band_is_as_wide_as_what_the_interval_of_a_parameter_moves(logs):
     moved = np.interp(bands[0].time, log.time, np.abs(angles[1] - angles[0]))
     reach = np.sqrt(bands[1].reach ** 2 - bands[0].reach ** 2)
     assert np.linalg.norm(reach - moved) < 0.1 * np.linalg.norm(moved)
+
+
+@pytest.mark.parametrize(("outside", "beyond"), [(0, False), (2, False), (5, True), (10, True)])
+def test_half_of_the_logs_outside_their_bands_are_no_chance(outside, beyond):
+    logs = tuple(SimpleNamespace(outside=k < outside) for k in range(10))
+    assert Misfit(logs=logs, left_over=None).beyond_sensors is beyond

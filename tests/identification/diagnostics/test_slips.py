@@ -15,7 +15,7 @@ from butterfly.identification.inference.mass_consistency import disagreeing
 from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
-from butterfly.report.words import sentences
+from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, simulated, steady
@@ -46,7 +46,7 @@ def _named(logs, estimator):
     """Return what is named of logs, the level, and all that is said."""
     found = identify(DataSet.of(logs), estimator).estimate
     slips = [each for each in found.findings if each.kind is FindingKind.SLIP]
-    return slips, found.level, " ".join(sentences(found))
+    return slips, found.level, " ".join(estimate_sentences(found))
 
 
 def test_nothing_is_named_of_logs_that_are_right(sines, tones):

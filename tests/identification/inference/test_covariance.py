@@ -1,9 +1,15 @@
+"""Covariances against closed forms, and what widens them."""
+
 import tracemalloc
 
 import numpy as np
 import pytest
 
-from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.inference.covariance import cluster_covariance, robust
+from butterfly.identification.solved import Solved
+from butterfly.model.parameters import AddedMass
 
 
 def _regression(rng, clusters, size):
@@ -102,3 +108,73 @@ def test_of_what_one_cluster_alone_determines_the_freedom_is_a_number(seed):
     residuals = noise - flat @ np.linalg.lstsq(flat, noise, rcond=None)[0]
     _, freedom = cluster_covariance(rows, residuals.reshape(clusters, size))
     assert np.all((freedom >= 1) & (freedom <= clusters))
+
+
+def test_what_is_uncertain_besides_widens_the_covariance_by_what_it_moves_the_estimate():
+    """A mean of values that are all off by the same unknown amount is off by it too."""
+    values = np.random.default_rng(6).standard_normal((12, 1))
+    rows, residuals, off = np.ones((12, 1, 1)), values - values.mean(), 0.7
+    alone, freedom = cluster_covariance(rows, residuals)
+    wider, more = cluster_covariance(rows, residuals, considered=np.full((12, 1, 1), off))
+    assert wider[0, 0] == pytest.approx(alone[0, 0] + off**2)
+    # Satterthwaite: a share of a variance that is known for certain has no end of freedom
+    assert more[0] == pytest.approx(freedom[0] * (wider[0, 0] / alone[0, 0]) ** 2)
+
+
+def _solved(jacobian, residuals, bread=None):
+    return Solved(
+        names=("p1", "p3")[: jacobian.shape[1]],
+        values=np.array([0.01, 0.1])[: jacobian.shape[1]],
+        jacobian=jacobian,
+        residuals=residuals,
+        cluster=np.arange(residuals.size),
+        on_bound=np.zeros(jacobian.shape[1], dtype=bool),
+        lower=np.full(jacobian.shape[1], -np.inf),
+        ending=Ending.CONVERGED,
+        bread=bread,
+    )
+
+
+def test_an_uncertain_added_mass_widens_the_covariance_by_what_it_adds_to_p1_and_p3():
+    """All logs carry it: p1 is off by l^2 dm and p3 by g l dm, whatever the logs say."""
+    rng, uncertainty, arm = np.random.default_rng(7), 1e-4, 0.1
+    jacobian, residuals = rng.standard_normal((40, 2)), 1e-6 * rng.standard_normal(40)
+    exact = AddedMass(mass=0.05, arm=arm)
+    unsure = AddedMass(mass=0.05, arm=arm, mass_uncertainty=uncertainty)
+    alone, wider = (
+        Estimate.from_rows(
+            _solved(jacobian, residuals), method="test", left_out={}, masses=[mass] * 40
+        ).covariance
+        for mass in (exact, unsure)
+    )
+    moved = uncertainty * np.array([arm**2, arm * exact.gravity])
+    np.testing.assert_allclose(wider - alone, np.outer(moved, moved), rtol=1e-6)
+
+
+def test_the_standard_error_of_a_robust_location_is_that_of_m_estimates():
+    """Huber's: sum psi^2 over (sum psi')^2, which weights taken as given would make too small."""
+    rng = np.random.default_rng(8)
+    values = np.where(rng.random(2000) < 0.2, 10.0, 1.0) * rng.standard_normal(2000)
+    centre, bend = 0.0, 1.0
+    for _ in range(100):
+        weight = np.minimum(1, bend / np.abs(values - centre))
+        centre = weight @ values / weight.sum()
+    psi = np.clip(centre - values, -bend, bend)
+    inside = np.abs(values - centre) < bend
+    expected = np.sqrt(np.sum(psi**2)) / np.count_nonzero(inside)
+    root = np.sqrt(weight)
+    found = {
+        bread: Estimate.from_rows(
+            _solved(root[:, None], root * (centre - values), bread and np.array([[bread]])),
+            method="test",
+            left_out={},
+        ).standard_errors[0]
+        for bread in (None, float(np.count_nonzero(inside)))
+    }
+    assert found[float(np.count_nonzero(inside))] == pytest.approx(expected, rel=5e-3)
+    assert found[None] < 0.95 * expected
+
+
+def test_a_loss_that_is_not_convex_about_the_end_leaves_the_covariance_as_it_is():
+    covariance = np.diag([2.0, 3.0])
+    assert robust(covariance, np.eye(2), np.diag([1.0, -1.0])) is covariance

@@ -1,5 +1,14 @@
-"""What the browser's viewer shows beside the hand; who may see it, `test_show.py`."""
+"""What the viewer in a browser shows, and to whom: nobody without its address."""
 
+import re
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from functools import partial
+from http.client import HTTPConnection
+from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -8,7 +17,11 @@ from mujoco.studio import messages
 
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.watch import browser
-from tests.plant.test_setup import ADDED, ROBOT
+from tests.plant.test_rig import ADDED, ROBOT
+
+GUARD = browser.Guard(8001, "known-to-one")
+HOST = {"Host": "127.0.0.1:8001"}
+COOKIE = {"Cookie": GUARD.cookie.partition(";")[0]}
 
 
 @pytest.fixture(name="front")
@@ -35,3 +48,128 @@ def test_the_browser_tells_time_and_angle(front, monkeypatch):
     front.viewer.data.time, front.viewer.data.qpos[0] = 2.5, -0.125
     front.tell(messages.BuildGuiEvent())
     assert said == ["t = 2.50 s\nangle = -0.125 rad"]
+
+
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        (f"/?token={GUARD.token}", HOST),
+        ("/model", HOST | COOKIE),
+        ("/ui?sid=1", HOST | COOKIE | {"Origin": "http://127.0.0.1:8001"}),
+        ("/", {"Host": "localhost:8001"} | COOKIE | {"Origin": "http://localhost:8001"}),
+    ],
+)
+def test_who_knows_the_token_is_admitted(path, headers):
+    assert GUARD.refusal(path, headers) is None
+
+
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        ("/", HOST),
+        ("/?token=", HOST),
+        (f"/?token={GUARD.token[:-1]}", HOST),
+        ("//[?token=x", HOST),
+        ("/", COOKIE),
+        ("/", {"Host": "evil.example:8001"} | COOKIE),
+        ("/", {"Host": "127.0.0.1:8002"} | COOKIE),
+        ("/ui", HOST | COOKIE | {"Origin": "http://evil.example"}),
+        ("/ui", HOST | COOKIE | {"Origin": "null"}),
+        ("/ui", HOST | COOKIE | {"Origin": "http://["}),
+        ("/ui", HOST | COOKIE | {"Origin": "https://127.0.0.1:8001"}),
+        ("/", HOST | {"Cookie": "butterfly-viewer-8001=guess"}),
+        ("/", HOST | {"Cookie": "\x00=;;=,["}),
+    ],
+)
+def test_everybody_else_is_refused(path, headers):
+    assert GUARD.refusal(path, headers)
+
+
+def test_two_viewers_in_one_browser_do_not_lock_each_other_out():
+    other = browser.Guard(8002)
+    both = {"Cookie": "; ".join(each.cookie.partition(";")[0] for each in (GUARD, other))}
+    assert GUARD.refusal("/", HOST | both) is None
+    assert other.refusal("/", {"Host": "127.0.0.1:8002"} | both) is None
+
+
+def _status(port, path, patience=30.0, **headers):
+    """Status and headers of a page whose server has been announced but may still be starting."""
+    deadline = time.monotonic() + patience
+    while True:
+        try:
+            link = HTTPConnection("127.0.0.1", port, timeout=patience)
+            link.request("GET", path, headers={k.replace("_", "-"): v for k, v in headers.items()})
+            answer = link.getresponse()
+            answer_headers = dict(answer.getheaders())
+            link.close()
+        except OSError:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)
+        else:
+            return answer.status, answer_headers
+
+
+@contextmanager
+def _viewer(folder, *options):
+    words = [sys.executable, "-m", "butterfly", "view", "quickstart", "--web", *options]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(words, **pipes, text=True, cwd=folder) as viewer:  # noqa: S603 - our own
+        try:
+            yield viewer
+        finally:
+            viewer.terminate()
+
+
+HANDSHAKE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec_WebSocket_Version": "13",
+    "Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
+}
+
+
+def test_the_browser_s_viewer_asks_who_comes_is_served_on_loopback_alone_and_prints_one_line(
+    tmp_path,
+):
+    with _viewer(tmp_path) as viewer:
+        line = viewer.stdout.readline()
+        port, token = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=(\S+)", line).groups()
+        status, headers = _status(int(port), f"/?token={token}")
+        assert status == 200
+        cookie = headers["Set-Cookie"].partition(";")[0]
+        assert "HttpOnly; SameSite=Strict" in headers["Set-Cookie"]
+        ask = partial(_status, int(port), Cookie=cookie)
+        own = f"http://127.0.0.1:{port}"
+        assert ask("/model")[0] == 200
+        assert ask("/state?sid=1", Origin=own, **HANDSHAKE)[0] == 101
+        assert ask("/state?sid=1", Origin="http://evil.example", **HANDSHAKE)[0] == 403
+        assert ask("/ui?sid=1", Origin="null", **HANDSHAKE)[0] == 403
+        assert ask("/", Host=f"evil.example:{port}")[0] == 403
+        assert _status(int(port), "/")[0] == 403
+        assert _status(int(port), "/?token=guess")[0] == 403
+        assert _status(int(port), "/drop", Origin=own, **HANDSHAKE)[0] == 403
+        if Path("/proc/net/tcp").exists():
+            assert _listening(int(port)) == [f"0100007F:{int(port):04X}"]
+        viewer.terminate()
+        assert viewer.stdout.read() == ""
+
+
+def _listening(port):
+    """Addresses at which a port is listened to, as Linux writes them."""
+    return [
+        row.split()[1]
+        for table in ("tcp", "tcp6")
+        for row in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+        if row.split()[3] == "0A" and row.split()[1].endswith(f":{port:04X}")
+    ]
+
+
+def test_a_port_that_is_taken_is_one_line(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with _viewer(tmp_path, "--port", str(port)) as viewer:
+            said, _ = viewer.communicate(timeout=60)
+    assert re.fullmatch(
+        rf"error: butterfly view: --port: got {port} \(.*\); .*a free one.*\n", said
+    )

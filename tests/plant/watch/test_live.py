@@ -1,5 +1,6 @@
 """What `butterfly view` steps, without a window."""
 
+import sys
 from dataclasses import replace
 
 import mujoco
@@ -8,15 +9,15 @@ import pytest
 
 from butterfly.logs.log import Sine
 from butterfly.plant.excitations import FreeDecay
-from butterfly.plant.joints import Simulator
 from butterfly.plant.motor import CommandPath
+from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
-from butterfly.plant.setup import Setup
-from butterfly.plant.watch.live import LiveRun, RealTime
-from tests.plant.test_setup import ADDED, ROBOT, SINE, STIFF
+from butterfly.plant.watch.live import LiveRun, RealTime, watch
+from butterfly.plant.watch.picture import RenderingError
+from tests.plant.test_rig import ADDED, ROBOT, SINE, STIFF
 
-ROUGH = Setup(
+ROUGH = Rig(
     robot=replace(ROBOT, drive=STIFF),
     clock=Clock(step=0.002, jitter=3e-4),
     path=CommandPath(limit=0.2, delay=0.0037),
@@ -36,9 +37,9 @@ class _Wall:
         return self.now
 
 
-def _watched(setup, excitation=SINE, duration=0.5):
+def _watched(rig, excitation=SINE, duration=0.5):
     """Samples that are stepped, and angles that are shown, in real time by a wall clock."""
-    run = LiveRun(setup, ADDED, excitation, duration, SEED)
+    run = LiveRun(rig, ADDED, excitation, duration, SEED)
     seen, shown = [run.sample], [run.data.qpos[0]]
     forward = run.advance
 
@@ -60,9 +61,9 @@ def _watched(setup, excitation=SINE, duration=0.5):
 @pytest.mark.parametrize("simulator", Simulator)
 @pytest.mark.parametrize("excitation", [SINE, FreeDecay(angle=0.5)])
 def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation):
-    setup = replace(ROUGH, simulator=simulator)
-    (log,) = simulate_runs(setup, [(ADDED, excitation)], 0.5, [SEED])
-    seen, shown = _watched(setup, excitation)
+    rig = replace(ROUGH, simulator=simulator)
+    (log,) = simulate_runs(rig, [(ADDED, excitation)], 0.5, [SEED])
+    seen, shown = _watched(rig, excitation)
     count = len(seen)
     assert count > 0.85 * log.time.size
     np.testing.assert_array_equal(seen[:, 0], log.time[:count])
@@ -73,18 +74,18 @@ def test_the_samples_of_a_watched_run_are_those_of_its_log(simulator, excitation
 
 
 def test_a_watched_run_is_that_of_the_compiled_loop_too():
-    setup = Setup(robot=ROBOT, encoder=Encoder(steps=2**40), path=CommandPath(limit=0.02))
-    (log,) = simulate_runs(setup, [(ADDED, SINE)], 0.5, [SEED])
-    assert setup.runs_open_loop
-    seen, shown = _watched(setup)
+    rig = Rig(robot=ROBOT, encoder=Encoder(steps=2**40), path=CommandPath(limit=0.02))
+    (log,) = simulate_runs(rig, [(ADDED, SINE)], 0.5, [SEED])
+    assert rig.runs_open_loop
+    seen, shown = _watched(rig)
     np.testing.assert_allclose(seen[:, 2], log.angle[: len(seen)], atol=1e-10)
     np.testing.assert_allclose(shown, log.angle[: len(seen)], atol=1e-10)
 
 
 @pytest.mark.parametrize("simulator", Simulator)
 def test_a_viewer_gets_a_model_with_light_and_camera_that_shows_the_hand_turned(simulator):
-    setup = replace(ROUGH, simulator=simulator)
-    run = LiveRun(setup, ADDED, FreeDecay(angle=0.5), 1.0, SEED)
+    rig = replace(ROUGH, simulator=simulator)
+    run = LiveRun(rig, ADDED, FreeDecay(angle=0.5), 1.0, SEED)
     assert run.model.nlight == 1
     assert run.model.camera("bench").id == 0
     for _ in range(100):
@@ -96,8 +97,8 @@ def test_a_viewer_gets_a_model_with_light_and_camera_that_shows_the_hand_turned(
 
 @pytest.mark.parametrize("simulator", Simulator)
 def test_at_its_end_and_when_a_viewer_resets_it_the_run_starts_again(simulator):
-    setup = replace(ROUGH, simulator=simulator)
-    run = LiveRun(setup, ADDED, SINE, 0.1, SEED)
+    rig = replace(ROUGH, simulator=simulator)
+    run = LiveRun(rig, ADDED, SINE, 0.1, SEED)
     first = [run.sample]
     for _ in range(50):
         run.advance()
@@ -115,7 +116,7 @@ def test_at_its_end_and_when_a_viewer_resets_it_the_run_starts_again(simulator):
 
 
 def test_a_frame_ends_even_if_a_sample_costs_more_than_it_lasts():
-    run = LiveRun(Setup(robot=ROBOT), ADDED, Sine(omega=3.0, amplitude=0.1), 60.0, SEED)
+    run = LiveRun(Rig(robot=ROBOT), ADDED, Sine(omega=3.0, amplitude=0.1), 60.0, SEED)
     wall = _Wall()
     pace = RealTime(run, wall)
     pace.catch_up()
@@ -137,3 +138,12 @@ def test_a_frame_ends_even_if_a_sample_costs_more_than_it_lasts():
     wall.now += 3600.0  # the machine slept
     pace.catch_up()
     assert run.elapsed < 2.0
+
+
+def test_without_a_display_the_viewer_says_what_else_there_is(monkeypatch):
+    if sys.platform != "linux":
+        pytest.skip("other systems always have a display")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(RenderingError, match="--web"):
+        watch(Rig(robot=ROBOT), ADDED, SINE, 1.0, SEED)

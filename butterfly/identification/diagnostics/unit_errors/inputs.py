@@ -33,13 +33,7 @@ _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
 
 def slips_of_refused(logs: Sequence[Log]) -> list[Finding]:
-    """Tell why inputs are not at the frequencies that the manifest gives them.
-
-    Parameters
-    ----------
-    logs
-        With increasing stamps; those without a sine are passed over.
-    """
+    """Tell why the inputs of sines are not at the frequencies that the manifest gives them."""
     sines = [log for log in logs if log.excitation is not None]
     if not sines:
         return []

@@ -11,7 +11,6 @@ from scipy.optimize import minimize_scalar
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.hypotheses import carrying
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.identification.diagnostics.unit_errors.trial import (
     FOLLOWED,
@@ -19,6 +18,7 @@ from butterfly.identification.diagnostics.unit_errors.trial import (
     Explanation,
     Trial,
     attempt_roughly,
+    carrying,
     judged,
     thinned,
 )
@@ -48,15 +48,7 @@ class _Corrected:
 
 
 def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
-    """Return the masses that may be wrong, one at a time; with three, any may be.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    quick
-        Estimates from the logs with a mass corrected.
-    """
+    """Return the masses that may be wrong, one at a time; with three, any may be."""
     data = _used(data, quick)
     whole = _estimated(data, quick)
     found = whole.corrections if whole else ()
@@ -74,14 +66,9 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
 
 
 def mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
-    """Return the log that spoils all others, if it may have carried another mass than was told.
+    """Return the log that spoils all others, if it may have carried another mass than was given.
 
     The estimate from all logs cannot tell it then, so each is left out in turn.
-
-    Parameters
-    ----------
-    data, quick
-        As `wrong_masses` takes them.
     """
     data = _used(data, quick)
     tried = [_corrected(data, quick, each) for each in _suspects_alone(data, quick)]
@@ -91,15 +78,7 @@ def mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
 
 
 def mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
-    """Return the logs that the model does not follow, but would with another mass.
-
-    Parameters
-    ----------
-    data
-        The logs.
-    estimate
-        That follows most of them.
-    """
+    """Return the logs that the model does not follow, but would with another mass."""
     unfollowed = {
         name
         for each in estimate.findings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,9 @@ from butterfly.identification.diagnostics.physics import is_possible
 from butterfly.identification.diagnostics.unit_errors.names import Slip
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass
+from butterfly.signals.frequency_response import response_point
 from butterfly.verdict import Level
 
 FOLLOWED = 0.6
@@ -28,14 +31,9 @@ _HOPELESS = 1.0  # misfit without any terms, from which on terms do not help
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """How well a joint explains logs.
+    """How well a joint explains logs."""
 
-    Parameters
-    ----------
-    misfits
-        (n,) 1 - FIT/100 of each log: 0 is perfect, 1 no better than a constant.
-    """
-
+    # (n,) 1 - FIT/100 of each log: 0 is perfect, 1 no better than a constant
     misfits: NDArray[np.float64]
 
     @property
@@ -94,21 +92,11 @@ def judged(data: DataSet, estimate: Estimate) -> Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """A slip, and the misfit that is left without it.
+    """A slip, and the misfit that is left without it."""
 
-    Parameters
-    ----------
-    finding
-        That names it.
-    misfit
-        Median over the logs.
-    last
-        Whether it is far-fetched, and named after others that explain as much.
-    """
-
-    finding: Finding
-    misfit: float
-    last: bool = False
+    finding: Finding  # That names it
+    misfit: float  # Median over the logs
+    last: bool = False  # Whether it is far-fetched, and named after others that explain as much
 
     @classmethod
     def of(cls, slip: Slip, factor: float, trial: Trial) -> Explanation:
@@ -136,3 +124,118 @@ def thinned(data: DataSet) -> DataSet:
         picked = np.linspace(0, len(own) - 1, min(share, len(own))).round().astype(int)
         kept += [own[k] for k in picked]
     return data.take(sorted(kept))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis:
+    """A slip, the factor that undoes it, and how a data set would be without it."""
+
+    slip: Slip  # Which, and the factor
+    factor: float
+    # Returns the data set as it would be; InputError if its sines would be none
+    undo: Callable[[DataSet], DataSet]
+
+
+def of_angle(slip: Slip, factor: float) -> Hypothesis:
+    """Suppose that the angle is in a unit of ``factor`` rad."""
+
+    def undo(data: DataSet) -> DataSet:
+        logs = tuple(replace(log, angle=factor * log.angle) for log in data.logs)
+        points = tuple(
+            None if point is None else replace(point, angle=point.angle.scaled(factor))
+            for point in data.points
+        )
+        return replace(data, logs=logs, points=points)
+
+    return Hypothesis(slip=slip, factor=factor, undo=undo)
+
+
+def of_arms(slip: Slip, factor: float) -> Hypothesis:
+    """Suppose that the arms are in a unit of ``factor`` m."""
+
+    def undo(data: DataSet) -> DataSet:
+        return carrying(
+            data, [replace(log.added_mass, arm=factor * log.added_mass.arm) for log in data.logs]
+        )
+
+    return Hypothesis(slip=slip, factor=factor, undo=undo)
+
+
+def of_logs(slip: Slip, factor: float, undo: Callable[[Log], Log]) -> Hypothesis:
+    """Suppose that the columns of the logs are not what they are said to be."""
+
+    def undone(data: DataSet) -> DataSet:
+        logs = tuple(map(undo, data.logs))
+        points = tuple(response_point(log) if log.excitation else None for log in logs)
+        return replace(data, logs=logs, points=points)
+
+    return Hypothesis(slip=slip, factor=factor, undo=undone)
+
+
+def carrying(data: DataSet, masses: Sequence[AddedMass]) -> DataSet:
+    """Return a data set whose logs carried other masses."""
+    logs = tuple(replace(log, added_mass=mass) for log, mass in zip(data.logs, masses, strict=True))
+    points = tuple(
+        None if point is None else replace(point, added_mass=mass)
+        for point, mass in zip(data.points, masses, strict=True)
+    )
+    return replace(data, logs=logs, points=points)
+
+
+CLOCKS = (
+    of_logs(Slip.MILLISECONDS, 1e-3, lambda log: replace(log, time=1e-3 * log.time, lead=None)),
+    of_logs(Slip.MICROSECONDS, 1e-6, lambda log: replace(log, time=1e-6 * log.time, lead=None)),
+)
+
+OTHERS = (
+    of_angle(Slip.DEGREES, math.pi / 180),
+    of_logs(
+        Slip.SWAPPED, 1.0, lambda log: replace(log, input=log.angle, angle=log.input, lead=None)
+    ),
+    of_arms(Slip.MILLIMETRES, 1e-3),
+    of_arms(Slip.CENTIMETRES, 1e-2),
+)
+
+
+PER_TURN = tuple(
+    sorted(
+        {2**k for k in range(6, 25)}
+        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
+        - {360}
+    )
+)
+"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
+
+_SWINGS = (0.02, 3.0)  # rad, that the widest log may have
+_ROUNDING = 1e-6  # of a count
+_COARSE = 5  # of how many numbers one is tried first
+
+
+def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
+    """Suppose that the angle is in counts, with the number per turn that fits best.
+
+    There is nothing to suppose where all swing as an angle in rad may. Where all swings are small,
+    sin th is th and many numbers fit: the motion tells no unit then. Angles that are no whole
+    numbers are named as counts after all else that explains as much.
+    """
+    swing = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
+    if swing < _SWINGS[1]:
+        return []
+    whole = all(
+        bool(np.allclose(log.angle, np.rint(log.angle), atol=_ROUNDING)) for log in data.logs
+    )
+    least, most = (2 * math.pi * swing / each for each in reversed(_SWINGS))
+    numbers = [each for each in PER_TURN if least <= each <= most]
+    every = [of_angle(Slip.COUNTS, 2 * math.pi / each) for each in numbers]
+    coarse = {
+        k: attempt_roughly(every[k].undo, data, estimator).misfit
+        for k in range(0, len(every), _COARSE)
+    }
+    if not coarse:
+        return []
+    best = min(coarse, key=lambda k: coarse[k])
+    near = every[max(best - _COARSE + 1, 0) : best + _COARSE]
+    tried = [
+        Explanation.of(each.slip, each.factor, attempt(each.undo, data, estimator)) for each in near
+    ]
+    return [replace(min(tried, key=lambda each: each.misfit), last=not whole)]

@@ -1,0 +1,185 @@
+"""A sweep: its runs, each with the address of its result, and doing those that have none yet."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from butterfly.errors import InputError, StoppedError
+from butterfly.experiment.perform import execute
+from butterfly.experiment.provenance import fingerprint, versions
+from butterfly.experiment.record import FAILED, OK, SCHEMA, SweepRecord, Task
+from butterfly.experiment.schema import Experiment
+from butterfly.experiment.source import Source, digest_of
+from butterfly.experiment.store import ResultStore
+from butterfly.experiment.sweep_spec import apply
+from butterfly.experiment.workers import Engine
+from butterfly.identification.estimators import Estimator
+from butterfly.plant.excitations import Table
+from butterfly.progress import Track, untracked
+
+_NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it
+_ASKED_OTHERWISE = {"method", "terms", "estimators", "signals"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SweepPlan:
+    """A sweep: the experiment it starts from, and its runs."""
+
+    experiment: Experiment  # the one without overrides
+    fields: tuple[str, ...]  # paths of those that vary
+    tasks: tuple[Task, ...]  # in order
+    tables: Mapping[str, Table]  # signals read from files, by their digests
+
+
+def plan_sweep(source: Source) -> SweepPlan:
+    """List the runs of an experiment file; one without ``sweep`` has one.
+
+    Every run is validated here, so that a slip shows before anything is simulated.
+    """
+    experiment = source.experiment()
+    sweep = experiment.sweep
+    fields = () if sweep is None else tuple(sweep.fields)
+    for field in fields:
+        if field.split(".")[0] in {"sweep", "extends", "name"}:
+            raise InputError(source.path, f"sweep: {field}", field, "a field of the experiment")
+    tasks = tuple(_tasks(source, experiment))
+    return SweepPlan(experiment=experiment, fields=fields, tasks=tasks, tables=source.tables)
+
+
+def _tasks(source: Source, experiment: Experiment) -> Iterator[Task]:
+    base = {key: value for key, value in source.content.items() if key != "sweep"}
+    points = (
+        [({}, 0, experiment.seed)]
+        if experiment.sweep is None
+        else experiment.sweep.points(experiment.seed, source.path)
+    )
+    for number, (overrides, repetition, seed) in enumerate(points):
+        content = source.with_digests(apply(base, overrides | {"seed": seed}, source.path))
+        asked = source.experiment(content)
+        yield Task(
+            number=number,
+            key=address(asked, content),
+            overrides=overrides,
+            repetition=repetition,
+            seed=asked.seed,
+            content=content,
+        )
+
+
+def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
+    """Return where the result of an experiment lies.
+
+    It covers all that the result depends on: defaults, the code, and the versions it ran with.
+    """
+    asked = experiment.model_dump(mode="json", exclude=_NOT_ASKED | _ASKED_OTHERWISE)
+    asked["estimators"] = [_options(each) for each in experiment.all_estimators]
+    named = content.get("signals", [])
+    asked["signals"] = [
+        digest_of(signal) or spec.model_dump(mode="json")
+        for signal, spec in zip(named, experiment.signals, strict=True)
+    ]
+    text = json.dumps([SCHEMA, fingerprint(), versions(), asked], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def _options(estimator: Estimator) -> dict[str, object]:
+    """Return the options of an estimator that its result depends on."""
+    return {name: value for name, value in asdict(estimator).items() if name != "workers"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepSummary:
+    """How a sweep went: numbers of runs in all, done now, found done, and without a result."""
+
+    runs: int
+    done: int
+    reused: int
+    unsuccessful: int
+
+
+def run_sweep(
+    plan: SweepPlan,
+    folder: Path,
+    engine: Engine,
+    *,
+    force: bool = False,
+    only: str | None = None,
+    track: Track = untracked,
+) -> SweepSummary:
+    """Do the runs of a sweep that have no result yet, and write the tables.
+
+    Killed at any moment, it goes on where it stopped. A run that was refused (bad input, not
+    identifiable) would be refused again and is left; one that failed unexpectedly is tried again.
+    Interrupted, it raises StoppedError.
+    """
+    store = ResultStore(folder)
+    chosen = chosen_of(plan.tasks, only)
+    unique = {task.key: task for task in chosen}
+    kept = {} if force else {task.key: kept_status(store, task) for task in unique.values()}
+    statuses = {key: status for key, status in kept.items() if status is not None}
+    pending = [task for task in unique.values() if task.key not in statuses]
+    sweep = sweep_record(plan)
+    store.begin_sweep(sweep)
+    try:
+        with closing(engine.run(execute, pending, plan.tables)) as outcomes:
+            for _, outcome in zip(track(range(len(pending)), "Running"), outcomes, strict=False):
+                store.write(outcome)
+                statuses[outcome.record.key] = outcome.record.status
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"stopped: {len(statuses)} of {len(unique)} runs are done; the same command goes on "
+            "with the others"
+        ) from None
+    store.end_sweep(sweep)
+    return SweepSummary(
+        runs=len(chosen),
+        done=len(pending),
+        reused=len(unique) - len(pending),
+        unsuccessful=sum(statuses.get(task.key) != OK for task in chosen),
+    )
+
+
+def sweep_record(plan: SweepPlan) -> SweepRecord:
+    """Return the record of what is asked."""
+    return SweepRecord(
+        name=plan.experiment.name,
+        description=plan.experiment.description,
+        seed=plan.experiment.seed,
+        worst=plan.experiment.report.worst,
+        fields=plan.fields,
+        versions=versions(),
+        runs=tuple(task.run for task in plan.tasks),
+    )
+
+
+def kept_status(store: ResultStore, task: Task) -> str | None:
+    """Return the status of a result that stays; None if the task is to be done.
+
+    It is if it has no result, failed unexpectedly, or lacks logs that were kept.
+    """
+    record = store.read(task.key)
+    if record is None or record.status == FAILED or not store.holds(record):
+        return None
+    return record.status
+
+
+def chosen_of(tasks: Sequence[Task], only: str | None) -> Sequence[Task]:
+    """Return the tasks whose numbers are named, as ``0,3,10-19``; InputError if none is."""
+    if only is None:
+        return tasks
+    numbers: set[int] = set()
+    for part in only.split(","):
+        first, _, last = part.partition("-")
+        if not (first.isdigit() and (last or first).isdigit()):
+            raise InputError("butterfly run", "--only", part, "a number, or two as 10-19")
+        numbers |= set(range(int(first), int(last or first) + 1))
+    chosen = [task for task in tasks if task.number in numbers]
+    if not chosen:
+        raise InputError("butterfly run", "--only", only, f"numbers from 0 to {len(tasks) - 1}")
+    return chosen

@@ -1,0 +1,211 @@
+"""What is left out together, in turns, to be predicted from the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from numbers import Integral
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.cut import pieces_beside
+from butterfly.identification.data import DataSet
+from butterfly.logs.log import Log
+
+FOLDS = 5
+"""Parts into which frequencies, logs or time are divided, where there are enough of them."""
+
+ENOUGH_MASSES = 3
+"""Added masses, of which one can be left out whatever else is known."""
+
+_ENOUGH_LOGS = 3
+
+Samples = Mapping[int, slice]
+"""Numbers of logs, and which samples of each are left out."""
+
+
+class Split(StrEnum):
+    """What is left out together."""
+
+    AUTO = "auto"
+    MASS = "mass"
+    FREQUENCY = "frequency"
+    LOG = "log"
+    TIME = "time"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Division:
+    """Logs divided into parts, of which one is left out at a time."""
+
+    split: Split  # What the samples of a part have in common; never `Split.AUTO`
+    why: str  # Why this split was taken, in words
+    parts: dict[str, Samples]  # The samples that each part leaves out, by its name
+
+    @property
+    def said(self) -> str:
+        """Which split was taken, and why."""
+        return f"Left out by {self.split}: {self.why}."
+
+    @property
+    def left_out(self) -> str:
+        """What is left out at a time, in words."""
+        if self.split is Split.LOG and all(len(part) == 1 for part in self.parts.values()):
+            return "one log left out"
+        return _LEFT_OUT[self.split]
+
+    def kept(self, data: DataSet, name: str) -> DataSet:
+        """Return the data set without one part; InputError if what is left cannot be used."""
+        samples = self.parts[name]
+        whole = [k for k in range(len(data.logs)) if k not in samples]
+        if self.split is not Split.TIME:
+            return data.take(whole)
+        pieces: list[Log] = []
+        for number, log in enumerate(data.logs):
+            stretch = samples.get(number)
+            pieces += [log] if stretch is None else pieces_beside(log, stretch)
+        return DataSet.of(pieces, name=data.name, known=data.told)
+
+
+def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -> Division:
+    """Divide logs into parts.
+
+    ``mass``: one part for each added mass. ``frequency``: the drive frequencies of sines are dealt
+    into folds, neighbours into different ones; other logs are always kept. ``log``: logs are dealt
+    into folds in their order. ``time``: every log is cut into as many stretches of equal length,
+    and each part is one stretch of all. ``auto``: the first of these that suits the logs. There are
+    `FOLDS` folds if not given, or fewer where there are fewer frequencies or logs.
+
+    InputError if there cannot be so many folds; IdentifiabilityError if the logs are all of one
+    part, which names a split that suits them.
+    """
+    counted = isinstance(folds, Integral) and folds >= 2  # noqa: PLR2004 - to leave one out
+    if folds is not None and (split is Split.MASS or not counted):
+        expected = "a whole number, 2 or more, with split frequency, log or time"
+        raise InputError("validate", "folds", folds, expected)
+    why = "as asked"
+    if split is Split.AUTO:
+        split, why = _suited(data, folds)
+    parts = _PARTS[split](data, folds)
+    if len(parts) < 2:  # noqa: PLR2004 - nothing would be left to estimate from
+        raise IdentifiabilityError(f"{_SAME[split](data)}: none can be left out{remedy(data)}")
+    return Division(split=split, why=why, parts=parts)
+
+
+def remedy(data: DataSet, *, besides: Split = Split.MASS) -> str:
+    """Name another split that leaves enough to estimate from, after a semicolon."""
+    others = (each for each in (Split.FREQUENCY, Split.LOG, Split.TIME) if each is not besides)
+    works = next((each for each in others if _works(data, each)), None)
+    return f"; split {works} works with these logs" if works else ""
+
+
+def _suited(data: DataSet, folds: int | None) -> tuple[Split, str]:
+    """Return the split that asks most of an estimate and suits the logs, and why."""
+    masses, omegas, count = len(data.masses), len(_frequencies(data)), len(data.logs)
+    if masses >= ENOUGH_MASSES and folds is None:
+        return Split.MASS, f"there are {masses} added masses"
+    few = f"{'one' if masses == 1 else masses} added mass{'es' if masses > 1 else ''} only"
+    if masses >= ENOUGH_MASSES:
+        few = "folds were asked for"
+    sines = all(log.excitation for log in data.logs)
+    if sines and omegas >= FOLDS and _works(data, Split.FREQUENCY, folds):
+        return Split.FREQUENCY, f"{few}, but sines of {omegas} frequencies"
+    if count >= _ENOUGH_LOGS and _works(data, Split.LOG, folds):
+        return Split.LOG, f"{few}, but {count} logs"
+    return Split.TIME, f"{few}, and too few logs to leave one out"
+
+
+def _works(data: DataSet, split: Split, folds: int | None = None) -> bool:
+    """Whether without any part the logs still tell the scale, if all of them do."""
+    try:
+        parts = _PARTS[split](data, folds)
+    except InputError:
+        return False
+    if len(parts) < 2:  # noqa: PLR2004 - one left out, one kept
+        return False
+    if split is Split.TIME or data.known.scale or len(data.masses) == 1:
+        return True
+    numbers = range(len(data.logs))
+    kept = ({data.logs[k].added_mass for k in numbers if k not in part} for part in parts.values())
+    return all(len(masses) > 1 for masses in kept)
+
+
+def _by_mass(data: DataSet, _: int | None) -> dict[str, Samples]:
+    parts: dict[str, dict[int, slice]] = {}
+    for number, log in enumerate(data.logs):
+        parts.setdefault(str(log.added_mass), {})[number] = slice(None)
+    return dict(parts)
+
+
+def _by_frequency(data: DataSet, folds: int | None) -> dict[str, Samples]:
+    omegas = _frequencies(data)
+    count = _count(folds, len(omegas), "frequencies")
+    dealt: list[dict[int, slice]] = [{} for _ in range(count)]
+    for number, log in enumerate(data.logs):
+        if log.excitation is not None:
+            dealt[omegas.index(log.excitation.omega) % count][number] = slice(None)
+    return {f"part {k + 1}": samples for k, samples in enumerate(dealt)}
+
+
+def _by_log(data: DataSet, folds: int | None) -> dict[str, Samples]:
+    total = len(data.logs)
+    count = _count(folds, total, "logs")
+    dealt = [{number: slice(None) for number in range(k, total, count)} for k in range(count)]
+    names = [data.logs[k].name if count == total else f"fold {k + 1}" for k in range(count)]
+    return dict(zip(names, dealt, strict=True))
+
+
+def _by_time(data: DataSet, folds: int | None) -> dict[str, Samples]:
+    count = folds or FOLDS
+    sizes = [log.time.size for log in data.logs]
+    return {
+        f"stretch {k + 1} of {count}": {
+            number: slice(size * k // count, size * (k + 1) // count)
+            for number, size in enumerate(sizes)
+        }
+        for k in range(count)
+    }
+
+
+def _frequencies(data: DataSet) -> list[float]:
+    return sorted({log.excitation.omega for log in data.logs if log.excitation})
+
+
+def _count(folds: int | None, available: int, what: str) -> int:
+    if folds is not None and folds > available:
+        raise InputError("validate", "folds", folds, f"at most {available}, as there are {what}")
+    return folds or min(FOLDS, available)
+
+
+def _same_mass(data: DataSet) -> str:
+    (mass,) = data.masses
+    return f"all logs carry {f'the same added mass ({mass})' if mass.mass else 'no added mass'}"
+
+
+def _same_frequency(data: DataSet) -> str:
+    return "all sines have the same frequency" if _frequencies(data) else "no log is a sine"
+
+
+def _same_log(_: DataSet) -> str:
+    return "there is one log only"
+
+
+_PARTS = {
+    Split.MASS: _by_mass,
+    Split.FREQUENCY: _by_frequency,
+    Split.LOG: _by_log,
+    Split.TIME: _by_time,
+}
+
+_LEFT_OUT = {
+    Split.MASS: "one added mass left out",
+    Split.FREQUENCY: "some frequencies left out",
+    Split.LOG: "some logs left out",
+    Split.TIME: "a stretch of time left out",
+}
+
+_SAME = {
+    Split.MASS: _same_mass,
+    Split.FREQUENCY: _same_frequency,
+    Split.LOG: _same_log,
+}

@@ -1,0 +1,218 @@
+"""How well an estimator predicts logs that it has not seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
+from butterfly.identification.inference.intervals import CONFIDENCE
+from butterfly.identification.splits import ENOUGH_MASSES, Division, Split, divide, remedy
+from butterfly.progress import Track, untracked
+
+Fitter = Callable[[DataSet], Estimate]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeldOut:
+    """Prediction of what was left out."""
+
+    division: Division  # What was left out together
+    # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
+    # the estimate from the others; NaN of logs that were never left out
+    fits: NDArray[np.float64]
+    estimates: dict[str, Estimate]  # One for each part left out, by its name
+    horizon: float = math.inf  # Longest stretch in s that was simulated at a time
+
+    @property
+    def summary(self) -> FitSummary:
+        """Median, mean and worst FIT."""
+        return FitSummary.of(self.fits[~np.isnan(self.fits)], self.horizon)
+
+
+def hold_out(
+    data: DataSet,
+    estimator: Fitter,
+    split: Split = Split.AUTO,
+    *,
+    folds: int | None = None,
+    track: Track = untracked,
+) -> HeldOut:
+    """Estimate from all logs but a part, predict that part, and go on to the next.
+
+    Logs are simulated from their first sample on, also where a stretch of them was left out, whose
+    FIT alone counts. Where the estimator finds no zero of the encoder, that of a left-out added
+    mass is the mean angle of its own logs.
+
+    InputError if there cannot be so many folds (see `divide`); IdentifiabilityError if there are
+    fewer than two parts, or the rest cannot determine the parameters.
+    """
+    division = divide(data, split, folds)
+    errors, estimates, predictor = _Errors(data), {}, data.simulations
+    horizon = math.inf
+    for name, samples in track(division.parts.items(), f"In turns, {division.left_out}"):
+        try:
+            found = estimator(division.kept(data, name))
+        except IdentifiabilityError as error:
+            raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
+        estimates[name] = found
+        for number, stretch in samples.items():
+            errors.add(number, stretch, predictor.run(number, found))
+        horizon = min(horizon, predictor.horizon(found))
+    return HeldOut(division=division, fits=errors.fits, estimates=estimates, horizon=horizon)
+
+
+def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
+    """Say why the rest is too little, and which split leaves enough."""
+    part = f"the logs with {name}" if split is Split.MASS else name
+    if split is Split.MASS and len(data.masses) == ENOUGH_MASSES - 1:
+        return (
+            f"without {part} there is one added mass left of two, which tells p1..p4 but for a "
+            "common factor unless one of them is known (known: {p4: ...}, say)"
+            f"{remedy(data, besides=split)}"
+        )
+    return f"without {part}: {error}{remedy(data, besides=split)}"
+
+
+class _Errors:
+    """Sums of squares in rad^2 over what was left out of each log so far."""
+
+    def __init__(self, data: DataSet) -> None:
+        self._angles = [log.angle for log in data.logs]
+        self._squares = np.zeros((len(data.logs), 2))
+
+    def add(self, number: int, stretch: slice, run: FreeRun) -> None:
+        """Add the errors of a free run over a stretch of a log, and the motion there."""
+        measured = self._angles[number]
+        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+            error = float(np.sum((run.simulated[stretch] - measured[stretch]) ** 2))
+        motion = float(np.sum((measured[stretch] - measured.mean()) ** 2))
+        self._squares[number] += error, motion
+
+    @property
+    def fits(self) -> NDArray[np.float64]:
+        """(n,) FIT in per cent; NaN where nothing was left out."""
+        return np.array([fit_of(*each) if each.any() else np.nan for each in self._squares])
+
+
+_LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Structure:
+    """A set of terms and how well it does: FIT in sample, and of logs left out."""
+
+    terms: tuple[str, ...]
+    in_sample: FitSummary
+    held_out: dict[Split, FitSummary]
+
+
+def select_terms(
+    data: DataSet,
+    estimator: Estimator,
+    candidates: Sequence[str],
+    *,
+    track: Track = untracked,
+) -> list[Structure]:
+    """Add terms greedily, each time the one that most raises the mean FIT of what is left out.
+
+    That is one added mass at a time, or what `divide` finds to suit the logs. Stops when no term
+    raises it by a tenth of a per cent. Returns the structures passed through, the last being the
+    one selected; InputError if the estimator does not offer such terms.
+    """
+
+    def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
+        return hold_out(data, estimator.with_terms(terms), split).summary
+
+    predictor, first = data.simulations, divide(data).split
+    splits = [first]
+    if first is Split.MASS and len({point.omega for point in data.sines}) > 1:
+        splits.append(Split.FREQUENCY)
+    chosen: tuple[str, ...] = ()
+    best = judge(chosen, first)
+    passed = [(chosen, best)]
+    while rest := [term for term in candidates if term not in chosen]:
+        trials = {
+            term: judge((*chosen, term), first)
+            for term in track(rest, f"Trying a term beside {', '.join(chosen) or 'the first six'}")
+        }
+        term = max(trials, key=lambda name: trials[name].mean)
+        if trials[term].mean < best.mean + _LEAST_GAIN:
+            break
+        chosen, best = (*chosen, term), trials[term]
+        passed.append((chosen, best))
+    return [
+        Structure(
+            terms=terms,
+            in_sample=FitSummary.of(predictor.fits(estimator.with_terms(terms)(data))),
+            held_out={first: summary} | {each: judge(terms, each) for each in splits[1:]},
+        )
+        for terms, summary in track(passed, "Judging the structures")
+    ]
+
+
+_LEAST_REPETITIONS = 20
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bootstrap:
+    """Estimates from resampled logs."""
+
+    values: NDArray[np.float64]  # (repetitions, n) estimates
+    lower: NDArray[np.float64]  # (n,) limits of the percentile intervals at `CONFIDENCE`
+    upper: NDArray[np.float64]
+
+
+def bootstrap(
+    data: DataSet,
+    estimator: Estimator,
+    estimate: Estimate,
+    *,
+    repetitions: int = 200,
+    seed: int = 0,
+    track: Track = untracked,
+) -> Bootstrap:
+    """Draw whole logs with replacement, within each added mass, and estimate anew.
+
+    Logs are the blocks: within one, errors are correlated. (Efron & Tibshirani, An Introduction to
+    the Bootstrap, 1993, ch. 8.) The terms are those of the estimate from all logs. Draws that
+    cannot determine them are drawn again; IdentifiabilityError if hardly any does.
+    """
+    if repetitions < _LEAST_REPETITIONS:
+        raise InputError("bootstrap", "repetitions", repetitions, f"at least {_LEAST_REPETITIONS}")
+    held = estimator.holding_terms_of(estimate).unchecked()
+    rng = np.random.default_rng(seed)
+    groups = [
+        [k for k, log in enumerate(data.logs) if log.added_mass == mass] for mass in data.masses
+    ]
+    values: list[NDArray[np.float64]] = []
+    failures = 0
+    for _ in track(range(repetitions), "Bootstrap"):
+        while True:
+            rows = [int(k) for group in groups for k in rng.choice(group, len(group))]
+            try:
+                values.append(_of_draw(data.take(rows), held, estimate.names))
+                break
+            except IdentifiabilityError:
+                failures += 1
+                if failures > repetitions:
+                    raise
+    tails = 100 * np.array([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    lower, upper = np.percentile(values, tails, axis=0)
+    return Bootstrap(values=np.array(values), lower=lower, upper=upper)
+
+
+def _of_draw(drawn: DataSet, held: Estimator, names: tuple[str, ...]) -> NDArray[np.float64]:
+    """Estimate parameters from drawn logs; IdentifiabilityError if they cannot determine all."""
+    found = held(drawn)
+    if lost := [name for name in names if name not in found.names]:
+        raise IdentifiabilityError(f"draws of these logs cannot tell {', '.join(lost)}")
+    return found.values

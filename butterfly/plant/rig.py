@@ -1,0 +1,112 @@
+"""A simulated rig: the robot, what simulates it, and what lies between it and the log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.logs.log import InputKind, Log, Sine
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.control_loop import ControlLaw, ControlLoop, recorded
+from butterfly.plant.excitations import Excitation, initial_angle
+from butterfly.plant.joints import GreyBoxJoint, MujocoJoint, kind_of
+from butterfly.plant.motor import CommandPath, SimulatedMotor
+from butterfly.plant.robot import Robot
+from butterfly.plant.sensors import Clock, Encoder, Faults
+
+
+class Simulator(StrEnum):
+    """What simulates the joint."""
+
+    MUJOCO = "mujoco"
+    GREY_BOX = "grey-box"
+
+
+_SOURCES = {Simulator.MUJOCO: "MuJoCo", Simulator.GREY_BOX: "grey box"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rig:
+    """A robot and how it is run; joint, motor and control loop are made here."""
+
+    robot: Robot
+    simulator: Simulator = Simulator.MUJOCO
+    clock: Clock = Clock()
+    encoder: Encoder = Encoder()
+    path: CommandPath = CommandPath()
+    faults: Faults = Faults()
+
+    @property
+    def input_kind(self) -> InputKind:
+        """What the commands mean."""
+        return kind_of(self.robot.drive)
+
+    @property
+    def runs_open_loop(self) -> bool:
+        """Whether a compiled loop can do its runs: the grey box's all, MuJoCo's only some.
+
+        MuJoCo's has a regular clock, and does nothing between its steps.
+        """
+        if self.simulator is Simulator.GREY_BOX:
+            return True
+        return self.clock.jitter == 0 and self.path.delay == 0 and not self.robot.assistance
+
+    def joint(
+        self, added: AddedMass, angle: float = 0.0, *, scene: bool = False
+    ) -> MujocoJoint | GreyBoxJoint:
+        """Return the joint at rest at an angle in rad; MuJoCo's with a scene for a viewer."""
+        if self.simulator is Simulator.MUJOCO:
+            return MujocoJoint(self.robot, added, angle=angle, scene=scene)
+        return GreyBoxJoint(self.robot, added, angle=angle)
+
+    def loop(self, joint: MujocoJoint | GreyBoxJoint, rng: np.random.Generator) -> ControlLoop:
+        """Return a control loop about a joint; all that is random is drawn from ``rng``."""
+        motor = SimulatedMotor(joint, path=self.path, encoder=self.encoder, rng=rng)
+        return ControlLoop(motor, clock=self.clock, rng=rng)
+
+    def run(
+        self,
+        law: ControlLaw,
+        start: float,
+        duration: float,
+        added: AddedMass,
+        *,
+        rng: np.random.Generator,
+    ) -> Log:
+        """Record ``duration`` s under a control law, from rest at the angle ``start`` in rad."""
+        with self.loop(self.joint(added, start), rng) as loop:
+            log = loop.run(law, duration, **self._about(added))
+        return self.faults.apply(log, rng)
+
+    def play(
+        self, added: AddedMass, excitation: Excitation, duration: float, rng: np.random.Generator
+    ) -> Log:
+        """Record ``duration`` s of an excitation, cycle by cycle."""
+        with self.loop(self.joint(added, initial_angle(excitation)), rng) as loop:
+            log = loop.play(excitation.sample, duration, **self._about(added, excitation))
+        return self.faults.apply(log, rng)
+
+    def record(
+        self,
+        run: tuple[AddedMass, Excitation],
+        time: NDArray[np.float64],
+        commands: NDArray[np.float64],
+        true: NDArray[np.float64],
+        rng: np.random.Generator,
+    ) -> Log:
+        """Return the log that `play` makes, of a run that was simulated elsewhere.
+
+        Of it are given (n,) stamps in s, commands as they were set, and true angles in rad.
+        """
+        angle = self.encoder.read(time, true, rng)
+        about = self._about(*run)
+        log = recorded(time, commands, angle, input_kind=self.input_kind, **about)
+        return self.faults.apply(log, rng)
+
+    def _about(self, added: AddedMass, excitation: Excitation | None = None) -> dict[str, Any]:
+        sine = excitation if isinstance(excitation, Sine) else None
+        return {"added_mass": added, "excitation": sine, "source": _SOURCES[self.simulator]}

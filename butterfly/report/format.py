@@ -1,0 +1,63 @@
+"""FIT, counts and fields of an experiment as a person would write them."""
+
+from __future__ import annotations
+
+from butterfly.model.terms import TERMS
+
+_FAR_OFF = -1000.0  # FIT in per cent, below which there is no more to know
+_UNITS = {term.name: term.unit for term in TERMS.values()} | {
+    "amplitude": "",  # of the input, or an angle
+    "arm": "m",
+    "back_emf_constant": "V s/rad",
+    "backlash": "rad",
+    "bandwidth": "rad/s",
+    "com_distance": "m",
+    "com_offset": "m",
+    "duration": "s",
+    "gain": "N m/unit",
+    "half_width": "s",
+    "horizon": "s",
+    "inductance": "H",
+    "inertia": "kg m²",
+    "jitter": "s",
+    "mass": "kg",
+    "noise": "rad",
+    "omega": "rad/s",
+    "resistance": "Ω",
+    "rotor_inertia": "kg m²",
+    "step": "s",
+    "steps": "1/turn",
+    "tilt": "rad",
+    "time_constant": "s",
+    "torque_constant": "N m/A",
+    "velocity": "rad/s",
+    "viscous": "N m s/rad",
+    "window": "s",
+}
+
+
+def fit_text(fit: float) -> str:
+    """Return a FIT in per cent."""
+    return f"{fit:.1f}" if fit > _FAR_OFF else f"less than {_FAR_OFF:.0f}"
+
+
+def counted(number: float, thing: str) -> str:
+    """Return a number of things."""
+    return f"{number:.0f} {thing}{'' if number == 1 else 's'}"
+
+
+def field_name(path: str) -> str:
+    """Return the name of a field or column in words: ``plant.encoder.noise`` is *encoder noise*."""
+    return path.removeprefix("plant.").replace(".", " ").replace("_", " ")
+
+
+def field_unit(path: str) -> str:
+    """Return the unit of a field's values; nothing where it has none, or it depends."""
+    _, dot, name = path.rpartition(".")
+    return _UNITS.get(name, "") if dot else ""
+
+
+def field_label(path: str) -> str:
+    """Return `field_name` of a field, with its unit if it has one."""
+    unit = field_unit(path)
+    return f"{field_name(path)}, {unit}" if unit else field_name(path)

@@ -1,0 +1,144 @@
+"""What the model leaves over: of all logs in sentences and a table, of one log on a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from plotly.graph_objects import Figure, Scatter
+from plotly.subplots import make_subplots
+
+from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
+from butterfly.identification.diagnostics.residual_torque import ResidualTorque
+from butterfly.model.parameters import JointKind
+from butterfly.model.terms import TERMS
+from butterfly.report.figures import look, seen_samples
+from butterfly.report.finding_texts import finding_text
+from butterfly.report.log_figures import correlation_figure
+from butterfly.report.page import Fact, Page, Section, Table
+from butterfly.verdict import Verdict
+
+HEADERS = (
+    *("log", "error in % of motion", "after small changes", "of sensors", "times sensors", "bands"),
+    "looks like",
+)
+
+_CAPTION = (
+    "Error: rms of measured less simulated angle, averaged over steps of the simulation, over the "
+    "rms motion. The next column is what no small change of the parameters takes away, the one "
+    "after what encoder and noise make of it. Bands: whether autocorrelation and cross-correlation "
+    "with the input stay where those of such sensors do; of good logs one in twenty leaves."
+)
+_MOST = 6000  # instants of a panel
+
+
+def misfit_sentences(misfit: Misfit) -> list[str]:
+    """Say what the free runs of all logs leave over, and what that looks like."""
+    count = len(misfit.logs)
+    leave = "log leaves over more than its" if count == 1 else "logs leave over more than their"
+    return [
+        f"{misfit.outside} of {count} {leave} sensors explain "
+        f"(95 % bands); over all logs the error is {100 * misfit.relative:.2g} % of the motion, "
+        f"{100 * misfit.left:.2g} % after small changes of the parameters, and the sensors' is "
+        f"{100 * misfit.explained:.2g} %.",
+        *(finding_text(each, {}) for each in misfit.findings),
+    ]
+
+
+def misfit_table(logs: Iterable[LogMisfit], picks: Sequence[int] = ()) -> Table:
+    """Make a table with a row per log, each of which may choose a log by its number."""
+    rows, likeness = [_row(log) for log in logs], len(HEADERS) - 1
+    return Table(
+        name="misfit", headers=HEADERS, rows=rows, caption=_CAPTION, words=(likeness,), picks=picks
+    )
+
+
+def _row(log: LogMisfit) -> tuple[str, ...]:
+    shares = [100 * each / log.motion for each in (log.error, log.left, log.explained)]
+    numbers = [f"{share:.2g}" if np.isfinite(share) else "–" for share in shares]
+    times = f"{log.times:.1f}" if np.isfinite(log.times) else "–"
+    likeness, found = "–", log.left_over
+    if found.terms:
+        share = found.shares[found.terms[0]]
+        likeness = f"{' or '.join(found.terms)}, {100 * share:.0f} % of its variance"
+    return (log.label, *numbers, times, _bands(log), likeness)
+
+
+def _bands(log: LogMisfit) -> str:
+    """Say whether the correlations of a log stay inside their bands."""
+    inner, outer = log.excess
+    if inner <= 1:
+        return "inside"
+    return "outside 99 %" if outer > 1 else "outside 95 %"
+
+
+def residual_page(
+    residual: ResidualTorque,
+    misfit: LogMisfit,
+    verdict: Verdict,
+    *,
+    joint: JointKind = JointKind.HINGE,
+) -> Page:
+    """Put together the page of one log's residual, by an estimate of that verdict."""
+    what, unit = ("force", "N") if joint is JointKind.SLIDE else ("torque", "N m")
+    looks = residual.left_over.words(f"the motor's {what}")
+    shares = [
+        (TERMS[name].looks_like, f"{100 * share:.1f}")
+        for name, share in residual.left_over.shares.items()
+    ]
+    table = Table(
+        headers=("missing term", "share of the variance that it explains, in %"), rows=shares
+    )
+    torque = Section(
+        title=f"The {what} left over",
+        text="Averaged over short bumps, where the joint moves; against time, angle and velocity. "
+        "What depends on one of them alone is a curve there.",
+        figures={"torque": _torque_figure(residual, f"{what} in {unit}", joint.way)},
+        tables=(table,) if shares else (),
+    )
+    errors = Section(
+        title="The errors of the free run",
+        text="How like itself the error is a while later, and how like the input before it. Where "
+        "encoder and noise explain it, both curves stay inside the bands.",
+        figures={"correlations": correlation_figure(misfit)},
+    )
+    return Page(
+        name=residual.label,
+        description="What the model, all its terms, leaves over of one log",
+        kind="residual",
+        verdict=verdict,
+        facts=[
+            Fact("error of the free run", f"{100 * misfit.relative:.2g} %", "of the motion, rms"),
+            Fact("beside its sensor", f"{misfit.times:.3g} ×", "what encoder and noise explain"),
+            Fact("correlations", _bands(misfit), "bands"),
+        ],
+        summary=[f"The {what} that is left over looks like {looks}"],
+        sections=[torque, errors],
+        numbers={},
+    )
+
+
+def _torque_figure(residual: ResidualTorque, title: str, way: str) -> Figure:
+    columns = {
+        "time in s": residual.time,
+        f"angle in {way}": residual.angle,
+        f"velocity in {way}/s": residual.velocity,
+    }
+    figure = make_subplots(rows=3, cols=1, vertical_spacing=0.11)
+    some = seen_samples([residual.torque], _MOST)
+    torque = residual.torque[some].astype(np.float32)
+    for row, (below, values) in enumerate(columns.items(), start=1):
+        colour, _ = look(row - 1)
+        trace = Scatter(
+            x=values[some],
+            y=torque,
+            line={"color": colour, "width": 1},
+            marker={"color": colour, "size": 3, "opacity": 0.5},
+            mode="lines" if row == 1 else "markers",
+            showlegend=False,
+        )
+        figure.add_trace(trace, row=row, col=1)
+        figure.update_xaxes(title=below, row=row)
+        figure.update_yaxes(title=title, row=row)
+    figure.update_layout(height=880)
+    return figure

@@ -1,0 +1,140 @@
+"""What was found, in plain English: of an identification as a whole, and of the next step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from statistics import median
+
+from butterfly.errors import InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.design import Candidate
+from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.free_run import FitSummary
+from butterfly.identification.identification import Identification
+from butterfly.identification.validate import Structure
+from butterfly.identification.zeros import ZeroKind, zeros_of
+from butterfly.logs.log import Log
+from butterfly.logs.thinning import thinned
+from butterfly.model.known import Knowledge
+from butterfly.report.finding_texts import REMEDY, estimate_sentences
+from butterfly.report.format import counted, fit_text
+from butterfly.report.inspection import conditions_text
+from butterfly.signals.frequency_response import ResponsePoint, response_point
+from butterfly.verdict import Level
+
+
+def summary(identification: Identification) -> list[str]:
+    """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
+    fit, data, estimate = identification.summary, identification.data, identification.estimate
+    drive = "voltage" if data.input_kind == "voltage" else "torque command"
+    masses = data.masses
+    carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
+    given = {**estimate.known.parameters, **estimate.known.physical}
+    known = ", ".join(f"{name} = {value}" for name, value in given.items())
+    verdict, *others = estimate_sentences(estimate)
+    return [
+        verdict,
+        f"{counted(len(data.logs), 'log')} with {carried}, driven by {drive}, "
+        f"method: {estimate.method}.",
+        f"Simulated {_stretch(fit, data)} with the recorded input alone, the model follows "
+        f"the measured angle with a median FIT of {fit_text(fit.median)} % (mean "
+        f"{fit_text(fit.mean)} %, worst {fit_text(fit.worst)} %); 100 % is perfect, 0 % no better "
+        "than a constant.",
+        *held_out_sentences(identification.held_out),
+        *_thinned(data),
+        *([f"Known beforehand: {known}."] if known else []),
+        *others,
+        _health(data),
+    ]
+
+
+def _health(data: DataSet) -> str:
+    """Say in which condition the logs are, and where that is told of each."""
+    conditions = [health.condition for health in data.health]
+    sound = Level.worst(conditions) is Level.GOOD
+    where = "" if sound else " `butterfly inspect` tells which, and why."
+    return f"Health of the {conditions_text(conditions)}{where}"
+
+
+def _stretch(fit: FitSummary, data: DataSet) -> str:
+    if fit.horizon is None:
+        moving = any(log.initial_state.velocity for log in data.logs)
+        fitted = " (where a log begins in motion, from a start that was fitted to it)"
+        return f"from the first sample on{fitted if moving else ''}"
+    return f"over segments of {fit.horizon:g} s, each from a start that was fitted to it,"
+
+
+def held_out_sentences(fits: Mapping[str, float]) -> list[str]:
+    """Say how well logs are followed that were not used, by FIT in per cent and name."""
+    if not fits:
+        return []
+    values = sorted(fits.values())
+    if len(fits) == 1:
+        return [
+            f"Held out: {next(iter(fits))}, not used for the fit, has a FIT of "
+            f"{fit_text(values[0])} %."
+        ]
+    return [
+        f"Held out: {len(fits)} logs, not used for the fit, have a median FIT of "
+        f"{fit_text(median(values))} % (worst {fit_text(values[0])} %): {listed(list(fits))}."
+    ]
+
+
+def _thinned(data: DataSet) -> list[str]:
+    """Say how many samples were averaged, where logs have more than their motion needs."""
+    used = sum(log.time.size for log in data.logs)
+    sound = sum(health.samples - health.dropped for health in data.health)
+    if used == sound:
+        return []
+    return [f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."]
+
+
+def zero_sentences(logs: Sequence[Log], known: Knowledge) -> list[str]:
+    """Say where the hand hangs in logs, how that was found, and in which of them it is a guess.
+
+    Without gravity there is nothing to say.
+    """
+    if not logs or known.weightless(log.added_mass for log in logs):
+        return []
+    logs = [thinned(log) for log in logs]
+    zeros = zeros_of(logs, [_response(log) for log in logs])
+    sentences = []
+    for zero in dict.fromkeys(zeros):
+        own = [log for log, each in zip(logs, zeros, strict=True) if each == zero]
+        where = "" if len(own) == len(logs) else f" {_named(own, logs)}"
+        if zero.kind is ZeroKind.GUESS:
+            sentences.append(f"Where the hand hangs{where} is a guess: {REMEDY}.")
+        else:
+            sentences.append(f"The hand hangs at {zero}{where}.")
+    return sentences
+
+
+def _named(own: Sequence[Log], logs: Sequence[Log]) -> str:
+    """Name some of the logs, by what they carry if all with the same are among them."""
+    masses = {log.added_mass for log in own}
+    if len(own) == sum(log.added_mass in masses for log in logs):
+        return f"with {' and '.join(str(mass) for mass in sorted(masses))}"
+    return f"in {listed([log.name for log in own])}"
+
+
+def _response(log: Log) -> ResponsePoint | None:
+    """Return the steady response to a sine; None for another input, or where there is none."""
+    try:
+        return response_point(log) if log.excitation else None
+    except InputError:
+        return None
+
+
+def best_experiment_text(best: Candidate) -> str:
+    """Say which experiment comes first, and what it would leave of the standard errors."""
+    warning = f"; but: {best.warning}." if best.warning else "."
+    return (
+        f"Most telling next: {best.what} with {best.added_mass}, which leaves "
+        f"{100 * best.score:.0f} % of the standard errors on average{warning}"
+    )
+
+
+def chosen_terms_text(passed: Sequence[Structure]) -> str:
+    """Say which terms were chosen, as an option of other commands."""
+    terms = ",".join(passed[-1].terms)
+    return f"Chosen: --terms {terms}" if terms else "Chosen: --terms '' (none of them helps)"

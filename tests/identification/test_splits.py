@@ -1,0 +1,129 @@
+"""Which logs, or stretches of them, are left out together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.errors import IdentifiabilityError, InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.estimators import HarmonicBalance, WeakForm
+from butterfly.identification.splits import Split, divide, remedy
+from butterfly.identification.validate import hold_out
+from butterfly.logs.log import Log, Sine
+from butterfly.model.known import Knowledge
+from butterfly.model.parameters import AddedMass
+from tests.identification.simulated import ROBOT, SLOW, steady, wild
+
+BALANCE = HarmonicBalance(terms=(), check=False)
+HEAVY = AddedMass(mass=0.1, arm=0.1)
+
+
+def _other(*masses):
+    """Return logs of no sine."""
+    time = np.arange(400) * 0.01
+    return DataSet.of([Log(time, np.ones(400), np.sin(time), added_mass=mass) for mass in masses])
+
+
+@pytest.fixture(scope="module")
+def sines():
+    return DataSet.of(steady(ROBOT, SLOW))
+
+
+def _of(data, count):
+    masses = data.masses[:count]
+    return data.take([k for k, log in enumerate(data.logs) if log.added_mass in masses])
+
+
+def test_the_split_that_suits_the_logs_is_taken_and_said(sines):
+    bare = AddedMass()
+    for data, split, said in (
+        (sines, Split.MASS, "there are 3 added masses"),
+        (_of(sines, 2), Split.FREQUENCY, "2 added masses only, but sines of"),
+        (_of(sines, 1), Split.FREQUENCY, "one added mass only, but sines of"),
+        (_other(bare, bare, bare), Split.LOG, "one added mass only, but 3 logs"),
+        (_other(bare, bare, HEAVY), Split.TIME, "2 added masses only, and too few logs"),
+        (_other(bare), Split.TIME, "one added mass only, and too few logs"),
+    ):
+        division = divide(data)
+        assert division.split is split
+        assert said in division.said
+    known = _other(bare, bare, HEAVY).knowing(Knowledge.told({"p4": 1.0}))
+    assert divide(known).split is Split.LOG
+
+
+def test_every_sample_is_left_out_once(sines):
+    for split in (Split.MASS, Split.FREQUENCY, Split.LOG, Split.TIME):
+        left_out = [np.zeros(log.time.size, dtype=int) for log in sines.logs]
+        for samples in divide(sines, split).parts.values():
+            for number, stretch in samples.items():
+                left_out[number][stretch] += 1
+        assert all((count == 1).all() for count in left_out)
+    assert len(divide(sines, Split.LOG, 3).parts) == 3
+    assert len(divide(sines, folds=4).parts) == 4
+
+
+def test_logs_of_no_sine_are_kept_where_frequencies_are_left_out(sines):
+    whole = replace(sines.logs[0], excitation=None)
+    mixed = DataSet.of([*sines.logs, whole])
+    held = hold_out(mixed, lambda _: BALANCE(sines), Split.FREQUENCY)
+    assert np.isnan(held.fits[-1])
+    assert np.isfinite(held.fits[:-1]).all()
+    assert np.isfinite(held.summary.median)
+
+
+def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines):
+    data = _of(sines, 2)
+    seen = []
+
+    def spy(part):
+        seen.append([float(log.time[-1] - log.time[0]) for log in part.logs])
+        return BALANCE(part)
+
+    held = hold_out(data, spy, Split.TIME, folds=3)
+    assert list(held.estimates) == [f"stretch {k} of 3" for k in (1, 2, 3)]
+    whole = sum(float(log.time[-1]) for log in data.logs)
+    assert all(sum(lengths) < 0.7 * whole for lengths in seen)
+    assert held.summary.worst > 98
+
+
+def test_stretches_of_any_motion_are_predicted():
+    data = DataSet.of(wild(ROBOT))
+    held = hold_out(data, WeakForm(terms=(), check=False), Split.TIME, folds=3)
+    assert held.summary.worst > 99
+
+
+def test_refusals_name_what_works(sines):
+    for data, split, said in (
+        (_of(sines, 1), Split.MASS, "carry no added mass: .*; split frequency works"),
+        (_other(AddedMass(), HEAVY), Split.FREQUENCY, "no log is a sine.*; split time works"),
+        (_other(AddedMass()), Split.LOG, "one log only.*; split time works"),
+    ):
+        with pytest.raises(IdentifiabilityError, match=said):
+            divide(data, split)
+    assert "frequency" in remedy(_of(sines, 2))
+
+
+def test_folds_that_cannot_be_are_refused(sines):
+    for split, folds, expected in (
+        (Split.MASS, 2, "with split frequency, log or time"),
+        (Split.TIME, 1, "2 or more"),
+        (Split.LOG, 99, "at most"),
+        (Split.LOG, "a", "a whole number"),
+        (Split.TIME, 2.5, "a whole number"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            divide(sines, split, folds)
+
+
+def test_neighbouring_frequencies_are_in_different_folds_whatever_the_order_of_the_logs():
+    time = np.arange(4000) * 0.01
+    omegas = np.random.default_rng(0).permutation(np.arange(1.0, 11.0))
+    data = DataSet.of(
+        [
+            Log(time, np.sin(w * time), np.sin(w * time), excitation=Sine(omega=w, amplitude=1.0))
+            for w in omegas.tolist()
+        ]
+    )
+    for part in divide(data, Split.FREQUENCY, folds=4).parts.values():
+        assert (np.diff(np.sort(omegas[list(part)])) >= 4).all()

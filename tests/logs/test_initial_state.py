@@ -1,0 +1,48 @@
+"""How a log begins, against motions of which that is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from butterfly.logs.log import Lead, Log
+from tests.independent.integrator import Joint, motion
+
+JOINT = Joint(inertia=0.004, viscous=0.002, gravity=0.1, gain=1.0, coulomb=0.002, delay=0.02)
+TIME = np.arange(0, 4, 0.004)
+
+
+def _log(angle, velocity, noise, seed=0):
+    inputs = 0.02 * np.sin(4 * TIME + seed)
+    found, _ = motion(JOINT, TIME, inputs, angle, velocity)
+    return Log(TIME, inputs, found + noise * np.random.default_rng(seed).standard_normal(TIME.size))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3])
+def test_from_rest_it_begins_at_rest_at_its_first_sample(noise):
+    for seed in range(10):
+        log = _log(0.3 * seed / 10, 0.0, noise, seed)
+        assert log.initial_state == (log.angle[0], 0.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_log_that_clearly_moves_begins_in_motion(noise):
+    for seed, speed in enumerate((-3.0, -1.0, 1.0, 3.0)):
+        angle, velocity = _log(0.2, speed, noise, seed).initial_state
+        assert angle == pytest.approx(0.2, abs=3 * noise + 1e-3)
+        assert velocity == pytest.approx(speed, abs=60 * noise + 0.08)
+
+
+def test_a_piece_begins_in_motion_however_slow_and_knows_what_was_commanded_before():
+    log = _log(0.2, 0.0, 0.0)
+    piece = log.piece(300, 800)
+    assert isinstance(piece.lead, Lead)
+    np.testing.assert_array_equal(piece.command[0], TIME[:800])
+    np.testing.assert_array_equal(piece.command[1], log.input[:800])
+    later = piece.piece(400, 500)
+    assert later.command[0][0] == pytest.approx(TIME[700] - 2.0, abs=0.005)
+    slope = (log.angle[301] - log.angle[299]) / 0.008
+    assert piece.initial_state.velocity == pytest.approx(slope, rel=0.02)
+    assert log.piece(0, 300).lead is None
+    still = replace(log, angle=np.full(TIME.size, 0.1))
+    assert still.initial_state == (0.1, 0.0)

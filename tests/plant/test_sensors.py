@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from butterfly.errors import InputError
+from butterfly.plant.sensors import BandLimitedNoise, Encoder, Faults
+
+
+def test_the_noise_is_held_white_and_of_the_power_asked_for():
+    source = BandLimitedNoise(power=2e-6, sample_time=0.05, seed=1)
+    time = np.arange(400_000) * 0.01
+    values = source.sample(time).reshape(-1, 5)
+    assert np.all(np.ptp(values, axis=1) == 0)
+    samples = values[:, 0]
+    assert samples.var() == pytest.approx(2e-6 / 0.05, rel=0.02)
+    assert np.corrcoef(samples[1:], samples[:-1])[0, 1] == pytest.approx(0, abs=0.01)
+    assert np.mean(np.abs(samples) > 1.96 * samples.std()) == pytest.approx(0.05, abs=0.003)
+
+
+def test_a_number_does_not_depend_on_how_many_are_drawn():
+    source = BandLimitedNoise(power=1.0, sample_time=1.0, seed=222)
+    whole = source.sample(np.arange(1000.0))
+    np.testing.assert_array_equal(
+        [source.sample(np.array([float(k)]))[0] for k in range(50)], whole[:50]
+    )
+
+
+def test_one_reading_or_all_at_once_carry_the_same_noise():
+    encoder = Encoder(steps=2**40, band_limited=BandLimitedNoise(power=1e-6, sample_time=0.02))
+    rng = np.random.default_rng(0)
+    time, angle = np.arange(200) * 0.01, np.linspace(0, 1, 200)
+    single = [
+        encoder.read_one(t, a, rng) for t, a in zip(time.tolist(), angle.tolist(), strict=True)
+    ]
+    np.testing.assert_allclose(encoder.read(time, angle, rng), single, atol=1e-11)
+    assert np.std(encoder.read(time, angle, rng) - angle) > 1e-3
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda: BandLimitedNoise(power=-1, sample_time=1),
+        lambda: BandLimitedNoise(power=1, sample_time=0),
+        lambda: BandLimitedNoise(power=1, sample_time=1, seed=-1),
+        lambda: BandLimitedNoise(power=1, sample_time=1e-9).sample(np.array([1.0])),
+        lambda: Faults(dropped=1.0),
+        lambda: Faults(duplicated=-0.1),
+    ],
+)
+def test_impossible_noise_and_faults_are_refused(build):
+    with pytest.raises(InputError):
+        build()
+
+
+def test_faults_lose_and_repeat_the_share_of_samples_asked_for(sine_log):
+    faulty = Faults(dropped=0.02, duplicated=0.01).apply(sine_log, np.random.default_rng(0))
+    repeated = np.sum(np.diff(faulty.time) == 0)
+    lost = sine_log.time.size - np.unique(faulty.time).size
+    assert lost == pytest.approx(0.02 * sine_log.time.size, rel=0.1)
+    assert repeated == pytest.approx(0.01 * sine_log.time.size, rel=0.1)
+    assert np.isin(faulty.time, sine_log.time).all()
+    assert np.all(np.diff(faulty.time) >= 0)
+    assert Faults().apply(sine_log, np.random.default_rng(0)) is sine_log

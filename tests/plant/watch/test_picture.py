@@ -1,0 +1,90 @@
+import gc
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from butterfly.errors import InputError
+from butterfly.model.friction import Friction
+from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
+from butterfly.plant.robot import Robot
+from butterfly.plant.watch.picture import Caption, Painter, RenderingError, caption_text, film
+
+ROBOT = Robot(
+    hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
+    drive=TorqueDrive(gain=1.0),
+    friction=Friction(),
+)
+ADDED = AddedMass(mass=0.05, arm=0.104)
+TIMES = np.array([0.0, 1.0])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _can_draw():
+    try:
+        Painter(ROBOT, ADDED, 32).__exit__()
+    except RenderingError as error:
+        pytest.skip(str(error))
+
+
+def _mass_column(picture):
+    """Mean column of the orange pixels: where the added mass is."""
+    pixels = np.asarray(picture.convert("RGB")).astype(int)
+    return np.argwhere(pixels[..., 0] - pixels[..., 2] > 60)[:, 1].mean()
+
+
+@pytest.mark.parametrize("ending", [".gif", ".webp"])
+def test_a_film_shows_the_motion_at_the_frames_per_second_asked_for(tmp_path, ending):
+    path = tmp_path / f"hand{ending}"
+    film(ROBOT, ADDED, TIMES, np.array([-0.8, 0.8]), path, fps=10, size=120)
+    with Image.open(path) as picture:
+        frames = [frame.copy() for frame in ImageSequence.Iterator(picture)]
+        columns = [_mass_column(frame) for frame in frames]
+        assert picture.info["duration"] == 100
+        corners = [np.asarray(frame.convert("L"))[:20, 79:] for frame in frames]
+    assert len(columns) == 10
+    assert np.all(np.diff(columns) > 0)
+    assert all((corner < 128).sum() > 20 for corner in corners)  # time and angle
+    assert all((one != other).any() for one, other in pairwise(corners))
+
+
+# imageio-ffmpeg leaves the pipes to its encoder to be closed by the garbage collector.
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_an_mp4_holds_the_same_frames(tmp_path):
+    iio = pytest.importorskip("imageio.v3", reason="the extra 'video' is not installed")
+    path = tmp_path / "hand.mp4"
+    film(ROBOT, ADDED, TIMES, np.array([-0.8, 0.8]), path, fps=10, size=128)
+    frames = iio.imread(path)
+    gc.collect()
+    assert frames.shape == (10, 128, 128, 3)
+    columns = [_mass_column(Image.fromarray(frame)) for frame in frames]
+    assert np.all(np.diff(columns) > 0)
+
+
+def test_an_unknown_film_format_is_refused_before_anything_is_drawn(tmp_path):
+    with pytest.raises(InputError, match=r"got \.avi; expected \.mp4, \.gif or \.webp"):
+        film(ROBOT, ADDED, TIMES, TIMES, tmp_path / "hand.avi")
+
+
+@pytest.mark.parametrize(
+    ("instant", "angle", "text"),
+    [
+        (3.251, 0.1234, "t = 3.25 s\nθ = +0.123 rad"),
+        (0.0, -1e-5, "t = 0.00 s\nθ = +0.000 rad"),
+        (61.0, -12.5664, "t = 61.00 s\nθ = -12.566 rad"),
+    ],
+)
+def test_time_and_angle_are_written_with_their_units(instant, angle, text):
+    assert caption_text(instant, angle, "θ") == text
+
+
+@pytest.mark.parametrize("size", [240, 480, 1024])
+def test_the_caption_fits_into_its_corner(size):
+    blank = Image.new("RGB", (size, size), "white")
+    ink = np.argwhere(np.asarray(Caption(size).write(blank, 100.0, -12.566).convert("L")) < 200)
+    assert ink[:, 0].max() < 0.2 * size
+    assert ink[:, 1].min() > 0.6 * size
+    assert ink[:, 1].max() < size - 1
