@@ -10,7 +10,6 @@ from .api.experiments import Run as Run
 from .api.experiments import Sweep as Sweep
 from .api.experiments import run as run
 from .api.experiments import simulate as simulate
-from .api.identified import Identified as Identified
 from .api.looking_ahead import draws as draws
 from .api.looking_ahead import predict as predict
 from .api.predicted import Predicted as Predicted
@@ -32,6 +31,7 @@ from .errors import IdentifiabilityError as IdentifiabilityError
 from .errors import InputError as InputError
 from .errors import UnusableError as UnusableError
 from .identification.data import DataSet as DataSet
+from .identification.identification import Identification as Identification
 from .logs.log import InputKind as InputKind
 from .logs.log import Intersample as Intersample
 from .logs.log import Log as Log

@@ -16,7 +16,7 @@ from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder

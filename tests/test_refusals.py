@@ -114,10 +114,14 @@ CASES = {
         "expected arm, in m, since 1.csv carries a mass",
         (f"identify two.yaml {WEAK}",),
     ),
-    "a folder without a manifest": Case(
-        f"identify folder {WEAK} {GAIN}",
+    "names that tell masses, and no arm": Case(
+        f"identify folder {BALANCE} {GAIN}",
         "folder: manifest.yaml: got no such file",
-        ("manifest folder --input torque", f"identify folder {WEAK} {GAIN}"),
+        (
+            f"identify folder {BALANCE} {GAIN} --input torque --arm 0.104",
+            "manifest folder --input torque --arm 0.104",
+            f"identify folder {BALANCE} {GAIN}",
+        ),
     ),
     "an angle that falls back by a turn": Case(
         "inspect wrapped.csv",
@@ -241,7 +245,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("refused")
     logs = wild(ROBOT, MASSES[:2], duration=12.0)
     (folder / "folder").mkdir()
-    for path, log in {"0": logs[0], "1": logs[1], "folder/0": logs[0]}.items():
+    for path, log in {"0": logs[0], "1": logs[1]}.items():
         write_csv(log, folder / f"{path}.csv")
     for number, mass in enumerate(MASSES):
         decay = simulated(ROBOT, mass, np.zeros_like, 6.0, start=0.6)
@@ -250,6 +254,8 @@ def folder(tmp_path_factory):
         sine = Sine(omega=omega, amplitude=amplitude)
         log = simulated(ROBOT, MASSES[0], sine.sample, 40.0, sine=sine)
         write_csv(log, folder / f"sine{omega}.csv")
+        name = f"Data_0__{omega}__0".replace(".", "_") + f"{amplitude:.9f}"[2:]
+        write_csv(log, folder / f"folder/{name}.csv")
     sliding = simulated(replace(ROBOT, p3=0.0), MASSES[0], lambda t: 0.02 * np.sin(3 * t), 12.0)
     write_csv(sliding, folder / "slide.csv")
     _write_slips(folder, logs[0])

@@ -8,10 +8,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from butterfly.api.result import Result, TextTable
+from butterfly.document import Told
 from butterfly.errors import InputError
-from butterfly.report.numbers.document import Told
 from butterfly.report.page import Page, write_html
+from butterfly.result import Result, TextTable
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:

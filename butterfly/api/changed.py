@@ -9,13 +9,12 @@ from typing import Any, ClassVar
 
 from plotly.graph_objects import Figure, Scatter
 
-from butterfly.api.identified import Identified
-from butterfly.api.result import aligned
 from butterfly.api.sources import Named
 from butterfly.api.tabulated import Tabulated
 from butterfly.comparison.change import change
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.identification import Identification
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.report.change import (
@@ -26,6 +25,7 @@ from butterfly.report.change import (
     untested_sentences,
 )
 from butterfly.report.figures import GREY, PALETTE
+from butterfly.result import aligned
 from butterfly.verdict import Level
 
 
@@ -67,7 +67,7 @@ class Changed(Tabulated):
         return {"changes": figure}
 
 
-def changed(before: Identified | Named, after: Identified | Named) -> Changed:
+def changed(before: Identification | Named, after: Identification | Named) -> Changed:
     """Tell whether a robot has changed between two identifications from independent logs.
 
     Parameters
@@ -102,23 +102,23 @@ def changed(before: Identified | Named, after: Identified | Named) -> Changed:
     )
 
 
-def _named(found: Identified) -> dict[str, Any]:
+def _named(found: Identification) -> dict[str, Any]:
     """Return which identification it was, for programs."""
     about = {key: found.origin[key] for key in ("name", "input", "logs")}
     return {**about, "estimator": found.estimator, **found.judged.numbers()}
 
 
-def _identified(given: Identified | Named) -> Identified:
+def _identified(given: Identification | Named) -> Identification:
     from butterfly.api.saved import load  # noqa: PLC0415 - it loads what is defined here
 
     found = load(Path(given)) if isinstance(given, str | PathLike) else given
-    if not isinstance(found, Identified):
+    if not isinstance(found, Identification):
         expected = "an identification, or the file where it was saved"
         raise InputError("changed", "result", type(found).__name__, expected)
     return found
 
 
-def _with_reserve(said: list[str], *both: Identified) -> list[str]:
+def _with_reserve(said: list[str], *both: Identification) -> list[str]:
     """Say before anything else that values are not to be used."""
     places = [
         place
@@ -130,7 +130,7 @@ def _with_reserve(said: list[str], *both: Identified) -> list[str]:
     return [f"Not to be relied on, since {listed(places)} is not to be used: {said[0]}", *said[1:]]
 
 
-def _warnings(*both: Identified) -> list[str]:
+def _warnings(*both: Identification) -> list[str]:
     """Say what else than the robot may make a difference."""
     said = [
         f"The verdict on {place}: {each.judged.sentence}"
@@ -163,7 +163,7 @@ def _warnings(*both: Identified) -> list[str]:
     return said
 
 
-def _files(found: Identified) -> set[Path]:
+def _files(found: Identification) -> set[Path]:
     """Return the files of its logs, as far as they are known."""
     manifest: dict[str, Any] | None = found.origin["manifest"]
     if manifest is None or manifest["root"] is None:

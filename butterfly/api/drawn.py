@@ -9,10 +9,10 @@ from os import PathLike
 from pathlib import Path
 from typing import ClassVar
 
-from butterfly.api.identified import Identified
 from butterfly.api.tabulated import Tabulated
 from butterfly.files import replacing
 from butterfly.identification.draws import ParameterDraws
+from butterfly.identification.identification import Identification
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 
 WEIGHT = "weight"
@@ -28,7 +28,7 @@ class Drawn(Tabulated):
     kind: ClassVar[str] = "draws"
 
     @classmethod
-    def of(cls, draws: ParameterDraws, found: Identified, said: Sequence[str]) -> Drawn:
+    def of(cls, draws: ParameterDraws, found: Identification, said: Sequence[str]) -> Drawn:
         """Tabulate draws from an identification, with what is to be said of them."""
         estimate, count = draws.estimate, len(draws.values)
         columns = [*estimate.names, *(key for key in estimate.held if key not in estimate.names)]

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from butterfly.api.answers import Answer
-from butterfly.api.identified import Identified
-from butterfly.api.result import TextTable
 from butterfly.api.sources import Named
 from butterfly.api.tabulated import page_tables
+from butterfly.document import HEAD, Told, write_document
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import RunResult, outcome_of, perform
@@ -29,17 +28,18 @@ from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_swe
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.identification import Identification
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
-from butterfly.report.identification import write_report
-from butterfly.report.numbers.document import HEAD, Told, write_document
+from butterfly.report.identification_page import write_report
 from butterfly.report.numbers.record_numbers import told_run
-from butterfly.report.orbit import orbit_page
+from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import Page, write_page
-from butterfly.report.sweep import sweep_page
+from butterfly.report.sweep_page import sweep_page
+from butterfly.result import TextTable
 from butterfly.verdict import Verdict
 
 RESULT = "result.json"
@@ -69,7 +69,7 @@ class Run(Answer):
     record: RunRecord
     sentences: tuple[str, ...] = ()
     reports: tuple[Path, ...] = ()
-    identifications: Mapping[str, Identified]
+    identifications: Mapping[str, Identification]
 
     def paragraphs(self) -> list[str]:
         """Return what was found, the verdicts first."""
@@ -240,7 +240,7 @@ def _run_once(
     store.end_sweep(replace(sweep_record(plan), beside=beside))
     if result.error is not None:
         raise result.error
-    answers = {name: Identified.of(each, name) for name, each in result.identifications.items()}
+    answers = dict(result.identifications)
     tables = [table for each in answers.values() for table in each.tables(truth)]
     paragraphs = [text for each in answers.values() for text in each.paragraphs()]
     if page is not None:

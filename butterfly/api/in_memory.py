@@ -37,13 +37,7 @@ def is_table(source: object) -> TypeGuard[Table]:
 
 
 def log_of_table(table: Table, manifest: Manifest) -> Log:
-    """Make a log of a table, by a manifest whose only entry it is.
-
-    Raises
-    ------
-    InputError
-        If the table lacks a column, or one holds no numbers.
-    """
+    """Make a log of a table, by a manifest whose only entry it is."""
     columns = _columns(table)
     names = list(columns)
     mapping = checked_map("table", manifest.columns or _default_map(names, table))

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.drawn import Drawn
-from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read, read_experiment
@@ -26,6 +25,7 @@ from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameter
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
 from butterfly.identification.given import given_estimate, judged_on, outdone
+from butterfly.identification.identification import Identification
 from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Known
@@ -35,7 +35,7 @@ from butterfly.progress import Track, untracked
 
 def predict(
     data: Data | Experiment,
-    result: Identified | Named | LumpedParameters | Mapping[str, object],
+    result: Identification | Named | LumpedParameters | Mapping[str, object],
     *,
     bands: bool | None = None,
     draws: int = COUNT,
@@ -119,7 +119,7 @@ def predict(
 
 
 def draws(
-    result: Identified | Named, n: int = COUNT, seed: int = 0, *, track: Track = untracked
+    result: Identification | Named, n: int = COUNT, seed: int = 0, *, track: Track = untracked
 ) -> Drawn:
     """Draw parameters that an identification leaves open, as for domain randomisation.
 
@@ -169,7 +169,7 @@ class _Known:
 
     @classmethod
     def of(
-        cls, found: Identified, logs: Iterable[Log], count: int, seed: int, track: Track
+        cls, found: Identification, logs: Iterable[Log], count: int, seed: int, track: Track
     ) -> _Known:
         """Draw parameters with which all logs have a joint; weigh them if the data are at hand."""
         logs = list(logs)
@@ -241,9 +241,9 @@ def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
     ]
 
 
-def _identified(result: Identified | Named) -> Identified:
+def _identified(result: Identification | Named) -> Identification:
     found = load(result) if isinstance(result, str | PathLike) else result
-    if not isinstance(found, Identified):
+    if not isinstance(found, Identification):
         expected = "an identification, or the file where it was saved"
         raise InputError("predict", "result", type(found).__name__, expected)
     require_possible(found.estimate)
@@ -258,7 +258,7 @@ def _source(data: Any) -> DataSet | Experiment:  # noqa: ANN401 - whatever was g
     return read(data)
 
 
-def _require_input(found: Identified, kind: InputKind) -> None:
+def _require_input(found: Identification, kind: InputKind) -> None:
     own = found.origin["input"]
     if kind != own:
         raise InputError("predict", "input", str(kind), f"{own}, as the estimate was made with")

@@ -127,7 +127,7 @@ class Predicted(Tabulated):
             plain,
             sections=[courses, *plain.sections],
             logs=[each.run.log.label for each in drawn],
-            stills={"bands": partial(band_figure, drawn[0], measured=self.measured)},
+            pictures={"bands": partial(band_figure, drawn[0], measured=self.measured)},
         )
 
 

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.answers import Inspection, RobotModel
-from butterfly.api.identified import Identified
-from butterfly.api.result import TextTable
 from butterfly.api.sources import RESULT, Named, is_data, manifest_of, read
 from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
@@ -17,6 +15,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
+from butterfly.identification.identification import Identification
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
@@ -33,6 +32,7 @@ from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
 from butterfly.report.summary import zero_sentences
+from butterfly.result import TextTable
 from butterfly.verdict import Verdict
 
 ARM = 0.104  # m
@@ -143,7 +143,7 @@ def robot_of(
     return _twin(result, carried, hand_mass)
 
 
-def _twin(result: Identified, carried: AddedMass, mass: float | None) -> NamedRobot:
+def _twin(result: Identification, carried: AddedMass, mass: float | None) -> NamedRobot:
     """Return the simulated robot that moves as an identified one."""
     about, found = result.origin, result.estimate
     joint, kind = JointKind(about.get("joint", JointKind.HINGE)), InputKind(about["input"])

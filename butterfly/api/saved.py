@@ -9,20 +9,20 @@ from typing import Any
 
 from butterfly.api.changed import Changed
 from butterfly.api.drawn import Drawn
-from butterfly.api.identified import Identified
 from butterfly.api.predicted import Predicted
 from butterfly.api.separated import Separated
 from butterfly.api.sources import root_of
 from butterfly.api.tabulated import Compared, Designed, Validated
 from butterfly.errors import InputError
+from butterfly.identification.identification import Identification
 
-_SAVED = (Identified, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
+_SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
 
 
 def load(
     path: str | PathLike[str], *, root: str | PathLike[str] | None = None
-) -> Identified | Validated | Designed | Compared | Predicted | Drawn | Separated | Changed:
+) -> Identification | Validated | Designed | Compared | Predicted | Drawn | Separated | Changed:
     """Read a result that was saved.
 
     Parameters
@@ -58,7 +58,7 @@ def load(
         moved = None if root is None else Path(root)
         if manifest is not None and (moved or manifest["root"]) is not None:
             manifest["root"] = str(root_of(file, manifest["root"], moved))
-        result = kind.of_content(content)
+        result = kind.from_dict(content)
         result.shown_rows()
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         expected = "a result as its method save writes it"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from butterfly.api.result import aligned
 from butterfly.api.tabulated import Tabulated
 from butterfly.identification.physical import PhysicalParameters
 from butterfly.report.physical import TITLE, physical_numbers, physical_sentences
+from butterfly.result import aligned
 from butterfly.verdict import Verdict
 
 

@@ -9,13 +9,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
-from butterfly.api.identified import Identified
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
+from butterfly.identification.identification import Identification
 from butterfly.logs.formats import ENDINGS, FORMATS
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import Log
@@ -40,12 +40,12 @@ RESULT = ".json"
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 _YAML = {".yaml", ".yml"}
 _PATTERN = frozenset("*?[")
-_OF_READ_LOGS = {"known", "zero", "holdout", "name"}  # what may be said of logs that are read
+_OF_READ_LOGS = {"known", "zero", "holdout", "name"}  # what may be given of logs that are read
 
 Named: TypeAlias = str | PathLike[str]
 """A path, a glob pattern, or the name of something shipped."""
 
-One: TypeAlias = DataSet | Identified | Log | Named | Table
+One: TypeAlias = DataSet | Identification | Log | Named | Table
 """Whatever holds logs by itself."""
 
 Data: TypeAlias = One | Sequence[One]
@@ -65,7 +65,7 @@ def read(
     ----------
     source
         A manifest; a folder, with a manifest or of logs alone; a log file; a glob pattern; a saved
-        result; the name of a shipped data set; a `Log`, a `DataSet` or an `Identified`; a pandas
+        result; the name of a shipped data set; a `Log`, a `DataSet`, an `Identification`; a pandas
         frame, a mapping of arrays, or an array with named columns or of the columns t, u, q[, dq];
         or several of these.
     root
@@ -125,22 +125,22 @@ def manifest_of(
 
 def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     """Return what keywords say, by the fields of a manifest, and ``begin`` and ``end``."""
-    said = {name: value for name, value in description.items() if value is not None}
-    if "input_kind" in said:
-        said["input"] = said.pop("input_kind")
-    if said.pop("restarts", False):
-        said["split"] = Split.RESTARTS
-    if "piece" in said:
-        piece = said.pop("piece")
+    some = {name: value for name, value in description.items() if value is not None}
+    if "input_kind" in some:
+        some["input"] = some.pop("input_kind")
+    if some.pop("restarts", False):
+        some["split"] = Split.RESTARTS
+    if "piece" in some:
+        piece = some.pop("piece")
         if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end
             expected = "first and last instant in s, such as (1.5, None)"
             raise InputError("data", "piece", piece, expected)
-        said["begin"], said["end"] = piece
-    return checked_options(said)
+        some["begin"], some["end"] = piece
+    return checked_options(some)
 
 
 def _read(source: Data, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet:
-    if isinstance(source, DataSet | Identified | Log):
+    if isinstance(source, DataSet | Identification | Log):
         return _of_read_logs(source, root, given)
     if _is_several(source) and len(source) == 1 and not isinstance(source[0], Log):
         return _read(source[0], root, given, track)
@@ -165,7 +165,7 @@ def _is_path(source: object) -> bool:
 
 
 def _of_read_logs(
-    source: DataSet | Identified | Log, root: Path | None, given: Mapping[str, Any]
+    source: DataSet | Identification | Log, root: Path | None, given: Mapping[str, Any]
 ) -> DataSet:
     """Return the data set of logs that are read already, and what is known of them besides."""
     repairs = given.get("repair", frozenset())
@@ -177,11 +177,11 @@ def _of_read_logs(
         if repairs:
             listed = ", ".join(sorted(repairs))
             raise InputError("read", "repair", listed, "none of a repaired data set")
-    told = {"root": root} | dict(given)
-    for name in told.keys() - _OF_READ_LOGS - {"repair"}:
-        if told[name] is not None:
+    every = {"root": root} | dict(given)
+    for name in every.keys() - _OF_READ_LOGS - {"repair"}:
+        if every[name] is not None:
             expected = "none beside logs that are read already"
-            raise InputError("read", name, told[name], expected)
+            raise InputError("read", name, every[name], expected)
     return _more_known(data, given)
 
 
@@ -230,7 +230,7 @@ def _together(
     for each in sources:
         if isinstance(each, Log):
             parts.append(each)
-        elif isinstance(each, DataSet | Identified):
+        elif isinstance(each, DataSet | Identification):
             parts.append(_read(each, None, {}, track))
         else:
             parts.append(_read(each, root, given, track))
@@ -249,7 +249,7 @@ def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
             continue
         known = known.agreeing(part.told, part.name)
         logs.extend(part.recorded)
-        held.extend(() if part.held is None else part.held.recorded)
+        held.extend(() if part.test_logs is None else part.test_logs.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
     data = DataSet.of([*logs, *held], name=given.get("name", "logs"), known=known, repairs=repairs)
@@ -302,7 +302,7 @@ def _paths(sources: Sequence[Named]) -> list[Path]:
 def _manifest(
     path: Path, root: Path | None, given: Mapping[str, Any], *, massless: bool = False
 ) -> Manifest:
-    """Return what is said of data by a manifest, or draft one, and what is given besides."""
+    """Return the manifest of data, or draft one, with what is given besides."""
     manifest = _described(path, root, given, massless=massless)
     return manifest.piece(given.get("begin"), given.get("end"))
 
@@ -353,8 +353,8 @@ def _refuse_sweep(folder: Path) -> None:
 
 
 def _refuse_experiment(path: Path) -> None:
-    said = load_yaml(path).content.keys()
-    if "logs" not in said and said & _OF_EXPERIMENTS:
+    keys = load_yaml(path).content.keys()
+    if "logs" not in keys and keys & _OF_EXPERIMENTS:
         expected = f"data, as `butterfly run {path.name}` makes them in results/"
         raise InputError(path, "data", "an experiment", expected)
 
@@ -364,14 +364,14 @@ def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> 
     expected = "an identification that butterfly saved"
     try:
         found = json.loads(path.read_text(encoding="utf-8"))["data"]["manifest"]
-        told = found and found["root"]
-        manifest = found and described({**found, "root": told or "."}, given, source=path)
+        own = found and found["root"]
+        manifest = found and described({**found, "root": own or "."}, given, source=path)
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise InputError(path, "data.manifest", "none that can be used", expected) from None
     if manifest is None:
         expected = "one whose logs came from one source of files, to be read again"
         raise InputError(path, "data.manifest", "none", expected)
-    if told is None and root is None:
+    if own is None and root is None:
         expected = "--root, the folder of the logs: this result does not say where they lie"
         raise InputError(path, "data.manifest.root", "nothing", expected)
     folder = root_of(path, manifest.root, root)
@@ -380,12 +380,12 @@ def _saved_manifest(path: Path, root: Path | None, given: Mapping[str, Any]) -> 
     return manifest.model_copy(update={"root": str(folder)})
 
 
-def root_of(path: Path, said: str, root: Path | None = None) -> Path:
-    """Return the folder of the logs of which a result in a file says that they lie in ``said``.
+def root_of(path: Path, own: str, root: Path | None = None) -> Path:
+    """Return the folder of the logs of which a result in a file says that they lie in ``own``.
 
     That is absolute, or relative to the file's folder; ``root`` is where they lie if moved.
     """
-    return (path.parent / said).resolve() if root is None else root.absolute()
+    return (path.parent / own).resolve() if root is None else root.absolute()
 
 
 def is_data(path: Path) -> bool:
@@ -412,7 +412,7 @@ def read_experiment(path: Named) -> Experiment:
 
 
 def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN401 - any enumeration of texts
-    """Return a member of an enumeration of texts, which a verb was told in a field.
+    """Return a member of an enumeration of texts, that a field of a verb holds.
 
     Raises
     ------

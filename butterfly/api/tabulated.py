@@ -9,17 +9,17 @@ from typing import Any, ClassVar, Self
 
 from plotly.graph_objects import Bar, Figure, Scatter
 
-from butterfly.api.result import Result, TextTable, text, texts
 from butterfly.comparison.three_way import ThreeWay
+from butterfly.document import HEAD, Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
-from butterfly.report.numbers.document import HEAD, Told
 from butterfly.report.page import Page
-from butterfly.report.three_way import three_way_page
+from butterfly.report.three_way_page import three_way_page
+from butterfly.result import Result, TextTable, text, texts
 from butterfly.verdict import Verdict
 
 
@@ -64,7 +64,7 @@ class Tabulated(Result):
         )
 
     @classmethod
-    def of_content(cls, content: dict[str, Any]) -> Self:
+    def from_dict(cls, content: dict[str, Any]) -> Self:
         """Return what `to_dict` told of.
 
         Raises

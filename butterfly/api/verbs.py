@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 
 from butterfly.api.answers import Leaderboard, Residual, Selection
-from butterfly.api.identified import Identified
-from butterfly.api.result import TextTable
 from butterfly.api.saved import load
 from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
@@ -27,12 +25,13 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
-from butterfly.identification.diagnostics.residuals import LeftOver
+from butterfly.identification.diagnostics.residuals import ResidualSummary
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import held_out_fits, judged
-from butterfly.identification.identification import identify as identify_data
+from butterfly.identification.identification import Identification
+from butterfly.identification.identify import held_out_fits, judged
+from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.other_parameters import told_parameters
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
@@ -40,9 +39,7 @@ from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hol
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
-from butterfly.report.chosen_terms import selection_page, structures_table
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
@@ -50,7 +47,9 @@ from butterfly.report.numbers.table_numbers import (
     told_selection,
     told_validation,
 )
+from butterfly.report.ranking_pages import leaderboard_page, selection_page, structures_table
 from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
+from butterfly.result import TextTable
 
 Method = str | Estimator
 
@@ -64,11 +63,11 @@ def identify(
     data: Data,
     method: Method = DEFAULT_METHOD,
     *,
-    against: Mapping[str, Identified | LumpedParameters | Mapping[str, float]] | None = None,
+    against: Mapping[str, Identification | LumpedParameters | Mapping[str, float]] | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
-) -> Identified:
+) -> Identification:
     """Identify the robot that made the logs.
 
     Parameters
@@ -98,8 +97,7 @@ def identify(
         raise InputError("identify", "against", against, "parameters by a name for them")
     others = {name: _parameters(name, given) for name, given in (against or {}).items()}
     logs, estimator = _prepared(data, method, options, holdout)
-    found = identify_data(logs, estimator, against=others, track=track)
-    return Identified.of(found, estimator.label)
+    return identify_data(logs, estimator, against=others, track=track)
 
 
 def select(
@@ -362,13 +360,13 @@ def design(
     return Designed.of_told(told_design(logs, estimator, found, ranked))
 
 
-def saved_identification(data: Data) -> Identified | None:
+def saved_identification(data: Data) -> Identification | None:
     """Return the result that a file holds, or that data are already; None for other data."""
-    if isinstance(data, Identified):
+    if isinstance(data, Identification):
         return data
     if isinstance(data, str | PathLike) and Path(data).suffix == RESULT:
         found = load(data)
-        if isinstance(found, Identified):
+        if isinstance(found, Identification):
             return found
         raise InputError(data, "schema", found.kind, "an identification that butterfly saved")
     return None
@@ -442,7 +440,7 @@ def _validation_tables(
     return tuple(tables)
 
 
-def _torque_table(title: str, left_over: LeftOver) -> TextTable:
+def _torque_table(title: str, left_over: ResidualSummary) -> TextTable:
     """Return what the torque left over looks like, and the share of each missing term."""
     rows = [("looks like", left_over.words("the motor's torque"))] + [
         (TERMS[name].looks_like, f"{100 * share:.1f} % of its variance alone")
@@ -452,7 +450,7 @@ def _torque_table(title: str, left_over: LeftOver) -> TextTable:
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given
-    if isinstance(given, Identified | LumpedParameters):
+    if isinstance(given, Identification | LumpedParameters):
         return given if isinstance(given, LumpedParameters) else given.parameters
     if not isinstance(given, Mapping):
         expected = "parameters by their names, such as {'p1': 0.003, ...}"

@@ -35,12 +35,12 @@ from butterfly.experiment.methods import ESTIMATORS
 from butterfly.files import locate
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.identification.splits import Split
-from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page, write_page
-from butterfly.report.three_way import three_way_page
+from butterfly.report.ranking_pages import leaderboard_page
+from butterfly.report.three_way_page import three_way_page
 
 
 @answers_in_json("comparison")

@@ -23,9 +23,10 @@ from butterfly.cli.options import (
     require_report,
 )
 from butterfly.cli.show_progress import show_progress
-from butterfly.identification.design import LARGEST_SWING, next_experiments
+from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
+from butterfly.model.harmonic import LARGEST_SWING
 from butterfly.report.numbers.table_numbers import told_design
 from butterfly.report.summary import best_experiment_text
 

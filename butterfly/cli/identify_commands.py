@@ -23,9 +23,8 @@ from butterfly.cli.options import (
 from butterfly.cli.show_identification import show_identification
 from butterfly.cli.show_progress import show_progress
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.identification.other_parameters import told_parameters
-from butterfly.report.numbers.identification_numbers import told_identification
 
 
 @answers_in_json("identification")
@@ -78,14 +77,12 @@ def identify_command(
     result = identify(logs, chosen, against=others, track=show_progress)
     show_identification(result)
     if report is not None:
-        from butterfly.report.identification import write_report  # noqa: PLC0415 - slow to import
+        from butterfly.report.identification_page import write_report  # noqa: PLC0415 - slow to import
 
         write_report(result, report, figures=figures)
         typer.echo(f"Report: {report}")
-    answer.give(lambda: told_identification(result))
+    answer.give(result.told)
     if save is not None:
-        from butterfly.api.identified import Identified  # noqa: PLC0415 - slow to import
-
-        Identified.of(result, chosen.label).save(save)
+        result.save(save)
         typer.echo(f"Saved: {save}")
     end_with(result.estimate.level)

@@ -15,7 +15,7 @@ from butterfly.errors import UnusableError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from butterfly.report.numbers.document import Told
+    from butterfly.document import Told
 
 JsonOption = Annotated[
     Path | None,
@@ -60,7 +60,7 @@ class JsonAnswer:
 
     def write(self, document: Mapping[str, Any]) -> None:
         """Write a document, if somebody asked (see `give` for what is raised)."""
-        from butterfly.report.numbers.document import (  # noqa: PLC0415 - slow to import
+        from butterfly.document import (  # noqa: PLC0415 - slow to import
             json_text,
             write_document,
         )
@@ -103,7 +103,7 @@ def answers_in_json(kind: str) -> Callable[..., Any]:
 
 
 def _refused(kind: str, reasons: tuple[str, ...]) -> Told:
-    from butterfly.report.numbers.document import Told  # noqa: PLC0415
+    from butterfly.document import Told  # noqa: PLC0415
     from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
     verdict = Verdict(Level.WARNING, reasons)

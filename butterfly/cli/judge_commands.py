@@ -29,10 +29,10 @@ from butterfly.cli.options import (
 from butterfly.cli.show_progress import show_progress
 from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.diagnostics.residual_torque import residual_torques
-from butterfly.identification.diagnostics.residuals import LeftOver
+from butterfly.identification.diagnostics.residuals import ResidualSummary
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import held_out_fits, judged
+from butterfly.identification.identify import held_out_fits, judged
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap, hold_out, select_terms
@@ -158,7 +158,7 @@ def select_command(
     Terms are added one by one, the most helpful first, until none helps. With output-error and
     forty logs this takes minutes. The verdict is on the estimate with the terms chosen.
     """
-    from butterfly.report.chosen_terms import (  # noqa: PLC0415 - slow to import
+    from butterfly.report.ranking_pages import (  # noqa: PLC0415 - slow to import
         selection_page,
         structures_table,
     )
@@ -241,7 +241,7 @@ def residual_command(
     end_with(verdict.level)
 
 
-def _show_shares(left_over: LeftOver) -> None:
+def _show_shares(left_over: ResidualSummary) -> None:
     if left_over.shares:
         show_table(
             "Share of its variance that each missing term alone explains",

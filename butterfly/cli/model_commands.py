@@ -19,7 +19,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.estimators import Suitable
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.units import Units
 from butterfly.model.linear import resonance_frequency
@@ -33,8 +33,9 @@ from butterfly.report.numbers.table_numbers import rests_on
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from butterfly.document import Told
     from butterfly.logs.log import InputKind
-    from butterfly.report.numbers.document import Told
+    from butterfly.plant.robot import Robot
     from butterfly.verdict import Level, Verdict
 
 SourceArgument = Annotated[
@@ -214,5 +215,5 @@ def _named(source: Path, mass: float | None, added: float, options: DataOptions)
 
 
 def _carried(added: float, options: DataOptions) -> AddedMass:
-    told = None if options.arm is None else options.arm * Units.told(options.units).factor("arm")
+    told = None if options.arm is None else options.arm * Units.of(options.units).factor("arm")
     return AddedMass(mass=added, arm=_ARM if told is None else told)

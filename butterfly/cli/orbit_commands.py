@@ -15,7 +15,7 @@ from butterfly.cli.show_progress import show_progress
 from butterfly.experiment.orbit import calibrate_orbit
 from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
-from butterfly.report.orbit import orbit_page
+from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 
 

@@ -22,6 +22,7 @@ from butterfly.cli.options import (
 )
 from butterfly.cli.show_identification import show_estimates, show_identification, show_record
 from butterfly.cli.show_progress import show_progress
+from butterfly.document import write_document
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import outcome_of, perform
@@ -34,12 +35,11 @@ from butterfly.experiment.sweep import chosen_of, plan_sweep, run_sweep, sweep_r
 from butterfly.experiment.workers import DaskEngine, LocalEngine
 from butterfly.files import locate, replacing
 from butterfly.logs.manifest import Manifest
-from butterfly.report.identification import write_report
-from butterfly.report.numbers.document import write_document
+from butterfly.report.identification_page import write_report
 from butterfly.report.numbers.record_numbers import told_run
-from butterfly.report.orbit import orbit_page
+from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
-from butterfly.report.sweep import sweep_page
+from butterfly.report.sweep_page import sweep_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -28,10 +28,10 @@ def show_identification(result: Identification, truth: LumpedParameters | None =
     for sentence in others:
         say(sentence)
     if result.data.known.physical:
-        for sentence in physical_sentences(result.physical):
+        for sentence in physical_sentences(result.separated()):
             say(sentence)
     _show_parameters(title, parameter_rows(result.estimate.table(truth)))
-    if result.data.known.physical and (rows := physical_rows(result.physical)):
+    if rows := physical_rows(result.separated()):
         show_table(TITLE, HEADERS, rows)
     for mass, omega in result.estimate.resonances.items():
         say(f"Resonance with {mass}, as this method finds it: {omega:.4f} rad/s.")
@@ -97,12 +97,12 @@ def show_estimates(record: RunRecord) -> None:
 
 
 def _show_comparisons(result: Identification) -> None:
-    fits = [(f"{result.estimate.method}, this identification", result.summary)]
+    fits = [(f"{result.estimate.method}, this identification", result.fit)]
     for other in result.comparisons:
         gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
         fits.append((other.name + gain, other.summary))
     show_table(
-        f"FIT in %{result.summary.over} on the same logs",
+        f"FIT in %{result.fit.over} on the same logs",
         ("parameters", "median", "mean", "worst"),
         [(name, *map(fit_text, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
     )

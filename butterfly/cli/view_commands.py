@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from butterfly.experiment.schema import Experiment
     from butterfly.model.parameters import AddedMass
-    from butterfly.plant.excitations import Excitation
+    from butterfly.signals.excitations import Excitation
 
 RunOption = Annotated[
     int, typer.Option("--run", min=0, help="Which run of it: added masses times inputs, from 0 on.")

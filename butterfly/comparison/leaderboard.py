@@ -11,7 +11,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import estimated, judge
+from butterfly.identification.identify import estimated, judge
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import hold_out
 from butterfly.logs.log import InputKind

@@ -104,15 +104,10 @@ _ESTIMATE: dict[str, Column[Found]] = {
 }
 
 
-class Columns:
+class SweepColumns:
     """The columns of a sweep's tables: the fixed ones, and one for each field that varied.
 
-    Parameters
-    ----------
-    fields
-        Paths of the fields that varied.
-    runs
-        All of them, whose values decide on the types of these columns.
+    The values of all runs decide on the types of the latter.
     """
 
     def __init__(self, fields: Sequence[str], runs: Iterable[SweepRun]) -> None:

@@ -1,8 +1,8 @@
-"""What an experiment file may say under ``control:``, and how it becomes a plan."""
+"""What an experiment file may say under ``control:``."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field
@@ -10,8 +10,8 @@ from pydantic import Field
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import Observer, VelocityEstimator
-from butterfly.orbit.loop import Plan, Schedule
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.loop import OrbitSchedule
+from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.yaml_input import OneOf, StrictModel
 
@@ -30,14 +30,8 @@ class TargetSpec(OneOf):
     energy: float | None = None
     state: StateSpec | None = None
 
-    def orbit(self, parameters: LumpedParameters) -> Orbit:
-        """Return the orbit that a hand of these parameters has.
-
-        Raises
-        ------
-        InputError
-            If it has none.
-        """
+    def __call__(self, parameters: LumpedParameters) -> Orbit:
+        """Return the orbit that a hand of these parameters has."""
         if self.amplitude is not None:
             return Orbit.of_amplitude(parameters, self.amplitude)
         if self.energy is not None:
@@ -64,7 +58,7 @@ class VelocitySpec(OneOf):
     filtered_difference: DifferenceSpec | None = None
     observer: ObserverSpec | None = None
 
-    def estimator(self, parameters: LumpedParameters, zero: float) -> VelocityEstimator:
+    def __call__(self, parameters: LumpedParameters, zero: float) -> VelocityEstimator:
         """Return a fresh estimator for a hand of these parameters."""
         if self.observer is not None:
             return Observer(parameters, zero, self.observer.bandwidth)
@@ -76,40 +70,11 @@ _DIFFERENCE = VelocitySpec(filtered_difference=DifferenceSpec())
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControlSpec(Schedule):
-    """An orbit to hold, and the rounds of re-calibration next to it.
-
-    Parameters
-    ----------
-    target
-        The orbit.
-    velocity
-        From the encoder.
-    believed
-        Parameters of the bare hand to begin with; if not given they are identified from the
-        experiment's excitations.
-    recalibration
-        Balance, candidate terms and the rest.
-    cross_check
-        Amplitudes in rad of orbits at which models are re-calibrated and tried on each other.
-    """
+class ControlSpec(OrbitSchedule):
+    """An orbit to hold, what each round does, and what is compared at the end."""
 
     target: TargetSpec
     velocity: VelocitySpec = _DIFFERENCE
-    believed: LumpedParameters | None = None
+    believed: LumpedParameters | None = None  # of the bare hand; identified if not given
     recalibration: RecalibrationOptions = RecalibrationOptions()
-    cross_check: tuple[float, ...] = ()
-
-    def plan(self, zero: float) -> Plan:
-        """Return the plan of `butterfly.orbit.loop` that this describes.
-
-        Parameters
-        ----------
-        zero
-            Encoder reading in rad of the hanging hand.
-        """
-        return Plan(
-            **{each.name: getattr(self, each.name) for each in fields(Schedule)},
-            target=self.target.orbit,
-            velocity=lambda parameters: self.velocity.estimator(parameters, zero),
-        )
+    cross_check: tuple[float, ...] = ()  # amplitudes in rad (see `study_orbit`)

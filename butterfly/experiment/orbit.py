@@ -13,7 +13,7 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, simulate, write_logs
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.identification import judged
+from butterfly.identification.identify import judged
 from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
@@ -88,7 +88,7 @@ def hold_orbit(
         partial(experiment.plant.rig.run, rng=rng),
         believed,
         zero,
-        control.plan(zero),
+        control,
         control.recalibration,
         amplitudes=control.cross_check,
         small_swings=small_swings,

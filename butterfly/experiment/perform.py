@@ -28,37 +28,24 @@ from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import Identification, identify
+from butterfly.identification.identification import Identification
+from butterfly.identification.identify import identify
 from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy
-from butterfly.plant.excitations import Table
 from butterfly.progress import Track, untracked
+from butterfly.signals.excitations import Table
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunResult:
-    """What a run gave: the record to keep, and the whole of it to look at.
-
-    Parameters
-    ----------
-    record
-        What is kept.
-    error
-        What ended it early, or why there is no result; None if there is one.
-    logs
-        Simulated, in order.
-    identifications
-        Of the estimators that gave an estimate, by their labels.
-    orbit
-        If one was held.
-    """
+    """What a run gave: the record to keep, and the whole of it to look at."""
 
     record: RunRecord
-    error: Exception | None
-    logs: tuple[Log, ...]
-    identifications: dict[str, Identification]
-    orbit: OrbitStudy | None
+    error: Exception | None  # what ended it early, or why there is no result
+    logs: tuple[Log, ...]  # simulated, in order
+    identifications: dict[str, Identification]  # of estimators that gave one, by their labels
+    orbit: OrbitStudy | None  # if one was held
 
 
 def perform(
@@ -66,14 +53,7 @@ def perform(
 ) -> RunResult:
     """Do one run; whatever goes wrong is recorded with what there was until then.
 
-    Parameters
-    ----------
-    experiment
-        Its ``sweep`` is not looked at.
-    threads
-        Of the simulation; one per core if not given. The result does not depend on it.
-    track
-        Shows progress.
+    The ``threads`` of the simulation are one per core if not given; no result depends on them.
     """
     run = _Run(experiment, threads, track)
     error: Exception | None = None
@@ -82,10 +62,10 @@ def perform(
             run.do()
         except Exception as ending:
             error = ending
-    status, told = _judged(error)
+    status, reason = _ended(error)
     record = RunRecord(
         status=status,
-        error=told,
+        error=reason,
         seed=experiment.seed,
         logs=len(run.logs),
         estimates=tuple(run.estimates),
@@ -120,8 +100,8 @@ def outcome_of(task: Task, experiment: Experiment, result: RunResult) -> Outcome
     return Outcome(record=record, files=packed(experiment, result.logs) if keep else {})
 
 
-def _judged(error: Exception | None) -> tuple[str, str]:
-    """Return the status of a run that ended so, and what its record says of it."""
+def _ended(error: Exception | None) -> tuple[str, str]:
+    """Return the status of a run that ended with an error or none, and the reason to record."""
     if error is None:
         return OK, ""
     if isinstance(error, ButterflyError):
@@ -176,9 +156,9 @@ class _Run:
             refused = EstimateRecord(estimator=spec.label, error=str(error))
             self.estimates.append(refused)
             return
-        found, fit = identification.estimate, identification.summary
+        found, fit = identification.estimate, identification.fit
         self.identifications[spec.label] = identification
-        held = np.array([run.fit for run in identification.held_runs])
+        held = np.array(list(identification.held_out.values()))
         holdout = FitSummary.of(held) if held.size else None
         record = EstimateRecord.of(spec.label, found, fit, self._truth, holdout)
         self.estimates.append(self._validated(record, data, spec))

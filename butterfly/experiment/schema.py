@@ -29,7 +29,7 @@ from butterfly.identification.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Uncertain
 from butterfly.model.friction import Friction
-from butterfly.model.harmonic import predicted_swing
+from butterfly.model.harmonic import LARGEST_SWING, predicted_swing
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import (
     AddedMass,
@@ -38,7 +38,11 @@ from butterfly.model.parameters import (
     TorqueDrive,
     VoltageDrive,
 )
-from butterfly.plant.excitations import (
+from butterfly.plant.motor import CommandPath
+from butterfly.plant.rig import Rig, Simulator
+from butterfly.plant.robot import Clutch, Robot
+from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.signals.excitations import (
     Chirp,
     Excitation,
     FreeDecay,
@@ -47,16 +51,9 @@ from butterfly.plant.excitations import (
     SteppedSine,
     Table,
 )
-from butterfly.plant.motor import CommandPath
-from butterfly.plant.rig import Rig, Simulator
-from butterfly.plant.robot import Clutch, Robot
-from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.yaml_input import OneOf, StrictModel
 
 _ORBIT_STREAM = 2**32 - 1  # a number that no run has
-
-SMALL_SWING = 1.0
-"""Swing in rad above which a sine is warned about: harmonics and jumps of the resonance set in."""
 
 
 class DriveSpec(OneOf):
@@ -254,7 +251,7 @@ class Experiment(StrictModel):
         return np.random.SeedSequence(self.seed, spawn_key=(_ORBIT_STREAM,))
 
     def wide_swings(self) -> list[tuple[AddedMass, Sine, float]]:
-        """List the runs whose sine is predicted to swing the hand beyond `SMALL_SWING`, in rad."""
+        """List the runs whose sine is predicted to swing beyond `LARGEST_SWING`, in rad."""
         lumped = self.plant.robot.lumped
         predicted = [
             (
@@ -264,7 +261,7 @@ class Experiment(StrictModel):
             )
             for added, sine in product(self.added_masses, self.excitations)
         ]
-        return [run for run in predicted if run[2] > SMALL_SWING]
+        return [run for run in predicted if run[2] > LARGEST_SWING]
 
     @property
     def input_kind(self) -> InputKind:

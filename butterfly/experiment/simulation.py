@@ -21,11 +21,11 @@ from butterfly.logs.manifest import (
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
 from butterfly.model.known import Knowledge, Known
-from butterfly.plant.excitations import initial_angle
 from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
 from butterfly.progress import Track, untracked
+from butterfly.signals.excitations import initial_angle
 
 
 def simulate(

@@ -18,7 +18,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.schema import Experiment, TableFile
 from butterfly.files import locate, replacing, require_path, shipped
 from butterfly.logs.csv import read_columns
-from butterfly.plant.excitations import Table
+from butterfly.signals.excitations import Table
 from butterfly.thesis.synthetic import Synthetic
 from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
 from butterfly.yaml_output import yaml_text

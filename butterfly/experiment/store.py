@@ -23,7 +23,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError
-from butterfly.experiment.columns import TABLES, Columns
+from butterfly.experiment.columns import TABLES, SweepColumns
 from butterfly.experiment.record import (
     OK,
     SCHEMA,
@@ -144,7 +144,7 @@ class ResultStore:
 
     def _tables(self, sweep: SweepRecord) -> dict[str, bytes]:
         """Return the contents of the files of the tables, by name."""
-        columns = Columns(sweep.fields, sweep.runs)
+        columns = SweepColumns(sweep.fields, sweep.runs)
         files = {name: io.BytesIO() for name in TABLES}
         with ExitStack() as open_files:
             writers = {

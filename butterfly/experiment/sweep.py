@@ -20,8 +20,8 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_spec import apply
 from butterfly.experiment.workers import Engine
 from butterfly.identification.estimators import Estimator
-from butterfly.plant.excitations import Table
 from butterfly.progress import Track, untracked
+from butterfly.signals.excitations import Table
 
 _NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it
 _ASKED_OTHERWISE = {"method", "terms", "estimators", "signals"}

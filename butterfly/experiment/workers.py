@@ -19,7 +19,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.record import Outcome, Task
-from butterfly.plant.excitations import Table
+from butterfly.signals.excitations import Table
 
 Tables = Mapping[str, Table]
 Work = Callable[[Task, Tables], Outcome]

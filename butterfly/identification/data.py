@@ -10,12 +10,21 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_refused, slips_of_still
-from butterfly.identification.diagnostics.unit_errors.names import with_slips
+from butterfly.identification.diagnostics.unit_errors.inputs import (
+    unit_errors_of_refused,
+    unit_errors_of_still,
+)
+from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
+from butterfly.identification.encoder_offset import (
+    EncoderOffset,
+    OffsetKind,
+    encoder_offsets,
+    near,
+    reading_of,
+)
 from butterfly.identification.free_run import Simulations
 from butterfly.identification.implied import beside_masses, implied
 from butterfly.identification.inference.identifiability import is_driven
-from butterfly.identification.zeros import Zero, ZeroKind, near, reading_of, zeros_of
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names
 from butterfly.logs.manifest import Manifest
@@ -52,7 +61,7 @@ class DataSet:
         the record of what was found in each.
     points
         The steady response of each log, None where the input is no sine.
-    held
+    test_logs
         Logs that are not to be used, only to be foretold; None if there are none.
     """
 
@@ -66,7 +75,7 @@ class DataSet:
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
     points: tuple[ResponsePoint | None, ...]
-    held: DataSet | None = None
+    test_logs: DataSet | None = None
 
     @classmethod
     def of(
@@ -99,7 +108,7 @@ class DataSet:
         try:
             ready = [_ready(log, repairs) for log in recorded]
         except InputError as error:
-            raise with_slips(error, slips_of_still(recorded)) from None
+            raise with_unit_errors(error, unit_errors_of_still(recorded)) from None
         logs = [log for log, _ in ready]
         told = _of_logs(recorded).also(known)
         return cls(
@@ -131,9 +140,9 @@ class DataSet:
         return self.logs[0].added_mass.joint
 
     @cached_property
-    def zeros(self) -> tuple[Zero, ...]:
+    def offsets(self) -> tuple[EncoderOffset, ...]:
         """Encoder reading where the model's angle is 0, for each log, and how it was found."""
-        return zeros_of(self.logs, self.points)
+        return encoder_offsets(self.logs, self.points)
 
     @cached_property
     def equilibria(self) -> dict[AddedMass, float]:
@@ -144,9 +153,9 @@ class DataSet:
         """
         found: dict[AddedMass, float] = {}
         for mass in self.masses:
-            pairs = zip(self.logs, self.zeros, strict=True)
+            pairs = zip(self.logs, self.offsets, strict=True)
             own = [zero for log, zero in pairs if log.added_mass == mass]
-            others = [zero for zero in own if zero.kind is not ZeroKind.TOLD] or own
+            others = [zero for zero in own if zero.kind is not OffsetKind.TOLD] or own
             readings = [near(zero.value, others[0].value) for zero in others]
             found[mass] = float(np.median(readings))
         return found
@@ -174,8 +183,8 @@ class DataSet:
     @property
     def guessed(self) -> tuple[str, ...]:
         """Names of the logs whose zero is a guess, if there is any to know."""
-        pairs = zip(self.logs, self.zeros, strict=True) if self.hangs else ()
-        return tuple(log.name for log, zero in pairs if zero.kind is ZeroKind.GUESS)
+        pairs = zip(self.logs, self.offsets, strict=True) if self.hangs else ()
+        return tuple(log.name for log, zero in pairs if zero.kind is OffsetKind.GUESS)
 
     @cached_property
     def calm(self) -> list[int]:
@@ -201,9 +210,13 @@ class DataSet:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
         told = self.told.also(known)
-        held = None if self.held is None else self.held.knowing(known)
+        test_logs = None if self.test_logs is None else self.test_logs.knowing(known)
         return replace(
-            self, told=told, known=_implied(told, self.recorded), manifest=manifest, held=held
+            self,
+            told=told,
+            known=_implied(told, self.recorded),
+            manifest=manifest,
+            test_logs=test_logs,
         )
 
     def with_zero(self, zero: Known) -> DataSet:
@@ -213,15 +226,15 @@ class DataSet:
             manifest=None if self.manifest is None else self.manifest.with_zero(zero),
             recorded=tuple(replace(log, zero=zero) for log in self.recorded),
             logs=tuple(replace(log, zero=zero) for log in self.logs),
-            held=None if self.held is None else self.held.with_zero(zero),
+            test_logs=None if self.test_logs is None else self.test_logs.with_zero(zero),
         )
 
     @property
     def whole(self) -> DataSet:
         """All logs, those that are held out after the others."""
-        if self.held is None:
+        if self.test_logs is None:
             return self
-        both = (self, self.held)
+        both = (self, self.test_logs)
         return replace(
             self,
             manifest=self.whole_manifest,
@@ -229,21 +242,21 @@ class DataSet:
             logs=tuple(log for each in both for log in each.logs),
             health=tuple(health for each in both for health in each.health),
             points=tuple(point for each in both for point in each.points),
-            held=None,
+            test_logs=None,
         )
 
     @property
     def whole_manifest(self) -> Manifest | None:
         """The manifest of all logs, which names those that are held out."""
-        held = self.held
-        if self.manifest is None or held is None or held.manifest is None:
+        test_logs = self.test_logs
+        if self.manifest is None or test_logs is None or test_logs.manifest is None:
             return self.manifest
-        entries = [*self.manifest.logs, *held.manifest.logs]
-        names = [log.name for log in held.logs]
+        entries = [*self.manifest.logs, *test_logs.manifest.logs]
+        names = [log.name for log in test_logs.logs]
         return self.manifest.model_copy(update={"logs": entries, "holdout": names})
 
     def holding_out(self, names: Sequence[str]) -> DataSet:
-        """Return the data set with some logs, by name or glob pattern, not to be used (`held`).
+        """Return the data set with some logs, by name or glob pattern, as `test_logs`.
 
         Raises
         ------
@@ -253,7 +266,7 @@ class DataSet:
         return self.holding(numbers_named(self.logs, names, self.name)) if names else self
 
     def holding(self, rows: Sequence[int]) -> DataSet:
-        """Return the data set with some logs, by their numbers, not to be used (see `held`).
+        """Return the data set with some logs, by their numbers, as `test_logs`.
 
         Raises
         ------
@@ -266,8 +279,8 @@ class DataSet:
         kept = [k for k in range(count) if k not in rows]
         if not kept:
             raise InputError(self.name, "holdout", "all logs", "some left to estimate from")
-        held = whole.take([*rows, *range(count, len(whole.logs))])
-        return replace(whole.take(kept), held=held)
+        test_logs = whole.take([*rows, *range(count, len(whole.logs))])
+        return replace(whole.take(kept), test_logs=test_logs)
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some of the logs that are used, by their numbers."""
@@ -278,7 +291,7 @@ class DataSet:
             logs=tuple(self.logs[k] for k in rows),
             health=tuple(self.health[k] for k in rows),
             points=tuple(self.points[k] for k in rows),
-            held=None,
+            test_logs=None,
         )
 
     def _part(self, rows: Sequence[int]) -> Manifest | None:
@@ -301,13 +314,7 @@ def _of_logs(logs: Sequence[Log]) -> Knowledge:
 
 
 def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
-    """Return what is told, and what follows, of the joint that made some logs.
-
-    Raises
-    ------
-    InputError
-        If it cannot be.
-    """
+    """Return what is told, and what follows, of the joint that made some logs."""
     first = logs[0]
     moment = told.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
@@ -319,12 +326,7 @@ def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
 def turns_over(log: Log, zero: float) -> bool:
     """Whether the hand passes near the upright, or through it, so that small causes tell.
 
-    Parameters
-    ----------
-    log
-        Of any input.
-    zero
-        Encoder reading in rad of the hand at rest.
+    ``log``: of any input; ``zero``: encoder reading in rad of the hand at rest.
     """
     turned = 2 * math.pi * round((float(np.median(log.angle)) - zero) / (2 * math.pi))
     return bool(np.max(np.abs(log.angle - zero - turned)) > _UPRIGHT)
@@ -337,17 +339,11 @@ def _responses(logs: Sequence[Log], track: Track) -> tuple[ResponsePoint | None,
             response_point(log) if log.excitation else None for log in track(logs, "Fitting sines")
         )
     except InputError as error:
-        raise with_slips(error, slips_of_refused(logs)) from None
+        raise with_unit_errors(error, unit_errors_of_refused(logs)) from None
 
 
 def read_data_set(manifest: Manifest, track: Track = untracked) -> DataSet:
-    """Read every log of a manifest (see `DataSet.of`).
-
-    Raises
-    ------
-    InputError
-        If a log cannot be read or used.
-    """
+    """Read every log of a manifest (see `DataSet.of`)."""
     manifest, recorded = read_logs(manifest, track)
     data = DataSet.of(
         recorded,

@@ -7,6 +7,7 @@ Identification of Parametric Models from Experimental Data, 1997, ch. 6).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,15 +19,14 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
+from butterfly.model.harmonic import LARGEST_SWING
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.progress import Track, in_threads, untracked
+from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, initial_angle
 
 DURATION = 40.0
 """Length of a run in s."""
-
-LARGEST_SWING = 1.0
-"""In rad; a candidate that swings wider is left out. A slide's is what its logs have shown."""
 
 _STEP = 5e-3  # s
 _INDEPENDENT = 2  # a run tells two numbers for certain, its gain and its phase, and no more
@@ -34,46 +34,38 @@ _HYPERSENSITIVE = 0.5  # of the swing, by which one standard error may move a ca
 _OVER_FRICTION = 1.5  # least torque of a candidate's drive, in Coulomb torques
 _SWINGS = (0.15, 0.4)  # rad, aimed at by the amplitudes; of a slide shares of what is allowed
 _RATIOS = (0.5, 0.75, 0.9, 1.0, 1.1, 1.35, 2.0)  # of the resonance, the frequencies
-_MULTISINE = np.array([0.5, 0.8, 0.95, 1.05, 1.3, 1.9])
+_HARMONICS = (10, 16, 19, 21, 26, 38)  # of a multisine, whose base is the resonance by 20
+_RESONANCE = 20  # of them
 _RELEASE = 0.6  # rad, from which a free decay starts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """A next experiment and what it is expected to bring.
+    """A next experiment and what it is expected to bring."""
 
-    Parameters
-    ----------
-    added_mass
-        What the hand carries.
-    what
-        The input, in words.
-    swing
-        Largest angle in rad predicted, on a slide way in m.
-    errors
-        (n,) standard errors expected after it, over those before.
-    warning
-        Why it should not be relied on; empty if it may.
-    """
+    added_mass: AddedMass  # what the hand carries
+    signal: Excitation  # the input, as an experiment can be driven with it
+    swing: float  # largest angle in rad predicted, on a slide way in m
+    errors: NDArray[np.float64]  # (n,) standard errors expected after it, over those before
+    warning: str = ""  # why it should not be relied on; empty if it may
 
-    added_mass: AddedMass
-    what: str
-    swing: float
-    errors: NDArray[np.float64]
-    warning: str = ""
+    @property
+    def what(self) -> str:
+        """The input, in words."""
+        if isinstance(self.signal, Sine):
+            return f"sine of {self.signal.omega:g} rad/s, amplitude {self.signal.amplitude:g}"
+        if isinstance(self.signal, Multisine):
+            lines = ", ".join(map(str, self.signal.harmonics))
+            return (
+                f"multisine of base {self.signal.base:g} rad/s, harmonics {lines}, "
+                f"peak {self.signal.peak:g}"
+            )
+        return f"free decay from {initial_angle(self.signal):g} rad"
 
     @property
     def score(self) -> float:
         """Geometric mean of `errors`: the smaller the better."""
         return float(np.exp(np.mean(np.log(self.errors))))
-
-
-@dataclass(frozen=True)
-class _Input:
-    what: str
-    amplitudes: NDArray[np.float64]
-    omegas: NDArray[np.float64]
-    release: float = 0.0
 
 
 def rank_experiments(
@@ -89,25 +81,9 @@ def rank_experiments(
     Left at the end, with a warning, are candidates that swing too wide, that friction may hold, or
     whose angle the present uncertainty moves so much that its prediction means little.
 
-    Parameters
-    ----------
-    estimate
-        With its covariance.
-    masses
-        Added masses that are at hand, none being one.
-    misfit
-        Relative error of the model on the logs so far, 1 - FIT/100.
-    largest_swing
-        Allowed, in rad.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    InputError
-        If the swing is not positive.
-    IdentifiabilityError
-        If the estimate has no covariance.
+    ``estimate``: with its covariance; ``masses``: added masses that are at hand, none being one;
+    ``misfit``: relative error of the model on the logs so far, 1 - FIT/100; ``largest_swing``:
+    allowed, in rad.
     """
     require_number("design", positive=True, unit="rad", swing=largest_swing)
     if not np.isfinite(estimate.covariance).all():
@@ -137,21 +113,9 @@ def next_experiments(
 ) -> list[Candidate]:
     """Rank what to do next with the added masses of a data set (see `rank_experiments`).
 
-    Parameters
-    ----------
-    data
-        From which the estimate was made; how well it is followed says how far to trust the model.
-    estimate
-        With its covariance.
-    largest_swing
-        Allowed, in rad or m; `LARGEST_SWING`, or what a slide's logs have shown, if not given.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the estimate has no covariance.
+    ``data``: from which the estimate was made; how well it is followed says how far to trust the
+    model; ``estimate``: with its covariance; ``largest_swing``: allowed, in rad or m;
+    `LARGEST_SWING`, or what a slide's logs have shown, if not given.
     """
     if largest_swing is None:
         seen = max(float(np.ptp(log.angle)) / 2 for log in data.logs)
@@ -167,7 +131,7 @@ def masses_at_hand(data: DataSet) -> list[AddedMass]:
     return sorted({mass.inertia_and_moment: mass for mass in (bare, *data.masses)}.values())
 
 
-def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list[_Input]:
+def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list[Excitation]:
     """Propose inputs around the resonance of the hand with its added mass."""
     swings = [(limit if mass.joint is JointKind.SLIDE else 1.0) * swing for swing in _SWINGS]
     loaded = parameters.with_added_mass(mass)
@@ -175,41 +139,33 @@ def _inputs(parameters: LumpedParameters, mass: AddedMass, limit: float) -> list
     if resonance == 0.0:
         # Without a restoring moment any frequency will do that friction lets pass.
         resonance = (abs(loaded.p3) / loaded.p1) ** 0.5 or 2.0
-    inputs = []
+    inputs: list[Excitation] = []
     for ratio in _RATIOS:
         omega = ratio * resonance
         for swing in swings:
             stiffness = abs(loaded.p3 - loaded.p1 * omega**2) * swing
             damping = loaded.p2 * omega * swing + 4 / np.pi * loaded.coulomb
-            sine = Sine(
-                omega=float(f"{omega:.3g}"),
-                amplitude=float(f"{np.hypot(stiffness, damping) / abs(loaded.p4):.2g}"),
-            )
-            what = f"sine of {sine.omega:g} rad/s, amplitude {sine.amplitude:g}"
-            inputs.append(_Input(what, np.array([sine.amplitude]), np.array([sine.omega])))
+            amplitude = float(f"{np.hypot(stiffness, damping) / abs(loaded.p4):.2g}")
+            inputs.append(Sine(omega=float(f"{omega:.3g}"), amplitude=amplitude))
     torque = (loaded.p1 * resonance**2 * swings[0] + 2 * loaded.coulomb) / abs(loaded.p4)
-    tones = np.full(_MULTISINE.size, float(f"{torque / 3:.2g}"))
-    omegas = np.round(_MULTISINE * resonance, 2)
-    listing = ", ".join(f"{omega:g}" for omega in omegas)
-    inputs.append(_Input(f"multisine of {listing} rad/s, {tones[0]:g} each", tones, omegas))
-    if loaded.p3 == 0.0:
-        return inputs  # nothing brings it back
-    none = np.empty(0)
-    inputs.append(_Input(f"free decay from {_RELEASE:g} rad", none, none, _RELEASE))
+    base, peak = float(f"{resonance / _RESONANCE:.3g}"), float(f"{torque:.2g}")
+    inputs.append(Multisine(base=base, harmonics=_HARMONICS, peak=peak))
+    if loaded.p3 != 0.0:  # which brings it back
+        inputs.append(FreeDecay(angle=_RELEASE))
     return inputs
 
 
 def judged_candidate(
-    estimate: Estimate, mass: AddedMass, what: _Input, *, misfit: float, limit: float
+    estimate: Estimate, mass: AddedMass, signal: Excitation, *, misfit: float, limit: float
 ) -> Candidate:
     """Return what a candidate would tell, and why not to rely on it."""
     parameters = estimate.parameters
-    angle = _respond(parameters, mass, what)
+    angle = _respond(parameters, mass, signal)
     errors = estimate.standard_errors
     columns = []
     for name, error in zip(estimate.names, errors.tolist(), strict=True):
         moved = replace(parameters, **{name: getattr(parameters, name) + error})
-        columns.append(_respond(moved, mass, what) - angle)
+        columns.append(_respond(moved, mass, signal) - angle)
     jacobian = np.column_stack(columns)  # per standard error
     motion = max(float(np.std(angle)), 1e-9)
     correlation = estimate.covariance / np.outer(errors, errors)
@@ -217,31 +173,39 @@ def judged_candidate(
     after = np.linalg.inv(np.linalg.inv(correlation) + information)
     spread = float(np.sqrt(np.trace(correlation @ jacobian.T @ jacobian) / angle.size)) / motion
     swing = float(np.max(np.abs(angle)))
-    drive = abs(parameters.p4) * float(np.sum(what.amplitudes))
+    drive = abs(parameters.p4) * _peak(signal)
     friction = parameters.with_added_mass(mass).coulomb
     warning = ""
     if swing > limit:
         warning = f"swings {swing:.2g} {mass.joint.way}"
-    elif what.omegas.size and drive < _OVER_FRICTION * friction:
+    elif drive < _OVER_FRICTION * friction:
         warning = "the drive hardly exceeds Coulomb friction"
     elif spread > _HYPERSENSITIVE:
         warning = f"hypersensitive: its angle is known to {100 * spread:.0f} % of its swing only"
     return Candidate(
         added_mass=mass,
-        what=what.what,
+        signal=signal,
         swing=swing,
         errors=np.sqrt(np.diag(after)),
         warning=warning,
     )
 
 
-def _respond(parameters: LumpedParameters, mass: AddedMass, what: _Input) -> NDArray[np.float64]:
+def _peak(signal: Excitation) -> float:
+    """Return the largest value of an input; infinite for a free decay, which needs no drive."""
+    if isinstance(signal, Sine):
+        return signal.amplitude
+    return signal.peak if isinstance(signal, Multisine) else math.inf
+
+
+def _respond(
+    parameters: LumpedParameters, mass: AddedMass, signal: Excitation
+) -> NDArray[np.float64]:
     """Simulate a candidate from rest, its bias aside."""
     time = np.arange(0.0, DURATION, _STEP)
     instants = np.column_stack([time[:-1], time[:-1] + _STEP / 2, time[1:]])
-    late = np.maximum(instants - parameters.delay, 0.0)
-    inputs = np.zeros_like(late)
-    for amplitude, omega in zip(what.amplitudes, what.omegas, strict=True):
-        inputs += amplitude * np.sin(omega * late)
-    angle, _ = simulate(parameters.with_added_mass(mass), time, inputs, what.release)
+    late = instants - parameters.delay
+    inputs = np.where(late < 0, 0.0, signal.sample(late.ravel()).reshape(late.shape))
+    loaded = parameters.with_added_mass(mass)
+    angle, _ = simulate(loaded, time, inputs, initial_angle(signal))
     return angle

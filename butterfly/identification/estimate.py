@@ -25,8 +25,8 @@ from butterfly.identification.inference.mass_consistency import (
     corrections,
     moved_by_masses,
 )
+from butterfly.identification.normal_equations import SolvedEquations, pulled_below
 from butterfly.identification.parameter import Parameter, or_none, unit_of
-from butterfly.identification.solved import Solved, pulled_below
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
@@ -119,7 +119,7 @@ class Estimate:
     @classmethod
     def from_rows(
         cls,
-        solved: Solved,
+        solved: SolvedEquations,
         *,
         method: str,
         left_out: Mapping[Hashable, NDArray[np.float64]],
@@ -394,7 +394,7 @@ class Estimate:
         """Return the estimate with further findings."""
         return replace(self, findings=(*self.findings, *more))
 
-    def with_slips(self, *slips: Finding) -> Estimate:
+    def with_unit_errors(self, *slips: Finding) -> Estimate:
         """Return the estimate with the slips that explain it said first, and no guess at others."""
         if not slips:
             return self

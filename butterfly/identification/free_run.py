@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.prediction_horizon import horizon_of
 from butterfly.identification.segments import Segments, is_segmented, simulation_of
 from butterfly.identification.simulation import Simulation, grid_step
-from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 

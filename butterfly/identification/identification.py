@@ -1,252 +1,506 @@
-"""The whole job on one data set: fit, judge, simulate."""
+"""What was learnt from a data set: the estimate, how it follows the logs, and its views."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from os import PathLike
+from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
-from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.goodness_of_fit import judge_fit, judge_held_out
+from butterfly.document import Told
+from butterfly.errors import InputError
+from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
-from butterfly.identification.diagnostics.physics import judge_input, judge_knowledge, judge_physics
-from butterfly.identification.diagnostics.unit_errors.names import with_slips
-from butterfly.identification.diagnostics.unit_errors.search import (
-    find_slips,
-    find_slips_of_clock,
-    find_slips_of_refused,
-)
+from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator, Suitable
+from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun
-from butterfly.identification.other_parameters import OtherParameters, try_parameters
+from butterfly.identification.other_parameters import OtherParameters
+from butterfly.identification.parameter import or_nan
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
-from butterfly.model.parameters import LumpedParameters
-from butterfly.progress import Track, untracked
+from butterfly.logs.log import InputKind
+from butterfly.logs.manifest import Manifest
+from butterfly.model.known import PHYSICAL, Knowledge
+from butterfly.model.parameters import (
+    GRAVITY,
+    NO_ADDED_MASS,
+    AddedMass,
+    JointKind,
+    LumpedParameters,
+)
+from butterfly.model.terms import PARAMETERS
+from butterfly.result import Result, TextTable, aligned, text, texts
+from butterfly.verdict import Verdict
 
-_UNWARNED = np.errstate(over="ignore", invalid="ignore", divide="ignore")
-"""What a trial of values leads to that no joint has: it is as bad as it is, and is told by that."""
+if TYPE_CHECKING:
+    import control
+    from plotly.graph_objects import Figure
+
+    from butterfly.api.identified_model import IdentifiedModel
+    from butterfly.api.separated import Separated
+    from butterfly.report.identification_plots import IdentificationPlots
+
+_HEADERS = (
+    *("", "true", "deviation", "estimate", "std error", "95 % interval", "unit"),
+    "one mass left out",
+)
+_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%", "against.fit": "%"}
+_SAVED = ("summary", "chosen", "against", "misfit")
+_LARGEST = 1e60  # of any number: squares of such are numbers too
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
-    """Everything that was learnt from one data set.
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Identification(Result):
+    """What was learnt from a data set.
 
     Parameters
     ----------
-    data
-        The logs and their steady responses.
     estimate
-        The parameters.
-    free_runs
-        Simulation of each log with the estimate.
+        Parameters with covariance and findings.
+    estimator
+        What made it, and its options, in a line.
+    origin
+        The data: name, description, input, number of logs, what was known of the robot, its joint
+        and gravity, and the manifest that the logs were read by.
+    fits, held_out
+        FIT in per cent of the free run of each log, by its name, and of each that was held out.
+    logs
+        The data set; None for a result that was loaded, whose logs are read again by `data`.
+    runs
+        Free run of each log; those of a result that was loaded are simulated by `free_runs`.
     comparisons
         Other parameters on the same logs.
-    held_runs
-        Simulation of each log that was held out.
-    estimator
-        What made the estimate; None of one that was saved.
+    made_by
+        The estimator; None for a result that was loaded.
+    saved
+        What a file said that the logs are needed for: summary, options, other parameters, misfit.
     """
 
-    data: DataSet
+    kind: ClassVar[str] = "identification"
+
     estimate: Estimate
-    free_runs: tuple[FreeRun, ...]
-    comparisons: tuple[OtherParameters, ...]
-    held_runs: tuple[FreeRun, ...] = ()
-    estimator: Estimator | None = None
+    estimator: str
+    origin: dict[str, Any]
+    fits: dict[str, float]
+    held_out: dict[str, float] = field(default_factory=dict)
+    logs: DataSet | None = None
+    runs: tuple[FreeRun, ...] = ()
+    comparisons: tuple[OtherParameters, ...] = ()
+    made_by: Estimator | None = None
+    saved: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> Identification:
+        """Return what `to_dict` told of (see `Estimate.from_dict` for what is raised)."""
+        origin = dict(content["data"])
+        InputKind(origin["input"])
+        if origin["manifest"] is not None:
+            manifest = origin["manifest"]
+            Manifest.model_validate({**manifest, "root": manifest["root"] or "."})
+        texts(content["summary"])
+        fits = _fits(content["fits"])
+        if not fits:
+            raise ValueError("no logs")
+        found = cls(
+            estimate=_usable(Estimate.from_dict(content)),
+            estimator=text(content["estimator"]),
+            origin=origin | {"name": text(origin["name"])},
+            fits=fits,
+            held_out=_fits(content.get("held_out", {})),
+            saved={key: content[key] for key in _SAVED if key in content},
+        )
+        found.separated()
+        return found
+
+    def told(self, truth: LumpedParameters | None = None) -> Told:
+        """Return what it says, for programs, beside the truth where it is known."""
+        from butterfly.report.numbers.estimate_numbers import (  # noqa: PLC0415 - a view
+            estimate_numbers,
+            without_root,
+        )
+        from butterfly.report.numbers.misfit_numbers import misfit_units  # noqa: PLC0415 - a view
+        from butterfly.report.physical import physical_numbers  # noqa: PLC0415 - a view
+
+        return Told(
+            kind=self.kind,
+            title=self.title,
+            verdict=self.judged,
+            summary=self.summary,
+            content={
+                "estimator": self.estimator,
+                "data": {**self.origin, "manifest": without_root(self.origin["manifest"])},
+                **estimate_numbers(self.estimate, truth),
+                "fit": self.fit.numbers(),
+                "fits": dict(self.fits),
+                "held_out": dict(self.held_out),
+                "physical": physical_numbers(self.separated()),
+                **self._of_logs(),
+            },
+            units=_UNITS | misfit_units(self.estimate.joint),
+        )
+
+    def _of_logs(self) -> dict[str, Any]:
+        """Return what is told that needs the logs, or was saved with them."""
+        from butterfly.report.finding_texts import values_of  # noqa: PLC0415 - a view
+        from butterfly.report.numbers.estimate_numbers import lumped_numbers  # noqa: PLC0415 - a view
+        from butterfly.report.numbers.misfit_numbers import misfit_numbers  # noqa: PLC0415 - a view
+
+        chosen = chosen_options(self.made_by, self.estimate, self.estimator)
+        if self.logs is None:
+            return {"chosen": chosen, **{k: v for k, v in self.saved.items() if k != "summary"}}
+        return {
+            "chosen": chosen,
+            "against": [
+                {
+                    "name": other.name,
+                    "parameters": lumped_numbers(other.parameters, self.estimate),
+                    "gain_fitted": other.gain_fitted,
+                    "fit": other.summary.numbers(),
+                }
+                for other in self.comparisons
+            ],
+            "misfit": misfit_numbers(self.misfit, values_of(self.estimate)),
+        }
+
+    def kept(self, folder: Path) -> dict[str, Any]:
+        """Return what `save` writes: besides all the rest, where the logs lie.
+
+        That is relative to the folder of the file, if they lie below.
+        """
+        document, manifest = self.to_dict(), self.origin["manifest"]
+        if manifest is None or manifest["root"] is None:
+            return document
+        root = Path(manifest["root"])
+        said = root.relative_to(folder).as_posix() if root.is_relative_to(folder) else str(root)
+        document["data"]["manifest"]["root"] = said
+        return document
 
     @property
-    def fits(self) -> NDArray[np.float64]:
+    def title(self) -> str:  # type: ignore[override]
+        """Method, data, and the FIT."""
+        from butterfly.report.format import fit_text  # noqa: PLC0415 - a view
+
+        fit = self.fit
+        name = self.origin["name"]
+        return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_text(fit.median)} %"
+
+    @cached_property
+    def summary(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What was found, in words: the verdict, what it rests on, then the numbers."""
+        from butterfly.report.summary import summary  # noqa: PLC0415 - a view
+
+        return tuple(self.saved["summary"] if self.logs is None else summary(self))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: value, standard error, 95 % interval, unit."""
+        shown = ("value", "standard_error", "lower", "upper", "unit")
+        return [
+            {"parameter": each.name, **{name: getattr(each, name) for name in shown}}
+            for each in self.estimate.table()
+        ]
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return the table of parameters with the digits that their errors leave."""
+        from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415 - a view
+
+        return [
+            {
+                "parameter": row.symbol,
+                "value": row.value,
+                "standard error": row.error,
+                "95 % interval": row.interval,
+                "unit": row.unit,
+            }
+            for row in parameter_rows(self.estimate.table())
+        ]
+
+    def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
+        """Return parameters beside the true ones if known, physical ones, and FIT of others."""
+        from butterfly.report import physical as view  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415 - a view
+
+        rows = [
+            (
+                *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
+                *(row.unit, row.left_out),
+            )
+            for row in parameter_rows(self.estimate.table(truth))
+        ]
+        name = f"{self.origin['name']}: {self.estimate.method}"
+        tables = [TextTable(name, _HEADERS, rows)]
+        if physical := view.physical_rows(self.separated()):
+            tables.append(TextTable(view.TITLE, view.HEADERS, physical))
+        if self.estimate.resonances:
+            found = [(str(mass), f"{w:.4f}") for mass, w in self.estimate.resonances.items()]
+            tables.append(TextTable("Resonance, as this method finds it", ("", "rad/s"), found))
+        if self.comparisons:
+            tables.append(self._against())
+        return tables
+
+    def _against(self) -> TextTable:
+        """Return FIT of this identification, and of the parameters that it was compared with."""
+        from butterfly.report.format import fit_text  # noqa: PLC0415 - a view
+
+        fits = [(f"{self.estimate.method}, this identification", self.fit)]
+        for other in self.comparisons:
+            gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
+            fits.append((other.name + gain, other.summary))
+        return TextTable(
+            f"FIT in %{self.fit.over} on the same logs",
+            ("parameters", "median", "mean", "worst"),
+            [(name, *map(fit_text, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
+        )
+
+    def paragraphs(self) -> list[str]:
+        """Return the summary, and what is open of the physical parameters if any are known."""
+        from butterfly.report.physical import physical_sentences  # noqa: PLC0415 - a view
+
+        return [*self.summary, *(physical_sentences(self.separated()) if self._weighed else ())]
+
+    @property
+    def _weighed(self) -> bool:
+        return bool(Knowledge.told(self.origin.get("known", {})).physical)
+
+    def shown_lines(self) -> list[str]:
+        """Return the table of parameters as lines."""
+        return aligned(self.shown_rows())
+
+    def __repr__(self) -> str:
+        pairs = zip(self.estimate.names, self.estimate.values, strict=True)
+        values = ", ".join(f"{name} {value:.4g}" for name, value in pairs)
+        return f"<Identification: {self.title}{self._unless_good()}: {values}>"
+
+    @property
+    def judged(self) -> Verdict:  # type: ignore[override]
+        """The verdict on its values."""
+        from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415 - a view
+
+        return estimate_verdict(self.estimate)
+
+    @property
+    def verdict(self) -> list[str]:
+        """How far to trust the values, in words: first what may be done with them."""
+        from butterfly.report.finding_texts import estimate_sentences  # noqa: PLC0415 - a view
+
+        return estimate_sentences(self.estimate)
+
+    @property
+    def _joint(self) -> JointKind:
+        return JointKind(self.origin.get("joint", JointKind.HINGE))
+
+    @property
+    def parameters(self) -> LumpedParameters:
+        """The parameters of the bare hand."""
+        return self.estimate.parameters
+
+    @property
+    def model(self) -> IdentifiedModel:
+        """The robot that they make.
+
+        Raises
+        ------
+        UnusableError
+            If no joint has them.
+        """
+        from butterfly.api.identified_model import IdentifiedModel  # noqa: PLC0415 - slow to import
+        from butterfly.api.usable import require_possible  # noqa: PLC0415
+
+        require_possible(self.estimate)
+        return IdentifiedModel(self.parameters, self._joint)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(n, n), in the order of `rows`."""
+        return self.estimate.covariance
+
+    def physical(self, **known: Any) -> Separated:  # noqa: ANN401 - see `known_of`
+        """Tell what the lumped parameters are made of, as far as it can be told.
+
+        Parameters
+        ----------
+        known
+            What is known of motor and hand besides what the data say of it, by names of
+            `butterfly.model.known.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or was known before.
+        """
+        from butterfly.api.separated import Separated  # noqa: PLC0415 - a view
+
+        return Separated.of(self.separated(known), self.origin["name"], self.judged)
+
+    def separated(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
+        """Return the physical parameters, with what is known besides (see `physical`)."""
+        before, told = Knowledge.told(self.origin.get("known", {})), Knowledge.told(known)
+        for name in known:
+            if name not in told.physical:
+                raise InputError("physical", name, "no part of motor or hand", listed([*PHYSICAL]))
+            if name in before.physical:
+                expected = "what was not known before; else identify again with it"
+                raise InputError("physical", name, known[name], expected)
+        carrier = AddedMass(
+            gravity=float(self.origin.get("gravity", GRAVITY)),
+            joint=self._joint,
+        )
+        kind = InputKind(self.origin["input"])
+        return physical_parameters(self.estimate, before.also(told), kind, carrier)
+
+    @property
+    def fit(self) -> FitSummary:
+        """Median, mean and worst FIT in per cent."""
+        return FitSummary.of(self.fit_of_logs, self.estimate.horizon)
+
+    @property
+    def fit_of_logs(self) -> NDArray[np.float64]:
         """(n,) FIT of each log in per cent."""
-        return np.array([run.fit for run in self.free_runs])
+        return np.array([run.fit for run in self.runs] or list(self.fits.values()))
 
-    @property
-    def summary(self) -> FitSummary:
-        """Median, mean and worst FIT."""
-        return FitSummary.of(self.fits, self.free_runs[0].horizon)
+    @cached_property
+    def data(self) -> DataSet:
+        """The logs; of a loaded result they are read again from where they were.
 
-    @property
-    def held_out(self) -> dict[str, float]:
-        """FIT in per cent of each log that was held out, by its name."""
-        return {run.log.name: run.fit for run in self.held_runs}
+        Raises
+        ------
+        InputError
+            If it is not known where they are, or they cannot be read.
+        """
+        if self.logs is not None:
+            return self.logs
+        found = self.origin["manifest"]
+        if found is None or found["root"] is None:
+            expected = "one whose logs came from one source of files, to be read again"
+            raise InputError("a result that was loaded", "logs", "none", expected)
+        return read_data_set(Manifest.model_validate(found))
+
+    @cached_property
+    def free_runs(self) -> tuple[FreeRun, ...]:
+        """Simulation of each log with the estimate; `data` says what is raised."""
+        data = self.data
+        return self.runs or tuple(
+            data.simulations.run(number, self.estimate) for number in range(len(data.logs))
+        )
 
     @cached_property
     def misfit(self) -> Misfit:
         """What the free runs leave over, and whether the sensors explain it."""
         return judge_misfit(self.data, self.estimate)
 
-    @cached_property
-    def physical(self) -> PhysicalParameters:
-        """What the lumped parameters are made of, as far as it can be told."""
-        data = self.data
-        return physical_parameters(
-            self.estimate, data.known, data.input_kind, data.logs[0].added_mass
-        )
+    def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
+        """Return the responses measured with an added mass, beside `model.linearised` with it.
+
+        Parameters
+        ----------
+        added_mass
+            One of ``data.masses``; none if not given.
+
+        Raises
+        ------
+        InputError
+            If no sine was logged with it.
+        """
+        from butterfly.signals.measured_response import measured_response  # noqa: PLC0415 - slow
+
+        return measured_response(self.data.sines, added_mass)
+
+    @property
+    def plot(self) -> IdentificationPlots:
+        """Its figures, as plotly's."""
+        from butterfly.report.identification_plots import IdentificationPlots  # noqa: PLC0415 - a view
+
+        return IdentificationPlots(self)
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"frequency-response": self.plot.frequency_response(), "time": self.plot.time()}
+
+    def report(
+        self,
+        path: str | PathLike[str],
+        *,
+        truth: LumpedParameters | None = None,
+        figures: bool = False,
+    ) -> None:
+        """Write the identification report: one page that opens offline, numbers beside it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        truth
+            True parameters, where they are known.
+        figures
+            Whether to write the figures as PNG and SVG too.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written, or the logs of a loaded result cannot be read.
+        """
+        from butterfly.report.identification_page import write_report  # noqa: PLC0415 - a view
+
+        write_report(self, Path(path), truth, figures=figures)
 
 
-def identify(
-    data: DataSet,
-    estimator: Estimator | None = None,
-    *,
-    against: Mapping[str, LumpedParameters] = MappingProxyType({}),
-    track: Track = untracked,
-) -> Identification:
-    """Identify the robot that made the logs of a data set.
+def origin_of(data: DataSet) -> dict[str, Any]:
+    """Return what is known of the data, where its logs lie among it."""
+    manifest = data.whole_manifest
+    return about_data(data) | {"manifest": manifest and manifest.model_dump(mode="json")}
 
-    Parameters
-    ----------
-    data
-        The logs.
-    estimator
-        The one that suits the logs if not given.
-    against
-        Other parameters to simulate the logs with, by name; a p4 that is NaN is fitted.
-    track
-        Shows progress.
 
-    Raises
-    ------
-    InputError
-        If the estimator cannot use the logs.
-    IdentifiabilityError
-        If the logs cannot determine the parameters.
+def about_data(data: DataSet) -> dict[str, Any]:
+    """Return what every result says of the data that it rests on."""
+    carrier = data.logs[0].added_mass
+    return {
+        "name": data.name,
+        "description": data.description,
+        "input": str(data.input_kind),
+        "logs": len(data.logs),
+        "known": data.known.as_told(),
+        "joint": str(carrier.joint),
+        "gravity": carrier.gravity,
+    }
+
+
+def chosen_options(
+    estimator: Estimator | None, estimate: Estimate, label: str = ""
+) -> dict[str, Any]:
+    """Return what an estimate was made with: method, terms that it fits, options.
+
+    Of an estimator of which only the label is known there are no options.
     """
-    estimator = (estimator or Suitable()).suited(data)
-    (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
-    run = simulated(data, found, against=against, track=track)
-    held = np.array([each.fit for each in run.held_runs])
-    (sure,) = [
-        judge(data, estimator, each, run.fits, held) for each in track([run.estimate], "Judging")
-    ]
-    return replace(run, estimate=sure, estimator=estimator)
+    options = {} if estimator is None else asdict(estimator)
+    return {
+        "method": options.pop("method", label.partition("(")[0]),
+        "label": label if estimator is None else estimator.label,
+        "terms": [name for name in estimate.names if name not in PARAMETERS],
+        "options": {name: _plain(value) for name, value in options.items()},
+    }
 
 
-def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
-    """Return FIT in per cent of each log that is held out, by its name."""
-    if data.held is None:
-        return {}
-    fits = data.held.simulations.fits(estimate)
-    return dict(zip((log.name for log in data.held.logs), fits.tolist(), strict=True))
+def _plain(value: object) -> Any:  # noqa: ANN401 - any option
+    if isinstance(value, tuple | list):
+        return [_plain(each) for each in value]
+    return value if isinstance(value, bool | int | float | None) else str(value)
 
 
-def judged(data: DataSet, estimator: Estimator) -> Estimate:
-    """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
-    estimator = estimator.suited(data)
-    found = data.simulations.settled(estimated(data, estimator))
-    return judge(data, estimator, found, data.simulations.fits(found))
+def _fits(content: dict[str, Any]) -> dict[str, float]:
+    return {str(name): float(or_nan(fit)) for name, fit in content.items()}
 
 
-@_UNWARNED
-def judge(
-    data: DataSet,
-    estimator: Estimator,
-    found: Estimate,
-    fits: NDArray[np.float64],
-    held: NDArray[np.float64] | None = None,
-) -> Estimate:
-    """Add to an estimate what physics, its free runs, the input and slips say of it.
-
-    Parameters
-    ----------
-    data
-        The n logs.
-    estimator
-        What the estimate is from.
-    found
-        The estimate.
-    fits
-        (n,) FIT in per cent of its free run of each log.
-    held
-        The same of the logs that are held out, if they are at hand.
-    """
-    # Where the hand passes the upright no free run of a whole log stays near: such logs count only
-    # if all do.
-    segmented = found.horizon is not None and math.isfinite(found.horizon)
-    counted = list(range(fits.size)) if segmented else data.counted
-    told = found.with_findings(
-        *judge_physics(found, data.masses),
-        *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
-        *_of_held_out(data, found, fits[counted], held),
-        *judge_input(found, data.input_kind),
-        *judge_knowledge(found, data),
-    )
-    return told.with_slips(*find_slips(data, estimator, told))
-
-
-def _of_held_out(
-    data: DataSet, found: Estimate, seen: NDArray[np.float64], fits: NDArray[np.float64] | None
-) -> list[Finding]:
-    """Judge by the logs that were held out, but for those that pass the upright."""
-    if data.held is None:
-        return []
-    counted = data.held.counted
-    fits = data.held.simulations.fits(found, counted) if fits is None else fits[counted]
-    return judge_held_out(fits, [data.held.logs[k].name for k in counted], seen)
-
-
-@_UNWARNED
-def estimated(data: DataSet, estimator: Estimator) -> Estimate:
-    """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
-    clock = find_slips_of_clock(data, estimator)
-    if clock:
-        step = f"a mean step of {data.logs[0].mean_step:.3g} s"
-        raise with_slips(InputError(data.name, "time", step, "seconds"), clock)
-    try:
-        found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
-        _refuse_not_finite(found)
-    except ButterflyError as error:
-        raise with_slips(error, find_slips_of_refused(data, estimator)) from None
-    except np.linalg.LinAlgError as error:
-        refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
-        raise with_slips(refusal, find_slips_of_refused(data, estimator)) from None
-    return found
-
-
-def _refuse_not_finite(found: Estimate) -> None:
-    """Raise IdentifiabilityError for values that are none; a p4 is, where nothing drives."""
-    values = zip(found.names, found.values.tolist(), strict=True)
-    wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
-    if wrong:
-        listed = ", ".join(wrong)
-        raise IdentifiabilityError(f"the equations of these logs lead to no numbers for {listed}")
-
-
-@_UNWARNED
-def simulated(
-    data: DataSet,
-    estimate: Estimate,
-    *,
-    against: Mapping[str, LumpedParameters] = MappingProxyType({}),
-    track: Track = untracked,
-) -> Identification:
-    """Simulate the logs of a data set with an estimate, and with other parameters (see `identify`).
-
-    Raises
-    ------
-    InputError
-        If a log cannot be used.
-    """
-    estimate = data.simulations.settled(estimate)
-    horizon = data.simulations.horizon(estimate)
-    return Identification(
-        data=data,
-        estimate=estimate,
-        free_runs=_runs(data, estimate, track),
-        comparisons=tuple(
-            try_parameters(name, parameters, data, horizon=horizon, track=track)
-            for name, parameters in against.items()
-        ),
-        held_runs=() if data.held is None else _runs(data.held, estimate),
-    )
-
-
-def _runs(data: DataSet, estimate: Estimate, track: Track = untracked) -> tuple[FreeRun, ...]:
-    numbers = track(range(len(data.logs)), "Simulating logs")
-    return tuple(data.simulations.run(number, estimate) for number in numbers)
+def _usable(estimate: Estimate) -> Estimate:
+    """Return an estimate that results can be made of; a ValueError says why it is none."""
+    arrays = (estimate.values, *estimate.left_out.values(), *estimate.rivals)
+    if not all(np.isfinite(each).all() for each in arrays):
+        raise ValueError("values that are no numbers")
+    others = (estimate.covariance, estimate.lower, estimate.upper, np.array(estimate.condition))
+    if any((np.abs(each) > _LARGEST).any() for each in (*arrays, *others)):
+        raise ValueError(f"numbers above {_LARGEST:g}")
+    return estimate

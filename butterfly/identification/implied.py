@@ -18,20 +18,10 @@ _NEXT_TO_EXACT = 1e-8  # of the largest added mass's share, an uncertainty that 
 
 @dataclass(frozen=True, kw_only=True)
 class Relation:
-    """A parameter that follows from what is known of motor and hand.
-
-    Parameters
-    ----------
-    parameter
-        Its name.
-    needs
-        What it follows from, names of `butterfly.model.known.PHYSICAL`.
-    formula
-        How.
-    """
+    """A parameter that follows from what is known of motor and hand."""
 
     parameter: str
-    needs: tuple[str, ...]
+    needs: tuple[str, ...]  # names of `butterfly.model.known.PHYSICAL`
     formula: Formula
 
 
@@ -52,13 +42,6 @@ def beside_masses(known: Knowledge, masses: Iterable[AddedMass]) -> Knowledge:
 
     How far masses that were weighed badly move the other parameters is told by how these two do:
     they have to be among those that are fitted.
-
-    Parameters
-    ----------
-    known
-        Of the robot.
-    masses
-        What it carried.
     """
     doubtful = [mass for mass in masses if mass.mass_uncertainty or mass.arm_uncertainty]
     largest = {
@@ -85,18 +68,11 @@ def with_gear(physical: Mapping[str, Known], joint: JointKind) -> dict[str, Know
 def relations(
     physical: Mapping[str, Known], input_kind: InputKind, joint: JointKind
 ) -> list[Relation]:
-    """Return the relations of which all is known.
+    """Return the relations of which all is known, by names of `butterfly.model.known.PHYSICAL`.
 
-    Parameters
-    ----------
-    physical
-        What is known, by names of `butterfly.model.known.PHYSICAL`.
-    input_kind
-        A voltage: p4 = N k_t/R. Of a torque command neither R nor N nor k_t tells p4, which is 1, N
-        or N k_t as the command means N m at the joint, N m at the motor or A: nobody but the user
-        knows which.
-    joint
-        A slide: p1 = m_p + N^2 J_r, with N in rad/m.
+    Of a voltage p4 = N k_t/R. Of a torque command neither R nor N nor k_t tells p4, which is 1, N
+    or N k_t as the command means N m at the joint, N m at the motor or A: nobody but the user knows
+    which. Of a slide p1 = m_p + N^2 J_r, with N in rad/m.
     """
     known = with_gear(physical, joint).keys()
     held = {_GAIN: input_kind is InputKind.VOLTAGE, _MOVING_MASS: joint is JointKind.SLIDE}
@@ -111,18 +87,6 @@ def implied(
     A parameter that is told itself as well has two sources, whose weights are the inverses of their
     variances; what is known exactly counts alone. This is to be done once only, with all that is
     told.
-
-    Parameters
-    ----------
-    told
-        What is known.
-    input_kind, joint
-        See `relations`.
-
-    Raises
-    ------
-    InputError
-        If a parameter is told exactly, and other than what follows exactly.
     """
     follows = _follow(told, input_kind, joint)
     both = {

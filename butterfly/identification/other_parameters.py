@@ -20,7 +20,7 @@ from butterfly.progress import Track, untracked
 
 _DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
 _TOO_FAST = 3.0  # times the fastest that samples can show
-_GRID = 41
+_GRID = 41  # values of p4 tried before the best is sought
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -39,11 +39,14 @@ class PhysicalParameter:
         In its unit.
     reach
         Half-width of its 95 % interval.
+    unit
+        Of all three.
     told
         What was known of it before.
     """
 
     name: str
+    unit: str
     value: float
     standard_error: float
     reach: float
@@ -100,13 +103,10 @@ class PhysicalParameters:
         The parameters that follow, or are known better than they were told.
     unseparated
         What is left open.
-    joint
-        Says what the units are.
     """
 
     found: tuple[PhysicalParameter, ...]
     unseparated: tuple[Unseparated, ...]
-    joint: JointKind
 
     def __getitem__(self, name: str) -> PhysicalParameter:
         """Return a parameter that was found."""
@@ -143,24 +143,33 @@ def physical_parameters(
     )
     ways = [way for way in WAYS if way.leads(narrow.names, input_kind, joint)]
     told = {name: itemgetter(name) for name in known.physical}
+    derived = {way.name for way in ways if way.symbol is not None}
     found = []
     for name, formula in (told | {way.name: way.formula for way in ways}).items():
         value, before = narrow.find(formula), known.physical.get(name)
+        reach = SPREADS * wide.find(formula).uncertainty
+        if name in derived and (not math.isfinite(value.value) or reach >= abs(value.value)):
+            continue
         if before is None or value.uncertainty < _BETTER * before.uncertainty:
             found.append(
                 PhysicalParameter(
                     name=name,
+                    unit=_unit(name, input_kind, joint),
                     value=value.value,
                     standard_error=value.uncertainty,
-                    reach=SPREADS * wide.find(formula).uncertainty,
+                    reach=reach,
                     told=before,
                 )
             )
     return PhysicalParameters(
         found=tuple(sorted(found, key=lambda each: [*SYMBOLS].index(each.name))),
         unseparated=tuple(_unseparated(narrow, known, input_kind, carrier)),
-        joint=joint,
     )
+
+
+def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
+    unit = SYMBOLS[name].of_slide if joint is JointKind.SLIDE else SYMBOLS[name].unit
+    return unit.replace("unit", "V") if input_kind is InputKind.VOLTAGE else unit
 
 
 def _together(

@@ -1,4 +1,9 @@
-"""What the lumped parameters are made of (6), (83), solved for each part: a table."""
+"""What follows from the lumped parameters: a table of formulas.
+
+What they are made of (6), (83), solved for each part, and what a control engineer asks of them. A
+further quantity is a row with its symbol; console, JSON, page and Python show it, its error by
+complex step.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +19,7 @@ from butterfly.model.parameters import JointKind
 
 
 class Symbol(NamedTuple):
-    """How a physical parameter is written: symbol, meaning, its unit, and that on a slide."""
+    """How a quantity is written: symbol, meaning, unit (of the input: "unit"), unit on a slide."""
 
     symbol: str
     meaning: str
@@ -22,7 +27,7 @@ class Symbol(NamedTuple):
     of_slide: str
 
 
-SYMBOLS = {
+_OF_PARTS = {
     "resistance": Symbol("R", "resistance", "Ohm", "Ohm"),
     "torque_constant": Symbol("k_t", "torque constant", "N m/A", "N m/A"),
     "back_emf_constant": Symbol("k_emf", "back-EMF constant", "V s/rad", "V s/rad"),
@@ -39,15 +44,11 @@ SYMBOLS = {
         "J_p + N² J_r", "inertia about the centre of mass, with rotor", "kg m²", "–"
     ),
 }
-"""All physical parameters."""
-
-SIGNED = frozenset({"com_distance", "com_offset", "motor_current"})
-"""Those that may be negative."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """How a physical parameter follows from others.
+    """How a quantity follows from others.
 
     Parameters
     ----------
@@ -56,7 +57,10 @@ class Way:
     needs
         What must be known: lumped parameters, physical ones, and ``gravity`` in m/s^2.
     without
-        What must not be known: there is a better way then.
+        What must not be known: there is a better way then, or the formula does not hold.
+    symbol
+        How it is written, of what is no part of motor or hand: such are told where they are known
+        from 0.
     input_kind, joint
         Where it holds; everywhere if None.
     formula
@@ -66,6 +70,7 @@ class Way:
     name: str
     needs: tuple[str, ...]
     without: tuple[str, ...] = ()
+    symbol: Symbol | None = None
     input_kind: InputKind | None = None
     joint: JointKind | None = JointKind.HINGE
     formula: Formula
@@ -99,6 +104,7 @@ def _about_mass(of: Mapping[str, Any]) -> Any:  # noqa: ANN401 - real or complex
 
 _MOTOR: dict[str, Any] = {"input_kind": InputKind.VOLTAGE, "joint": None}
 _WEIGHED = ("hand_mass", "gravity", "p3")
+_STIFFER = ("cogging", "cogging_cosine", "time_constant")
 
 WAYS = (
     Way(
@@ -164,5 +170,41 @@ WAYS = (
         joint=JointKind.SLIDE,
         formula=lambda of: (of["p1"] - of["hand_mass"]) / of["gear_ratio"] ** 2,
     ),
+    Way(
+        name="resonance",
+        symbol=Symbol("ω_r", "resonance of small swings, of the bare hand", "rad/s", "–"),
+        needs=("p1", "p2", "p3"),
+        without=_STIFFER,
+        formula=lambda of: np.sqrt(of["p3"] / of["p1"] - (of["p2"] / of["p1"]) ** 2 / 2),
+    ),
+    Way(
+        name="damping_ratio",
+        symbol=Symbol("ζ", "damping ratio of small swings, of the bare hand", "–", "–"),
+        needs=("p1", "p2", "p3"),
+        without=_STIFFER,
+        formula=lambda of: of["p2"] / (2 * np.sqrt(of["p1"] * of["p3"])),
+    ),
+    Way(
+        name="decay_time",
+        symbol=Symbol("p₁/p₂", "time constant of the speed, of the bare hand", "s", "s"),
+        needs=("p1", "p2"),
+        without=("time_constant",),
+        joint=None,
+        formula=lambda of: of["p1"] / of["p2"],
+    ),
+    Way(
+        name="speed_gain",
+        symbol=Symbol("p₄/p₂", "speed gained per unit of input", "rad/s/unit", "m/s/unit"),
+        needs=("p2", "p4"),
+        without=("drag",),
+        joint=None,
+        formula=lambda of: of["p4"] / of["p2"],
+    ),
 )
 """Each in its own right: what a joint's knowledge leaves out, it leaves out."""
+
+SYMBOLS = _OF_PARTS | {way.name: way.symbol for way in WAYS if way.symbol is not None}
+"""How all of them are written."""
+
+SIGNED = frozenset({"com_distance", "com_offset", "motor_current"} | (SYMBOLS.keys() - _OF_PARTS))
+"""Those that may be negative."""

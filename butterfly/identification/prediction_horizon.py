@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.diagnostics.sensor_errors import encoder_step
+from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.segments import simulation_of
-from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.spectrum import uniform_grid
@@ -107,11 +107,11 @@ def lasting_horizon(logs: Sequence[Log], estimate: Estimate) -> float:
 
 def lasts(logs: Sequence[Log], estimate: Estimate, horizon: float) -> bool:
     """Whether simulations over stretches of a horizon in s leave little but noise."""
-    return float(np.median([_excess(log, estimate, horizon) for log in logs])) <= _MORE
+    return float(np.median([excess_error(log, estimate, horizon) for log in logs])) <= _MORE
 
 
-def _excess(log: Log, estimate: Estimate, horizon: float) -> float:
-    """Errors over stretches, each from a fitted start, in units of the noise."""
+def excess_error(log: Log, estimate: Estimate, horizon: float) -> float:
+    """Return the rms error over stretches, each from a fitted start, in units of the noise."""
     parameters, own = estimate.applied(log)
     stretches = simulation_of(log, parameters, horizon)
     errors = stretches.linearised((), parameters, own.get("zero", 0.0))[0]

@@ -25,22 +25,13 @@ _Name = TypeVar("_Name", bound="Hashable")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prior:
-    """Independent knowledge of n values.
+    """Independent knowledge of n values."""
 
-    Parameters
-    ----------
-    mean
-        (n,) what they are known to be; anything where nothing is known.
-    weight
-        (n,) of their squares beside those of the rows: ``variance`` over that of each; 0 where
-        nothing is known.
-    variance
-        Of a row whose clusters are independent, as the data realise it.
-    """
-
-    mean: Samples
+    mean: Samples  # (n,) what they are known to be; anything where nothing is known
+    # (n,) of their squares beside those of the rows: ``variance`` over that of each; 0 where
+    # nothing is known
     weight: Samples
-    variance: float = 1.0
+    variance: float = 1.0  # of a row whose clusters are independent, as the data realise it
 
     @classmethod
     def of(

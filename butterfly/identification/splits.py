@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from numbers import Integral
 
+import numpy as np
+
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.cut import pieces_beside
 from butterfly.identification.data import DataSet
-from butterfly.logs.log import Log
+from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.signals.window import MIN_PERIODS
 
 FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""
@@ -18,7 +21,7 @@ FOLDS = 5
 ENOUGH_MASSES = 3
 """Added masses, of which one can be left out whatever else is known."""
 
-_ENOUGH_LOGS = 3
+_ENOUGH_LOGS = 3  # of which one can be left out
 
 Samples = Mapping[int, slice]
 """Numbers of logs, and which samples of each are left out."""
@@ -38,9 +41,9 @@ class Split(StrEnum):
 class Division:
     """Logs divided into parts, of which one is left out at a time."""
 
-    split: Split  # What the samples of a part have in common; never `Split.AUTO`
-    why: str  # Why this split was taken, in words
-    parts: dict[str, Samples]  # The samples that each part leaves out, by its name
+    split: Split  # what the samples of a part have in common; never `Split.AUTO`
+    why: str  # why this split was taken, in words
+    parts: dict[str, Samples]  # the samples that each part leaves out, by its name
 
     @property
     def said(self) -> str:
@@ -63,7 +66,7 @@ class Division:
         pieces: list[Log] = []
         for number, log in enumerate(data.logs):
             stretch = samples.get(number)
-            pieces += [log] if stretch is None else pieces_beside(log, stretch)
+            pieces += [log] if stretch is None else excluding_interval(log, stretch)
         return DataSet.of(pieces, name=data.name, known=data.told)
 
 
@@ -209,3 +212,31 @@ _SAME = {
     Split.FREQUENCY: _same_frequency,
     Split.LOG: _same_log,
 }
+
+
+def excluding_interval(log: Log, interval: slice) -> list[Log]:
+    """Return the pieces of a log before and after an interval of its samples.
+
+    That after it begins in motion (see `Log.piece`). A piece that is too short to be used is left
+    out.
+    """
+    first, last, _ = interval.indices(log.time.size)
+    sides = {"before": (0, first), "after": (last, log.time.size)}
+    pieces = []
+    for side, (begin, end) in sides.items():
+        if end - begin < MIN_SAMPLES:
+            continue
+        piece = replace(log.piece(begin, end), name=f"{log.name}, {side}")
+        if _usable(piece):
+            pieces.append(piece)
+    return pieces
+
+
+def _usable(piece: Log) -> bool:
+    """Whether a piece moves, and holds enough periods if it is a sine."""
+    if np.ptp(piece.angle) == 0:
+        return False
+    if piece.excitation is None:
+        return True
+    periods = float(np.ptp(piece.time)) * piece.excitation.omega / (2 * math.pi)
+    return periods > MIN_PERIODS + 1

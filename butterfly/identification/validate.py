@@ -20,17 +20,20 @@ from butterfly.progress import Track, untracked
 
 Fitter = Callable[[DataSet], Estimate]
 
+_LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
+_LEAST_REPETITIONS = 20  # for one draw beyond a limit of 95 %, on either side
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldOut:
     """Prediction of what was left out."""
 
-    division: Division  # What was left out together
+    division: Division  # what was left out together
     # (n,) FIT in per cent of each log, over what was left out of it, each part of it simulated with
     # the estimate from the others; NaN of logs that were never left out
     fits: NDArray[np.float64]
-    estimates: dict[str, Estimate]  # One for each part left out, by its name
-    horizon: float = math.inf  # Longest stretch in s that was simulated at a time
+    estimates: dict[str, Estimate]  # one for each part left out, by its name
+    horizon: float = math.inf  # longest stretch in s that was simulated at a time
 
     @property
     def summary(self) -> FitSummary:
@@ -103,9 +106,6 @@ class _Errors:
         return np.array([fit_of(*each) if each.any() else np.nan for each in self._squares])
 
 
-_LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Structure:
     """A set of terms and how well it does: FIT in sample, and of logs left out."""
@@ -157,9 +157,6 @@ def select_terms(
         )
         for terms, summary in track(passed, "Judging the structures")
     ]
-
-
-_LEAST_REPETITIONS = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 _SHORTEST = 5  # samples at one extreme value that make a suspicious flat top
 _SWITCHED = 0.5  # share of its samples that a switched input spends on its extremes, at least
-_ENOUGH = 4096  # samples that tell the noise
-_NEAR = 12.0  # resolutions below its flat top by which a signal is judged to be at speed
-_NEAREST = 6  # samples beside its flat top at which it is judged, at least
+_ENOUGH = 4096  # samples that show the noise
+_NEAR = 12.0  # resolutions below its flat top at which the speed of a signal is looked at
+_NEAREST = 6  # samples beside its flat top at which it is looked at, at least
 _OVERSHOOT = 4.0  # uncertainties of its height by which a clipped signal would have passed the top
 
 
@@ -25,7 +25,7 @@ def saturated(values: NDArray[np.float64]) -> int:
 def clipped(angle: NDArray[np.float64]) -> int:
     """Count samples in flat runs at either extreme that the angle enters and leaves at speed.
 
-    Each side is judged on its own: a joint that sticks at its turning point may leave it abruptly,
+    Each side counts by itself: a joint that sticks at its turning point may leave it abruptly,
     but its speed had fallen to zero when it came.
     """
     runs = [(level, *_flat_runs(angle == level)) for level in (angle.min(), angle.max())]
@@ -58,14 +58,7 @@ def _tops(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Join flat runs between which a signal stays near, as noise has it; return their samples too.
 
-    Parameters
-    ----------
-    drop
-        (n,) distances from the top in rad.
-    starts, ends
-        (k,) of the flat runs.
-    near
-        In rad.
+    ``drop``: (n,) distances from the top in rad; ``starts``, ``ends``: (k,) of the flat runs.
     """
     gaps = np.column_stack([ends[:-1], starts[1:]]).ravel()
     between = np.maximum.reduceat(drop, gaps)[::2] if gaps.size else np.empty(0)
@@ -85,7 +78,7 @@ def _flat_runs(on_top: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.
 
 
 def _resolution(angle: NDArray[np.float64]) -> float:
-    """Return how finely angles in rad can be told apart: the encoder's step, or the noise."""
+    """Return how finely angles in rad can be distinguished: the encoder's step, or the noise."""
     sizes = np.abs(np.diff(angle))
     step = np.min(sizes, where=sizes > 0, initial=np.inf)
     rows = np.linspace(1, angle.size - 2, min(angle.size, _ENOUGH)).astype(np.intp)
@@ -98,15 +91,10 @@ def _at_speed(drop: NDArray[np.float64], resolution: float, span: float) -> bool
 
     By its drop v n + a n^2/2 at two numbers of samples n beside the top, it would have risen by
     v^2/(2 a) beyond it. A signal that comes to rest seems to do so too, but by no more than the
-    resolution and what it rises within a sample.
+    resolution and what it rises within a sample. Beyond half of its span a swing is no parabola: a
+    signal of so few resolutions that its speed cannot be known sooner is passed over.
 
-    Parameters
-    ----------
-    drop
-        (n,) distances from the top in rad, the sample beside it first.
-    resolution, span
-        Of the signal, in rad. Beyond half of its span a swing is no parabola: a signal of so few
-        resolutions that its speed cannot be told sooner is not judged.
+    ``drop``: (n,) distances from the top in rad, the sample beside it first.
     """
     if drop.size <= 2 * _NEAREST:
         return False

@@ -37,7 +37,7 @@ _BY_NUMBER = (
 
 @dataclass(frozen=True)
 class _Table:
-    """Names and columns of a file, and what else it says of them."""
+    """Names and columns of a file, and what else it gives."""
 
     names: Sequence[str]
     columns: Mapping[int, NDArray[np.float64] | pyarrow.ChunkedArray]
@@ -52,27 +52,11 @@ def read_csv(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a table of numbers, delimited by commas, semicolons, tabs or blanks.
+    """Read a table of numbers, delimited by commas, semicolons, tabs or blanks (see `read_log`).
 
     Lines of comment (``#``, ``%``, ``//``) are skipped, a last line that was cut off is dropped and
-    counted. Units in brackets behind a column's name, or in a row below the names, are used.
-
-    Parameters
-    ----------
-    path
-        The file.
-    columns
-        Which column of the file holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``,
-        by name or number; if not given, `DEFAULT_COLUMNS`, and ``velocity`` if there is one.
-    units
-        Of the columns, before those that the file says itself.
-    properties
-        Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
-
-    Raises
-    ------
-    InputError
-        If the file is missing or no table, or a mapped column is absent or not numeric.
+    counted. Units in brackets behind a column's name, or in a row below the names, are used unless
+    ``units`` say others. Without a map a column ``velocity`` is read too, if it holds numbers.
     """
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
     table = _table(path, mapping.values(), () if columns else (_VELOCITY,))
@@ -110,13 +94,7 @@ def write_csv(log: Log, path: Path) -> None:
 
 
 def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
-    """Read numeric columns of a table by their names.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or no table, or a column is absent or not numeric.
-    """
+    """Read (n,) numeric columns of a table by their names."""
     wanted = list(names)
     table = _table(path, wanted)
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
@@ -168,20 +146,20 @@ def _loose(path: Path, wanted: Sequence[str | int]) -> _Table:
 
 
 def _own_units(path: Path, table: _Table, places: dict[str, int], units: Units) -> dict[str, str]:
-    """Return the units that a file gives to the wanted columns, but for those that were told."""
+    """Return the units that a file gives to the wanted columns, unless they were given."""
     found = {}
     for field, number in places.items():
-        said = unit_in(table.names[number])
-        if said is not None and known_factor(field, said) is None:
-            said = None  # a bracket may hold anything
+        unit = unit_in(table.names[number])
+        if unit is not None and known_factor(field, unit) is None:
+            unit = None  # a bracket may hold anything
         if table.units is not None:
-            said = table.units[number]
-        if not said or said == "-" or field in units.factors:
+            unit = table.units[number]
+        if not unit or unit == "-" or field in units.factors:
             continue
-        if known_factor(field, said) is None:
+        if known_factor(field, unit) is None:
             expected = f"a unit that is known, or --units {field}=... (units: in the manifest)"
-            raise InputError(path, f"unit of {field}", said, expected)
-        found[field] = said
+            raise InputError(path, f"unit of {field}", unit, expected)
+        found[field] = unit
     return found
 
 

@@ -16,18 +16,10 @@ from butterfly.logs.units import AS_IS, Units
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """How logs are read from files of one ending, and written to them.
+    """How logs are read from files of one ending, and written to them."""
 
-    Parameters
-    ----------
-    name
-        Of the module of this package that does it, imported when it is used: each is slow.
-    texts
-        Whether files of this ending are often texts of another kind.
-    """
-
-    name: str
-    texts: bool = False
+    name: str  # of the module that does it, imported when it is used: each is slow
+    texts: bool = False  # whether files of this ending are often texts of another kind
 
     @property
     def read(self) -> Callable[..., Log]:
@@ -64,19 +56,7 @@ def read_log(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read one file, by its ending.
-
-    Parameters
-    ----------
-    path
-        The file.
-    columns
-        What holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``: columns of a table
-        or variables of a .mat file, by name or number.
-    units
-        Of the columns.
-    properties
-        Fields of `Log` that the file does not hold; its ``name`` is the file's if not given.
+    """Read one file, by its ending; ``properties`` are fields of `Log` that it does not hold.
 
     Raises
     ------
@@ -87,13 +67,7 @@ def read_log(
 
 
 def write_log(log: Log, path: Path) -> None:
-    """Write one file, in the format of its ending.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or is of none of the `FORMATS`.
-    """
+    """Write one file, in the format of its ending."""
     _format_of(path).write(log, path)
 
 
@@ -109,18 +83,12 @@ ColumnMap = Mapping[str, str | int]
 DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: the columns carry the names of the fields of `Log`."""
 
-_SAID = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
+_HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
 _UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 
 def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
-    """Return a column map that says where time, input and angle stand.
-
-    Raises
-    ------
-    InputError
-        If it names another field, or lacks one of these.
-    """
+    """Return a column map that says where time, input and angle stand, or refuse it."""
     if not isinstance(columns, Mapping):
         raise InputError(source, "columns", columns, "a mapping such as {'time': 't', ...}")
     for field in columns:
@@ -135,14 +103,9 @@ def checked_map(source: object, columns: ColumnMap) -> dict[str, str | int]:
 
 
 def place(source: object, names: Sequence[str], wanted: str | int) -> int:
-    """Return the number of a column that is wanted by its name or number.
+    """Return the number of the one column that is wanted by its name or number.
 
     A name does without the unit that stands behind it in brackets.
-
-    Raises
-    ------
-    InputError
-        If there is no such column, or several.
     """
     for known in (list(names), [_UNIT.sub("", name) for name in names]):
         places = [k for k, name in enumerate(known) if name == wanted]
@@ -158,7 +121,7 @@ def place(source: object, names: Sequence[str], wanted: str | int) -> int:
     if number is not None:
         expected = f"a number from 0 to {len(names) - 1}, or a name"
         raise InputError(source, "columns", f"number {number}", expected)
-    expected = f"{nearest(str(wanted), names)} ({_SAID})"
+    expected = f"{nearest(str(wanted), names)} ({_HINT})"
     raise InputError(source, str(wanted), "no such column", expected)
 
 

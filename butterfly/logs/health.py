@@ -66,7 +66,7 @@ class Remark(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """Findings on one log, counted in samples unless said otherwise."""
+    """Findings on one log, counted in samples unless a unit follows."""
 
     samples: int
     duration: float  # s, last minus first stamp
@@ -89,7 +89,7 @@ class Health:
 
     @property
     def remarks(self) -> list[Remark]:
-        """What is to be said of the log, worst first; nothing of a healthy one."""
+        """Remarks on the log, worst first; nothing of a healthy one."""
         lost = self.dropped > _MANY * self.samples
         gone = self.longest_gap > _MANY * self.duration
         counted = [

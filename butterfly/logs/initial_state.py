@@ -1,4 +1,4 @@
-"""How a log begins: at rest at its first sample, or in motion, as its own first samples tell."""
+"""How a log begins: at rest at its first sample, or in motion, by its own first samples."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _REACH = 0.7  # rad of the motion's own phase, over which a cubic follows it
 _WIDE = 1.0  # rad, beyond which a wider motion is no slower
 _FEWEST = 12  # samples that a cubic is fitted to
 _SURE = 6.0  # standard errors from 0 at which a velocity counts as one
-_SETTLED = 0.3  # share by which half as many samples may tell another velocity
+_SETTLED = 0.3  # share by which half as many samples may give another velocity
 _NOTABLE = 0.1  # share of the rms velocity, from which on a beginning is in motion
 
 
@@ -34,21 +34,13 @@ def rms_speed(time: Samples, angle: Samples) -> float:
 
 
 def initial_state(time: Samples, angle: Samples, speed: float, *, cut: bool) -> InitialState:
-    """Return how a log begins.
+    """Return how a log of (n,) increasing stamps in s and angles in rad begins.
 
-    A piece of a longer recording begins in motion: angle and velocity are those of the cubic that
-    fits its first samples best. A whole log begins at rest at its first sample, unless these say
-    otherwise: their velocity is no noise, and half of them tell the same one. Of a joint that
-    starts from rest half as long a stretch tells a quarter, or half, of it.
-
-    Parameters
-    ----------
-    time, angle
-        (n,) increasing stamps in s, and angles in rad.
-    speed
-        Rms velocity in rad/s.
-    cut
-        Whether it is a piece of a longer recording.
+    A piece of a longer recording (``cut``) begins in motion: angle and velocity are those of the
+    cubic that fits its first samples best. A whole log begins at rest at its first sample, unless
+    these say otherwise: their velocity is no noise, and half of them give the same one. Of a joint
+    that starts from rest half as long a stretch gives a quarter, or half, of it. ``speed`` is the
+    rms velocity in rad/s.
     """
     rest = InitialState(float(angle[0]), 0.0)
     if not speed > 0:

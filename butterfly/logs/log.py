@@ -67,11 +67,7 @@ class Sine:
 class Lead:
     """What was commanded before a log begins, which is then a piece of a longer recording.
 
-    Parameters
-    ----------
-    time, input
-        (n,) increasing stamps in s, before the log's first one, and the command at each; none where
-        the recording has no such samples.
+    (n,) increasing stamps in s, before the log's first one, and the command at each.
     """
 
     time: NDArray[np.float64]
@@ -131,7 +127,7 @@ class Log:
     source
         File or plant that the log came from, for messages.
     name
-        What tells the log from the others of its data set (see `with_unique_names`).
+        What distinguishes the log from the others of its data set (see `with_unique_names`).
     reading
         How its file was read.
     """
@@ -208,7 +204,7 @@ class Log:
                 columns[column] = frame[name]
             except (KeyError, IndexError, ValueError, TypeError):
                 raise InputError("frame", column, name, "the name of a column") from None
-        return cls(**columns, **properties).converted(Units.told(units, "frame"))
+        return cls(**columns, **properties).converted(Units.of(units, "frame"))
 
     def converted(self, units: Units) -> Log:
         """Return the log of columns that were recorded in other units."""
@@ -337,21 +333,14 @@ def with_unique_names(logs: Sequence[Log]) -> list[Log]:
 
 
 def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
-    """Return the numbers of the logs that bear one of some names.
+    """Return the numbers of the logs that bear one of some names, or match a glob pattern.
 
-    Parameters
-    ----------
-    logs
-        With names.
-    names
-        Of logs, of their files, with or without folder and ending; or glob patterns of these.
-    source
-        For the message.
+    A name is that of a log, or of its file, with or without folder and ending.
 
     Raises
     ------
     InputError
-        If a name is no log's.
+        Naming ``source``, if a name is no log's.
     """
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
         raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")

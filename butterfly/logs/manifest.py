@@ -1,4 +1,4 @@
-"""Data-set manifests: the one list of what can be said of data.
+"""Data-set manifests: the one list of facts that data may have.
 
 A YAML file, the options of a command and the keywords of `butterfly.read` each fill some of the
 fields of `Manifest`; `described` puts them together and checks them.
@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from enum import Enum, StrEnum
+from functools import cache
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
@@ -53,7 +54,7 @@ def _require_known(values: Any) -> Any:  # noqa: ANN401 - whatever was given
 
 
 def _require_units(values: Any) -> Any:  # noqa: ANN401 - whatever was given
-    Units.told(values)
+    Units.of(values)
     return values
 
 
@@ -80,16 +81,26 @@ class LogEntry(StrictModel):
         validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
     )
 
-    file: str  # path below the data set's root
-    added_mass: Size = 0.0  # kg
-    arm: Size | None = None  # m; the data set's own if not given
-    omega: Annotated[float, Field(gt=0)] | None = None  # rad/s, of the sine that was commanded
-    amplitude: Annotated[float, Field(gt=0)] | None = None  # in units of the input
-    zero: Uncertain | None = None  # rad, what the encoder reads where the hand hangs
-    begin: Annotated[float | None, Field(alias="from")] = None  # s, by the file's own clock
+    file: str
+    """Path below the data set's root."""
+    added_mass: Size = 0.0
+    """In kg, with or without an uncertainty."""
+    arm: Size | None = None
+    """In m; the data set's own if not given."""
+    omega: Annotated[float, Field(gt=0)] | None = None
+    """Of the sine that was commanded, in rad/s."""
+    amplitude: Annotated[float, Field(gt=0)] | None = None
+    """Of that sine, in units of the input; neither for any other input."""
+    zero: Uncertain | None = None
+    """What the encoder reads in rad where the hand hangs, if known of this log by itself."""
+    begin: Annotated[float | None, Field(alias="from")] = None
+    """First instant in s of the piece that is meant, by the file's own clock."""
     end: Annotated[float | None, Field(alias="to")] = None
-    part: Annotated[int, Field(ge=1)] | None = None  # number of a recording in the file
-    split: Split | None = None  # each recording in the file is a log
+    """Last instant in s of that piece."""
+    part: Annotated[int, Field(ge=1)] | None = None
+    """Which of the recordings in the file is meant, from 1: one ends where the clock falls back."""
+    split: Split | None = None
+    """``restarts``: each of these recordings is a log."""
 
     @field_validator("file")
     @classmethod
@@ -116,8 +127,10 @@ class LogEntry(StrictModel):
 class MassZero(StrictModel):
     """The encoder's zero in the logs with one added mass."""
 
-    added_mass: Annotated[float, Field(ge=0)]  # kg, as the logs say it
-    zero: Uncertain  # rad
+    added_mass: Annotated[float, Field(ge=0)]
+    """In kg, as the logs say it."""
+    zero: Uncertain
+    """In rad."""
 
 
 class _Rule(Enum):
@@ -135,26 +148,43 @@ class Manifest(StrictModel):
 
     name: str
     description: str = ""
-    root: str = "."  # folder of the files (see `expanded_root`)
-    input: Annotated[InputKind, _Rule.FILLS]  # what the input column commands
+    root: str = "."
+    """Folder of the files, relative to the manifest; ``${NAME}`` is an environment variable, and
+    what begins with one is relative to where the command runs."""
+    input: Annotated[InputKind, _Rule.FILLS]
+    """What the input column commands."""
     intersample: Annotated[Intersample, _Rule.FILLS] = Intersample.ZERO_ORDER_HOLD
-    sign: Literal[1, -1] = 1  # -1 where a positive command turns towards negative angles
-    arm: Annotated[Size | None, _Rule.FILLS] = None  # m, pivot to added mass
+    """How the command is held between its samples."""
+    sign: Literal[1, -1] = 1
+    """-1 where a positive command turns towards negative angles: the input is negated."""
+    arm: Annotated[Size | None, _Rule.FILLS] = None
+    """Pivot to added mass in m; needed where a mass is added to a hinge."""
     joint: JointKind = JointKind.HINGE
-    gravity: Annotated[float, Field(ge=0)] = GRAVITY  # m/s^2, across the joint's axis
+    """``hinge``, or ``slide``, whose way is in m, and whose parameters are masses and forces."""
+    gravity: Annotated[float, Field(ge=0)] = GRAVITY
+    """In m/s^2, across the joint's axis; 0 for a joint that turns about the vertical."""
     known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
         default_factory=dict
-    )  # of the robot (see `butterfly.model.known`)
-    zero: Uncertain | None = None  # rad, what the encoder reads where the hand hangs
-    zeros: list[MassZero] = Field(default_factory=list)  # before `zero`, after those of single logs
+    )
+    """Of the robot: parameters of the model, of motor and hand (see `butterfly.model.known`)."""
+    zero: Uncertain | None = None
+    """What the encoder reads in rad where the hand hangs; found from the logs if not given."""
+    zeros: list[MassZero] = Field(default_factory=list)
+    """The same for single added masses, before ``zero``; that of a log goes before both."""
     units: Annotated[dict[str, str | float], BeforeValidator(_require_units), _Rule.ADDS] = Field(
         default_factory=dict
-    )  # of the columns, and of mass, arm and omega (see `butterfly.logs.units`)
-    columns: dict[str, str | int] | None = None  # what holds time, input and angle
+    )
+    """Of the columns, and of ``mass``, ``arm`` and ``omega`` (see `butterfly.logs.units`)."""
+    columns: dict[str, str | int] | None = None
+    """What holds time, input and angle: columns or .mat variables, by name or number."""
     repair: Annotated[frozenset[Repair], _Rule.ADDS] = DEFAULT_REPAIRS
-    split: Split | None = None  # of all files, but for entries that say which piece is meant
-    holdout: Annotated[list[str], _Rule.ADDS] = Field(default_factory=list)  # names, glob patterns
+    """Repairs that may be made."""
+    split: Split | None = None
+    """``restarts``: where the clock falls back in a file, another log begins."""
+    holdout: Annotated[list[str], _Rule.ADDS] = Field(default_factory=list)
+    """Files, or glob patterns of them, that no fit sees, only a test."""
     logs: Annotated[list[LogEntry], Field(min_length=1)]
+    """The files."""
 
     @model_validator(mode="after")
     def _arms_where_needed(self) -> Manifest:
@@ -176,7 +206,7 @@ class Manifest(StrictModel):
     @property
     def scale(self) -> Units:
         """What makes the project's own units of the manifest's numbers and the files' columns."""
-        return Units.told(self.units).with_sign(self.sign)
+        return Units.of(self.units).with_sign(self.sign)
 
     @property
     def knowledge(self) -> Knowledge:
@@ -196,15 +226,9 @@ class Manifest(StrictModel):
         return self.model_copy(update={"zero": zero, "zeros": [], "logs": logs})
 
     def piece(self, begin: float | None, end: float | None) -> Manifest:
-        """Return the manifest of what lies between two instants in s of its single log.
-
-        Raises
-        ------
-        InputError
-            If it has several logs, or a piece of one already.
-        """
-        told = {"from": begin, "to": end}
-        given = {name: value for name, value in told.items() if value is not None}
+        """Return the manifest of what lies between two instants in s of its single, whole log."""
+        ends = {"from": begin, "to": end}
+        given = {name: value for name, value in ends.items() if value is not None}
         if not given:
             return self
         name, value = next(iter(given.items()))
@@ -261,12 +285,16 @@ class Manifest(StrictModel):
 _SELDOM = ("sign", "joint", "gravity", "known", "zeros", "units", "holdout")
 """Fields that are not written where they are as usual."""
 
-_OF_OPTIONS: dict[str, Any] = {
-    name: (Annotated[field.annotation, Field(), *field.metadata], None)
-    for name, field in Manifest.model_fields.items()
-    if name not in {"logs", "root"}
-} | dict.fromkeys(("begin", "end"), (float | None, None))
-_Options = create_model("_Options", __base__=StrictModel, **_OF_OPTIONS)
+
+@cache
+def _options() -> type[StrictModel]:
+    """Return the model of some fields of a manifest, and of ``begin`` and ``end``; slow to make."""
+    fields: dict[str, Any] = {
+        name: (Annotated[field.annotation, Field(), *field.metadata], None)
+        for name, field in Manifest.model_fields.items()
+        if name not in {"logs", "root"}
+    } | dict.fromkeys(("begin", "end"), (float | None, None))
+    return create_model("_Options", __base__=StrictModel, **fields)
 
 
 def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -279,9 +307,9 @@ def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
     InputError
         Naming the field, its value and what was expected.
     """
-    said = {name: value for name, value in given.items() if value is not None}
-    found = validate([], said, _Options, source="data")
-    return {name: getattr(found, name) for name in said}
+    some = {name: value for name, value in given.items() if value is not None}
+    found = validate([], some, _options(), source="data")
+    return {name: getattr(found, name) for name in some}
 
 
 def described(
@@ -328,11 +356,6 @@ def read_manifest(
 
     ``root`` is the folder of the logs in place of the one that the manifest names, ``given`` what
     `checked_options` found.
-
-    Raises
-    ------
-    InputError
-        If the file does not follow the schema, or ``root`` names an unset variable or no folder.
     """
     document = load_yaml(path)
     manifest = described(document.content, given or {}, [document])

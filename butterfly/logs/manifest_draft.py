@@ -1,4 +1,4 @@
-"""Manifests of logs that come without one, from their files' names and what is said of them."""
+"""Manifests of logs that come without one, from their files' names and what else is given."""
 
 from __future__ import annotations
 
@@ -44,11 +44,6 @@ def draft(path: Path, given: Mapping[str, Any], *, massless: bool = False) -> Ma
 
     ``given`` is what `checked_options` found. Added masses and sines are those of names like
     Data_52__8__002.mat, which need an arm; ``massless``: unless what is added may be left out.
-
-    Raises
-    ------
-    InputError
-        If there are no logs, or names of both kinds, or no arm.
     """
     if not path.is_dir():
         return manifest_of_log(path, given)
@@ -65,14 +60,9 @@ def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
 
     ``_`` stands for a decimal point within a number, and the amplitude's point follows its first
     0: ``Data_120_5__3_5__0015.mat`` is 120.5 g, 3.5 rad/s, 0.015. Subfolders are searched.
-
-    Raises
-    ------
-    InputError
-        If ``folder`` does not exist, holds no file of a known format, or one of another name.
     """
     entries = []
-    units = Units.told(given.get("units"))
+    units = Units.of(given.get("units"))
     for path in log_files(folder):
         entry = _entry_by_name(path, folder, units)
         if entry is not None:
@@ -91,11 +81,6 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
 
     Files that are often texts of another kind are logs if they hold a table. Subfolders are
     searched.
-
-    Raises
-    ------
-    InputError
-        If ``folder`` does not exist, or holds no log.
     """
     from butterfly.logs.text_table import holds_table  # noqa: PLC0415 - slow to import
 
@@ -107,11 +92,11 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
 
 
 def manifest_of_log(path: Path, given: Mapping[str, Any]) -> Manifest:
-    """Generate the manifest of one log; its name tells mass and sine, where it follows the pattern.
+    """Generate the manifest of one log; its name gives mass and sine, where it follows the pattern.
 
     Without an arm the added mass is not placed, and left out.
     """
-    units = Units.told(given.get("units"))
+    units = Units.of(given.get("units"))
     entry = _entry_by_name(path, path.parent, units) or LogEntry(file=path.name)
     if "arm" not in given:
         entry = entry.model_copy(update={"added_mass": 0.0})
@@ -121,7 +106,7 @@ def manifest_of_log(path: Path, given: Mapping[str, Any]) -> Manifest:
 def of_logs(
     name: str, root: Path, entries: Collection[LogEntry], given: Mapping[str, Any]
 ) -> Manifest:
-    """Return the manifest of some logs; the input is a voltage unless something else is said."""
+    """Return the manifest of some logs; the input is a voltage unless given otherwise."""
     content = {"name": name, "root": str(root.resolve()), "logs": list(entries)}
     return described(content, {"input": InputKind.VOLTAGE} | dict(given))
 
@@ -129,7 +114,7 @@ def of_logs(
 def with_columns(manifest: Manifest) -> Manifest:
     """Return a manifest by which its first log can be read: by the first columns, if need be.
 
-    Columns that are told stay, and so does a log that cannot be read in this way either.
+    Columns that are given stay, and so does a log that cannot be read in this way either.
     """
     numbered = manifest.model_copy(update={"columns": _FIRST_THREE})
     if manifest.columns is not None or _is_read(manifest) or not _is_read(numbered):
@@ -148,7 +133,7 @@ def _is_read(manifest: Manifest) -> bool:
 def open_questions(manifest: Manifest, given: Collection[str], *, named: bool) -> dict[str, str]:
     """Return what a draft takes for granted, by the key whose value it is and was not given.
 
-    ``named``: whether the names of the files tell masses and sines.
+    ``named``: whether the names of the files give masses and sines.
     """
     asked = {key: text for key, text in _QUESTIONS.items() if key not in given}
     if manifest.columns is not None and "columns" not in given:
@@ -167,13 +152,7 @@ def draft_text(manifest: Manifest, questions: Mapping[str, str]) -> str:
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the files below a folder that end as logs do.
-
-    Raises
-    ------
-    InputError
-        If there is no such folder.
-    """
+    """Return the files below a folder that end as logs do."""
     if not folder.is_dir():
         raise InputError(folder, "path", "no such folder", "a folder of logs")
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in FORMATS)

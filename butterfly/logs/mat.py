@@ -24,7 +24,7 @@ _OBJECTS = (
     "a MATLAB object (timeseries, table, Simulink.SimulationOutput), which only MATLAB can read",
     "plain vectors, saved as t = x.Time; u = x.Data; save('log.mat', 't', 'u')",
 )
-_VERSION = slice(124, 126)  # of the header, whose bytes tell the version
+_VERSION = slice(124, 126)  # of the header, which hold the version
 _HDF5 = b"\x00\x02"
 _OWN = "#"  # begins what MATLAB keeps for itself
 _PLAIN = {"double", "single", "logical", "char", "struct"} | {
@@ -39,25 +39,10 @@ def read_mat(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a MATLAB file; v7.3 needs the extra ``hdf5``. Other variables are ignored.
+    """Read a MATLAB file (see `read_log`); v7.3 needs the extra ``hdf5``.
 
-    Parameters
-    ----------
-    path
-        The file.
-    columns
-        Which variable holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``: a vector
-        (``t``), a field of a struct (``data.t``), a column of a matrix (``M.0``, or ``0`` of
-        ``D``). If not given, the columns of ``D`` in this order.
-    units
-        Of the columns.
-    properties
-        Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is not a (whole) .mat file, or lacks what is wanted as real numbers.
+    A column is a vector (``t``), a field of a struct (``data.t``) or a column of a matrix (``M.0``,
+    or ``0`` of ``D``). Without a map they are the columns t, u, q[, dq] of ``D``.
     """
     if columns is None:
         matrix = _matrix(path)
@@ -153,7 +138,7 @@ def _vector(path: Path, variables: dict[str, Any], parts: list[str]) -> NDArray[
 
 
 def _refuse_objects(path: Path, wanted: str) -> None:
-    """Raise InputError if a file of before v7.3 holds objects, whose names it does not tell."""
+    """Raise InputError if a file of before v7.3 holds objects, whose names it does not give."""
     if not is_mat73(path) and any(kind == "opaque" for _, _, kind in whosmat(whole(path))):
         raise InputError(path, wanted, *_OBJECTS)
 
@@ -177,19 +162,13 @@ class MatlabObject:
 
 
 def is_mat73(path: Path) -> bool:
-    """Whether a file says of itself that it is one of v7.3."""
+    """Whether a file claims to be one of v7.3."""
     with path.open("rb") as file:
         return file.read(128)[_VERSION] == _HDF5
 
 
 def names73(path: Path) -> list[str]:
-    """Return the names of a file's variables.
-
-    Raises
-    ------
-    InputError
-        If h5py is not installed, or the file is not whole.
-    """
+    """Return the names of the variables of a file of v7.3."""
     with _opened(path) as file:
         try:
             return [str(name) for name in file if not name.startswith(_OWN)]
@@ -198,13 +177,7 @@ def names73(path: Path) -> list[str]:
 
 
 def load73(path: Path, names: Collection[str]) -> dict[str, Any]:
-    """Return the variables of some names that there are: arrays, or mappings of a struct's fields.
-
-    Raises
-    ------
-    InputError
-        If h5py is not installed, or the file is not whole.
-    """
+    """Return the variables of some names that there are: arrays, or mappings of fields."""
     room = _Room(most_in(path.stat().st_size))
     with _opened(path) as file:
         try:
@@ -237,7 +210,7 @@ class _Room:
     left: int
 
     def take(self, size: int) -> None:
-        """Raise ValueError if there are not as many: the sizes of arrays are but told."""
+        """Raise ValueError if there are not as many: a file may claim any size."""
         if not 0 <= size <= self.left:
             raise ValueError(f"arrays of {said(size)} more than there may be")
         self.left -= size

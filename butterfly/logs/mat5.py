@@ -40,12 +40,7 @@ class DamagedError(ValueError):
 def whole(path: Path) -> Path | io.BytesIO:
     """Return what may be read of a file: itself, or all of it, unpacked.
 
-    Files of level 4 are returned as they are.
-
-    Raises
-    ------
-    DamagedError
-        Naming what cannot be.
+    Files of level 4 are returned as they are. Raises `DamagedError`.
     """
     size = path.stat().st_size
     with path.open("rb") as file:

@@ -28,25 +28,7 @@ def read_parquet(
     units: Units = AS_IS,
     **properties: Any,  # noqa: ANN401 - the fields of Log that a file cannot know
 ) -> Log:
-    """Read a log; columns that are not asked for are ignored.
-
-    Parameters
-    ----------
-    path
-        The file.
-    columns
-        Which column of the file holds ``time``, ``input``, ``angle`` and, if wanted, ``velocity``,
-        by name or number; if not given, those of these names.
-    units
-        Of the columns.
-    properties
-        Fields of `Log` that the file does not hold (``input_kind``, ``added_mass``, ...).
-
-    Raises
-    ------
-    InputError
-        If the file is missing, is not Parquet, or lacks a column of numbers.
-    """
+    """Read a log (see `read_log`); columns that are not asked for are ignored."""
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
     try:
         with parquet.ParquetFile(path) as file:

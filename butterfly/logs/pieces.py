@@ -16,13 +16,7 @@ from butterfly.progress import Track, untracked
 
 
 def read_logs(manifest: Manifest, track: Track = untracked) -> tuple[Manifest, list[Log]]:
-    """Read all logs of a manifest, as recorded; return the manifest with an entry for each.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or has no such piece.
-    """
+    """Read all logs of a manifest, as recorded; return the manifest with an entry for each."""
     entries: list[LogEntry] = []
     logs: list[Log] = []
     for entry in track(manifest.logs, "Reading logs"):
@@ -70,12 +64,12 @@ def pieces_of(manifest: Manifest, entry: LogEntry, whole: Log) -> list[tuple[Log
 
 def piece_name(entry: LogEntry) -> str:
     """Return what an entry's log is called: its file, and which piece of that."""
-    told = [] if entry.part is None else [f"part {entry.part}"]
+    which = [] if entry.part is None else [f"part {entry.part}"]
     if entry.begin is not None or entry.end is not None:
         begin = "start" if entry.begin is None else f"{entry.begin:g} s"
         end = "end" if entry.end is None else f"{entry.end:g} s"
-        told.append(f"{begin} to {end}")
-    return f"{entry.file} ({', '.join(told)})" if told else entry.file
+        which.append(f"{begin} to {end}")
+    return f"{entry.file} ({', '.join(which)})" if which else entry.file
 
 
 def _parts(whole: Log) -> list[Log]:
@@ -107,9 +101,9 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
     numbers = np.flatnonzero(inside)
     if numbers.size < MIN_SAMPLES:
         span = f"{np.nanmin(part.time):g} s to {np.nanmax(part.time):g} s"
-        said = f"{numbers.size} samples in {piece_name(entry)}"
+        found = f"{numbers.size} samples in {piece_name(entry)}"
         raise InputError(
-            whole.source, "from, to", said, f"{MIN_SAMPLES} samples or more, of {span}"
+            whole.source, "from, to", found, f"{MIN_SAMPLES} samples or more, of {span}"
         )
     first, last = int(numbers[0]), int(numbers[-1]) + 1
     return part.piece(first, last)

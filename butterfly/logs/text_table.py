@@ -21,7 +21,7 @@ from butterfly.sizes import require_room, said
 
 _PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
 _COMMENTS = ("#", "%", "//")
-_SAMPLE = 60  # lines that tell how a file is delimited
+_SAMPLE = 60  # lines that show how a file is delimited
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # but for those before and within brackets
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
@@ -35,29 +35,13 @@ _MARKS = {
 
 @dataclass(frozen=True, kw_only=True)
 class TextTable:
-    """A table as its file gives it.
+    """A table as its file gives it."""
 
-    Parameters
-    ----------
-    names
-        Of its columns; None if the file has no header.
-    above
-        The line above the numbers; None if they come first.
-    units
-        The row of units below the header; None if there is none.
-    columns
-        The columns, in their order.
-    lines
-        (n,) number of each row's line in the file, from 1 on.
-    reading
-        How the file was read.
-    """
-
-    names: list[str] | None
-    above: str | None
-    units: list[str] | None
+    names: list[str] | None  # None if the file has no header
+    above: str | None  # the line above the numbers; None if they come first
+    units: list[str] | None  # the row below the header; None if there is none
     columns: list[pyarrow.ChunkedArray]
-    lines: Sequence[int]
+    lines: Sequence[int]  # (n,) number of each row's line, from 1 on
     reading: Reading
 
 
@@ -68,20 +52,14 @@ class _Line:
 
 
 def read_text_table(path: Path) -> TextTable:
-    """Read a table of any delimiter, decimal sign and encoding, with or without a header.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, holds no table of numbers, or a line has too few or many values.
-    """
+    """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
     size = path.stat().st_size if path.is_file() else 0
     require_room(path, "content", f"{said(size)} of an unusual form", _PER_BYTE * size)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    told = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
-    comments = [line for line in told if line.text.lstrip().startswith(_COMMENTS)]
-    body = [line for line in told if not line.text.lstrip().startswith(_COMMENTS)]
+    filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
+    comments = [line for line in filled if line.text.lstrip().startswith(_COMMENTS)]
+    body = [line for line in filled if not line.text.lstrip().startswith(_COMMENTS)]
     delimiter, first = _dialect(path, body)
     width = len(_cells(body[first].text, delimiter))
     rows = body[first:]
@@ -221,9 +199,9 @@ def _names_and_units(
     rows = [_cells(text, delimiter) for text in heads]
     rows = [[*row, ""][:width] for row in rows]
     units = [cell.strip("[]() ") for cell in rows[-1]]
-    said = [unit for unit in units if unit not in {"", "-"}]
-    known = [unit for unit in said if any(known_factor(name, unit) for name in UNITS)]
-    if len(rows) > 1 and 2 * len(known) > len(said):
+    given = [unit for unit in units if unit not in {"", "-"}]
+    known = [unit for unit in given if any(known_factor(name, unit) for name in UNITS)]
+    if len(rows) > 1 and 2 * len(known) > len(given):
         return rows[-2], units
     return rows[-1], None
 

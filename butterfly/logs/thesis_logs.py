@@ -55,22 +55,10 @@ def fetch(
     *,
     timeout: float = _TIMEOUT,
 ) -> int:
-    """Fetch the logs that a folder lacks; each is put in place whole, once its SHA-256 is right.
+    """Fetch the logs that a folder lacks from another, or an address; return how many.
 
-    Parameters
-    ----------
-    folder
-        Made if need be.
-    source
-        A folder, or the beginning of an address, that holds the logs' three folders.
-    track
-        Shows how far it is.
-    timeout
-        In s, in which a server must answer, and send more once it has begun.
-
-    Returns
-    -------
-    How many were fetched.
+    Each is put in place whole, once its SHA-256 is right. A server must answer, and send more once
+    it has begun, within ``timeout`` s.
 
     Raises
     ------
@@ -143,7 +131,7 @@ def _download(address: str, path: Path, timeout: float) -> None:
 
 
 def _why(error: BaseException, timeout: float) -> object:
-    """Return what was at the bottom of a failed transfer, without what requests tells besides."""
+    """Return what was at the bottom of a failed transfer, without what requests adds."""
     if (response := getattr(error, "response", None)) is not None:
         return f"{response.status_code} {response.reason}"
     while (cause := error.__cause__ or error.__context__) is not None:

@@ -21,20 +21,13 @@ ENOUGH = 4_000_000
 """Samples of a log, above which their means are taken: an hour at 1.1 kHz."""
 
 _SLOW = 0.1  # rad of its own phase that a motion may go on from one mean to the next
-_ROWS = 100_000  # samples that tell how fast it is
+_ROWS = 100_000  # samples that show how fast it is
 
 
 def thinned(log: Log, enough: int = ENOUGH) -> Log:
-    """Return a log of means; itself if it has few samples, or its motion is fast.
+    """Return a log of means; itself if it has only ``enough`` samples, or its motion is fast.
 
     Stretches with a gap, and what is left over at the end, are left out.
-
-    Parameters
-    ----------
-    log
-        With increasing stamps.
-    enough
-        Samples that it may keep.
     """
     block = _block(log.angle, -(-log.time.size // enough))
     if block == 1:

@@ -14,20 +14,11 @@ _SPLICED = 0.1  # share of the shorter side that must be gained by keeping some 
 
 
 def increasing(time: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which samples to keep so that the stamps increase strictly and as many as can be stay.
+    """Return a (n,) mask by which (n,) stamps in s increase strictly and as many as can be stay.
 
     Of two equal stamps the first stays. Where the clock starts again, the longer side stays by
     itself: a beginning of the one and an end of the other are often as many samples, but of two
     motions.
-
-    Parameters
-    ----------
-    time
-        (n,) stamps in s, finite.
-
-    Returns
-    -------
-    (n,) mask.
     """
     begin, end, kept = 0, time.size, _longest(time)
     for _ in range(_MOST_RESTARTS):
@@ -51,11 +42,6 @@ def restarts(time: NDArray[np.float64]) -> list[int]:
     """Return the numbers of the samples at which the clock falls back, and lastingly.
 
     A stamp that is late, or early, by itself is none of them.
-
-    Parameters
-    ----------
-    time
-        (n,) stamps in s.
     """
     found: list[int] = []
     for k in (1 + np.flatnonzero(np.diff(time) < 0)).tolist():

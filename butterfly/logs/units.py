@@ -2,7 +2,7 @@
 
 A unit stands by its name (``deg``), as counts per turn (``counts/4096``) or as the factor that
 makes it one of the project's own (``0.01745``). A minus in front turns the sign (``-deg``); alone,
-as ``-`` or ``-1``, it turns the sign and leaves the unit to what the file says of itself.
+as ``-`` or ``-1``, it turns the sign and leaves the unit to what the file gives.
 """
 
 from __future__ import annotations
@@ -67,32 +67,18 @@ _NAMES = {other: name for name, others in _SPELT.items() for other in others}
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """Factors to the project's own units.
+    """Factors to the project's own units."""
 
-    Parameters
-    ----------
-    factors
-        Of the keys of `UNITS`; 1 where nothing is said.
-    turned
-        Columns of which the sign was said to turn, and nothing of their unit.
-    """
-
-    factors: Mapping[str, float] = field(default_factory=dict)
-    turned: frozenset[str] = frozenset()
+    factors: Mapping[str, float] = field(default_factory=dict)  # of keys of `UNITS`, else 1
+    turned: frozenset[str] = frozenset()  # columns of which only the sign is given
 
     @classmethod
-    def told(cls, told: Mapping[str, Any] | None, source: object = "units") -> Units:
-        """Read what somebody tells: the unit of each column, as a text or a factor.
-
-        Raises
-        ------
-        InputError
-            Naming the source, and what is no column or no unit of it.
-        """
-        if told is not None and not isinstance(told, Mapping):
-            raise InputError(source, "units", told, "a mapping such as {'angle': 'deg'}")
+    def of(cls, units: Mapping[str, Any] | None, source: object = "units") -> Units:
+        """Read the unit of each column, a text or a factor; refuse what is no column or no unit."""
+        if units is not None and not isinstance(units, Mapping):
+            raise InputError(source, "units", units, "a mapping such as {'angle': 'deg'}")
         factors, turned = {}, set()
-        for name, unit in (told or {}).items():
+        for name, unit in (units or {}).items():
             if name not in UNITS:
                 raise InputError(source, f"units.{name}", "an unknown name", nearest(name, UNITS))
             if isinstance(unit, str | Real) and unit in ("-", "-1", -1):
@@ -108,7 +94,7 @@ class Units:
         return -factor if name in self.turned else factor
 
     def over(self, found: Mapping[str, float]) -> Units:
-        """Return the units of a file that says some itself: what was told goes before."""
+        """Return the units of a file that says some itself: what was given goes before."""
         return Units(factors={**found, **self.factors}, turned=self.turned)
 
     def with_sign(self, sign: int) -> Units:
@@ -129,13 +115,7 @@ AS_IS = Units()
 
 
 def factor_of(name: str, unit: object, source: object = "units") -> float:
-    """Return the factor of a unit, a number or a text, for a key of `UNITS`.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return the factor of a unit, a number or a text, for a key of `UNITS`, or refuse it."""
     factor = _factor(name, unit)
     if factor is None or not math.isfinite(factor) or factor == 0.0:
         raise InputError(source, f"units.{name}", unit, _expected(name))

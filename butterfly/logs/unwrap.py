@@ -16,44 +16,27 @@ _WHOLE = 0.75  # share of the span that a jump by an unknown turn takes, at leas
 _SMALL = 0.25  # share of it that all other steps stay below
 _SWEPT = 0.5  # share of it that the joint passes between two jumps, at least once
 _BACK = 0.75  # share of the jumps that go against the motion, at least
-_BESIDE = 3  # steps on either side of a jump that tell the motion, or bring an outlier back
+_BESIDE = 3  # steps on either side of a jump that show the motion, or bring an outlier back
 _SNAP = 0.002  # by which an encoder's turn may miss a whole share or multiple of the joint's
 
 
 @dataclass(frozen=True)
 class Wrapping:
-    """Jumps of an angle by a turn of its encoder.
+    """Jumps of an angle by a turn of its encoder."""
 
-    Parameters
-    ----------
-    turn
-        Size of the jumps in rad.
-    exact
-        Whether that is a whole share or multiple of the joint's turn; else it was measured, and
-        adds up to an angle that drifts.
-    rows
-        (n,) numbers of the samples before them.
-    """
-
-    turn: float
-    exact: bool
-    rows: NDArray[np.intp]
+    turn: float  # rad
+    exact: bool  # a whole share or multiple of the joint's turn; else measured, and drifts
+    rows: NDArray[np.intp]  # (n,) numbers of the samples before them
 
 
 def find_wrapping(angle: NDArray[np.float64], gap: NDArray[np.bool_]) -> Wrapping | None:
-    """Find where an angle jumps by a turn; None if nowhere.
+    """Find where an (n,) angle in rad jumps by a turn; None if nowhere.
 
     The turn is 2 pi, or several of these as of a counter that starts again, if jumps of this size
     stand out from all other steps. Else it is any size by which the angle jumps at least twice from
     one end of its span to the other, against the motion, and never otherwise comes near such a
-    step. An outlier, which comes back, is no jump.
-
-    Parameters
-    ----------
-    angle
-        (n,) rad, finite.
-    gap
-        (n - 1,) intervals that say nothing of the motion between their ends.
+    step. An outlier, which comes back, is no jump. ``gap``: (n - 1,) intervals that say nothing of
+    the motion between their ends.
     """
     steps = np.diff(angle)
     span = float(np.ptp(angle))

@@ -17,6 +17,9 @@ from butterfly.model.linear import Linearisation
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 
+LARGEST_SWING = 1.0
+"""Swing in rad beyond which harmonics, and jumps of the resonance, set in."""
+
 _SMALLEST_SWING = 1e-6  # rad
 
 _DESCRIBED = tuple(row for row in TERMS.values() if row.describing and row.name != "p2")

@@ -31,33 +31,14 @@ def gain_for(orbit: Orbit, multiplier: float) -> float:
     """Return gamma with which perturbations shrink to ``multiplier`` of themselves in a period.
 
     The Floquet multiplier is exp(-p4 gamma oint thd^2 dt), from (114) over a period.
-
-    Raises
-    ------
-    InputError
-        If the multiplier is not between 0 and 1.
     """
     if not 0 < multiplier < 1:
         raise InputError("orbit", "multiplier", multiplier, "between 0 and 1")
     return -math.log(multiplier) / (abs(orbit.parameters.p4) * orbit.squared_speed)
 
 
-def multiplier_of(orbit: Orbit, gamma: float) -> float:
-    """Return the Floquet multiplier exp(-p4 gamma oint thd^2 dt) of the loop on its orbit."""
-    return math.exp(-abs(orbit.parameters.p4) * gamma * orbit.squared_speed)
-
-
-def steady_invariant(true: LumpedParameters, believed: LumpedParameters, gamma: float) -> float:
-    """Return the invariant I in J at which the loop settles when p2 or p4 are believed wrongly.
-
-    Along the motion dI/dt = thd^2 (p4 p2hat/p4hat - p2 - p4 gamma I), zero at
-    (p4 p2hat/p4hat - p2)/(p4 gamma); p1 and p3 are taken to be right.
-    """
-    return (true.p4 * believed.p2 / believed.p4 - true.p2) / (true.p4 * gamma)
-
-
 class VelocityEstimator(Protocol):
-    """Gives the velocity at each reading; its lag is stated in s."""
+    """Gives the velocity at each reading, as `FilteredDifference` and `Observer` do."""
 
     @property
     def lag(self) -> float:
@@ -161,13 +142,7 @@ class EnergyShaping:
         self.retune(orbit, gamma)
 
     def retune(self, orbit: Orbit, gamma: float) -> None:
-        """Hold another orbit, of other believed parameters, from the next reading on.
-
-        Raises
-        ------
-        InputError
-            If gamma is not positive.
-        """
+        """Hold another orbit, of other believed parameters, from the next reading on."""
         if not (math.isfinite(gamma) and gamma > 0):
             raise InputError("EnergyShaping", "gamma", gamma, "a positive number")
         p = orbit.parameters
@@ -196,18 +171,9 @@ class EnergyShaping:
 
 
 class Dithered:
-    """A law with a random sum of sines added, of a given share of the law's own rms command.
+    """A law with a random sum of sines added, of a given share of the law's own running rms.
 
-    Parameters
-    ----------
-    law
-        The law.
-    share
-        Of its running rms.
-    omega
-        In rad/s, of the orbit; the sines lie between half of it and four times it.
-    rng
-        Source of frequencies and phases.
+    ``omega`` is that of the orbit in rad/s; the sines lie between half of it and four times it.
     """
 
     def __init__(

@@ -8,20 +8,28 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.orbit.analysis import swing
-from butterfly.orbit.controller import Dithered, EnergyShaping, Target, VelocityEstimator, gain_for
-from butterfly.orbit.recalibration import Recalibration, recalibrate
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.controller import (
+    Dithered,
+    EnergyShaping,
+    Target,
+    VelocityEstimator,
+    gain_for,
+)
+from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
 from butterfly.plant.control_loop import ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
 
 _SETTLED = 0.5  # share of a run after which its amplitude is measured
+_TOP = 0.25  # share of a half swing, either side of its middle, to which a turning point is fitted
+_FEWEST = 10  # samples of a half swing
 
 
 class RunLaw(Protocol):
@@ -35,11 +43,15 @@ class RunLaw(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Schedule:
-    """What each round does, whatever orbit it holds.
+class OrbitSchedule:
+    """An orbit to hold, and what each round of re-calibration next to it does.
 
     Parameters
     ----------
+    target
+        From parameters to the orbit.
+    velocity
+        From parameters, and the encoder reading in rad of the hanging hand, to an estimator.
     multiplier
         Wanted Floquet multiplier, the share of a perturbation that is left after one period; sets
         gamma.
@@ -65,6 +77,10 @@ class Schedule:
         The loop ends, too, when no parameter changes by more than this share.
     """
 
+    target: Target
+    velocity: Callable[[LumpedParameters, float], VelocityEstimator] = lambda _parameters, _zero: (
+        FilteredDifference()
+    )
     multiplier: float = 0.5
     duration: float = 20.0
     starts: tuple[float, ...]
@@ -78,14 +94,14 @@ class Schedule:
 
     def __post_init__(self) -> None:
         require_number(
-            "Schedule",
+            "OrbitSchedule",
             dither=self.dither,
             kick=self.kick,
             amplitude_tolerance=self.amplitude_tolerance,
             parameter_tolerance=self.parameter_tolerance,
         )
         require_number(
-            "Schedule",
+            "OrbitSchedule",
             positive=True,
             duration=self.duration,
             rounds=self.rounds,
@@ -93,23 +109,7 @@ class Schedule:
             added_masses=len(self.added_masses),
         )
         if not 0 < self.multiplier < 1:
-            raise InputError("Schedule", "multiplier", self.multiplier, "between 0 and 1")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan(Schedule):
-    """A schedule for an orbit.
-
-    Parameters
-    ----------
-    target
-        From parameters to the orbit that is to be held.
-    velocity
-        From parameters to an estimator.
-    """
-
-    target: Target
-    velocity: Callable[[LumpedParameters], VelocityEstimator] = lambda _: FilteredDifference()
+            raise InputError("OrbitSchedule", "multiplier", self.multiplier, "between 0 and 1")
 
     def law(self, orbit: Orbit, zero: float) -> EnergyShaping:
         """Return a fresh controller for an orbit, its encoder reading ``zero`` rad at angle 0."""
@@ -117,38 +117,22 @@ class Plan(Schedule):
             orbit,
             gain_for(orbit, self.multiplier),
             zero=zero,
-            velocity=self.velocity(orbit.parameters),
+            velocity=self.velocity(orbit.parameters, zero),
             kick=self.kick,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Round:
-    """One turn of the loop.
+    """One turn of the loop."""
 
-    Parameters
-    ----------
-    believed
-        Parameters of the hand with what it carries, that the controller went by.
-    orbit, gamma
-        Its target and gain.
-    logs
-        What it recorded, the nominal run first.
-    starts
-        How many of them, from the first on, hold the target's orbit.
-    amplitude
-        That the nominal run came to, in rad; NaN if it turned over.
-    recalibration
-        From the logs.
-    """
-
-    believed: LumpedParameters
-    orbit: Orbit
-    gamma: float
-    logs: tuple[Log, ...]
-    starts: int
-    amplitude: float
-    recalibration: Recalibration
+    believed: LumpedParameters  # of the hand with what it carries, that the controller went by
+    orbit: Orbit  # its target,
+    gamma: float  # and gain
+    logs: tuple[Log, ...]  # what it recorded, the nominal run first
+    starts: int  # how many of them, from the first on, hold the target's orbit
+    amplitude: float  # in rad, that the nominal run came to; NaN if it turned over
+    recalibration: Recalibration  # from the logs
 
     @property
     def wanted(self) -> float:
@@ -163,15 +147,7 @@ class Round:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """What the loop came to.
-
-    Parameters
-    ----------
-    rounds
-        In order.
-    ending
-        Why it ended, in words.
-    """
+    """What the loop came to: its rounds in order, and why it ended, in words."""
 
     rounds: tuple[Round, ...]
     ending: str
@@ -187,7 +163,7 @@ def calibrate(
     rig: RunLaw,
     believed: LumpedParameters,
     zero: float,
-    plan: Plan,
+    schedule: OrbitSchedule,
     options: RecalibrationOptions = RecalibrationOptions(),
     *,
     rng: np.random.Generator,
@@ -198,17 +174,15 @@ def calibrate(
     Parameters
     ----------
     rig
-        The robot.
+        Runs a control law on the robot.
     believed
         Parameters of the bare hand to begin with, from small swings say.
     zero
         Encoder reading in rad of the hanging hand.
-    plan, options
+    schedule, options
         What each round does, and how it re-calibrates.
     rng
         Source of the dither.
-    track
-        Shows progress.
 
     Raises
     ------
@@ -218,18 +192,19 @@ def calibrate(
         If no controller can be built on ``believed``.
     """
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
-    loaded = {mass: believed.with_added_mass(mass) for mass in plan.added_masses}
+    loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
     rounds: list[Round] = []
-    ending = f"{plan.rounds} rounds were made"
-    for _ in track(range(plan.rounds), "Calibrating"):
-        last = _round(rig, loaded, zero, plan, options, rng=rng)
+    ending = f"{schedule.rounds} rounds were made"
+    for _ in track(range(schedule.rounds), "Calibrating"):
+        last = _round(rig, loaded, zero, schedule, options, rng=rng)
         rounds.append(last)
         before, found = last.believed, last.recalibration
-        loaded = {mass: found.loaded(mass, before.p1) for mass in plan.added_masses}
-        if abs(last.amplitude_error) <= plan.amplitude_tolerance:
+        loaded = {mass: found.loaded(mass, before.p1) for mass in schedule.added_masses}
+        if abs(last.amplitude_error) <= schedule.amplitude_tolerance:
             ending = "the amplitude is within its bound"
             break
-        if _largest_change(before, loaded[plan.added_masses[0]]) <= plan.parameter_tolerance:
+        change = _largest_change(before, loaded[schedule.added_masses[0]])
+        if change <= schedule.parameter_tolerance:
             ending = "the parameters no longer change"
             break
     return Calibration(rounds=tuple(rounds), ending=ending)
@@ -239,7 +214,7 @@ def _round(
     rig: RunLaw,
     loaded: dict[AddedMass, LumpedParameters],
     zero: float,
-    plan: Plan,
+    schedule: OrbitSchedule,
     options: RecalibrationOptions,
     *,
     rng: np.random.Generator,
@@ -247,22 +222,22 @@ def _round(
     """Run the controller from every start, on every orbit, with every added mass; re-calibrate."""
     logs: list[Log] = []
     for added, model in loaded.items():
-        runs = [(start, plan.target(model)) for start in plan.starts]
-        runs += [(each, Orbit.of_amplitude(model, each)) for each in plan.orbits]
+        runs = [(start, schedule.target(model)) for start in schedule.starts]
+        runs += [(each, Orbit.of_amplitude(model, each)) for each in schedule.orbits]
         for start, orbit in runs:
-            law: ControlLaw = plan.law(orbit, zero)
-            if plan.dither > 0 and logs:
-                law = Dithered(law, plan.dither, 2 * math.pi / orbit.period, rng)
-            logs.append(rig(law, start, plan.duration, added))
-    believed = loaded[plan.added_masses[0]]
-    nominal, first = plan.target(believed), logs[0]
+            law: ControlLaw = schedule.law(orbit, zero)
+            if schedule.dither > 0 and logs:
+                law = Dithered(law, schedule.dither, 2 * math.pi / orbit.period, rng)
+            logs.append(rig(law, start, schedule.duration, added))
+    believed = loaded[schedule.added_masses[0]]
+    nominal, first = schedule.target(believed), logs[0]
     since = first.time[0] + _SETTLED * (first.time[-1] - first.time[0])
     return Round(
         believed=believed,
         orbit=nominal,
-        gamma=gain_for(nominal, plan.multiplier),
+        gamma=gain_for(nominal, schedule.multiplier),
         logs=tuple(logs),
-        starts=len(plan.starts),
+        starts=len(schedule.starts),
         amplitude=swing(first, zero, since),
         recalibration=recalibrate(logs, zero, options),
     )
@@ -275,3 +250,36 @@ def _largest_change(before: LumpedParameters, after: LumpedParameters) -> float:
         for name in ("p2", "p3", "p4", "coulomb")
     ]
     return max(abs(new - old) / max(abs(new), abs(old), 1e-12) for old, new in pairs)
+
+
+def swing(log: Log, zero: float, since: float) -> float:
+    """Measure the amplitude in rad that a log has come to, half the mean peak-to-peak swing.
+
+    Turning points count from the stamp ``since`` in s on; ``zero`` is the encoder reading in rad of
+    the hanging hand. NaN if the hand turned over, 0 if it stopped turning back and forth.
+    """
+    rows = log.time >= since
+    time, angle = log.time[rows], log.angle[rows] - zero
+    if np.abs(angle).max() > math.pi:
+        return math.nan
+    upper, lower = (_turning_points(time, sign * angle) for sign in (1, -1))
+    if not (upper and lower):
+        return 0.0
+    return float(np.mean(upper) + np.mean(lower)) / 2
+
+
+def _turning_points(time: NDArray[np.float64], angle: NDArray[np.float64]) -> list[float]:
+    """Heights of the maxima above 0, each the top of a quartic through the samples about it."""
+    above = np.concatenate([[False], angle > 0, [False]])
+    edges = np.flatnonzero(np.diff(above.astype(int)))
+    heights = []
+    for start, end in edges.reshape(-1, 2).tolist():
+        if start == 0 or end == angle.size or end - start < _FEWEST:
+            continue  # cut off by the ends of the log, or noise about 0
+        length = time[end - 1] - time[start]
+        top = np.abs(time - 0.5 * (time[start] + time[end - 1])) < _TOP * length
+        middle = 0.5 * (time[start] + time[end - 1])
+        fit = Polynomial.fit(time[top] - middle, angle[top], 4)
+        fine = np.linspace(float(fit.domain[0]), float(fit.domain[1]), 201)
+        heights.append(float(fit(fine).max()))
+    return heights

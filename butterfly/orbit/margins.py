@@ -34,7 +34,7 @@ class Margins:
     Parameters
     ----------
     gain
-        Lower and upper factor on gamma, of unit 1, between which an orbit is held; 0 and infinity
+        Lower and upper factor on gamma between which an orbit is held; 0 and infinity
         where there is no limit within a thousandfold.
     delay
         Further delay in s up to which one is held; infinity where a whole period is borne.
@@ -52,14 +52,8 @@ def loop_multiplier(orbit: Orbit, gamma: float, delay: float = 0.0) -> float:
 
     p1 thdd = pull - |p4| gamma [thd (E - E*)](t - delay): (104) with (109), friction made up for
     on time. The late loop has the very same orbit, on which the bracket vanishes, and its
-    variational equation feeds back thd times the change of E.
-
-    Parameters
-    ----------
-    orbit, gamma
-        The loop.
-    delay
-        In s, of the whole feedback.
+    variational equation feeds back thd times the change of E. The delay in s is of the whole
+    feedback.
     """
     return _Transverse.of(orbit).multiplier(gamma, delay)
 
@@ -77,7 +71,7 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
       swing is the orbit of that energy, slowed by what of the command is in phase with the angle.
 
     Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
-    one, and a wrong p4 moves it too (`butterfly.orbit.controller.steady_invariant`).
+    one, and a wrong p4 moves it too.
 
     Parameters
     ----------
@@ -124,21 +118,11 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Transverse:
-    """The loop's linearisation along its orbit, at the Gauss nodes of the period's steps.
+    """The loop's linearisation along its orbit, at the Gauss nodes of the period's steps."""
 
-    Parameters
-    ----------
-    step
-        In s.
-    fall
-        (2 steps,) curvature of the potential over p1, in 1/s^2.
-    feedback
-        (2 steps, 2) acceleration per angle and velocity, for gamma 1 and without delay.
-    """
-
-    step: float
-    fall: NDArray[np.float64]
-    feedback: NDArray[np.float64]
+    step: float  # s
+    fall: NDArray[np.float64]  # (2 steps,) curvature of the potential over p1, in 1/s^2
+    feedback: NDArray[np.float64]  # (2 steps, 2) acceleration per angle and velocity, gamma 1
 
     @classmethod
     def of(cls, orbit: Orbit) -> _Transverse:
@@ -180,26 +164,14 @@ class _Transverse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Swings:
-    """Orbits of less energy, and what the loop does to them in a period.
+    """Orbits of less energy, and what the loop does to them in a period."""
 
-    Parameters
-    ----------
-    inertia, p4
-        In kg m^2, and N m per unit of input.
-    periods
-        (n,) in s.
-    missing
-        (n,) energy in J that they are short of.
-    velocity, friction
-        (n, samples) in rad/s and N m, over a period each.
-    """
-
-    inertia: float
-    p4: float
-    periods: NDArray[np.float64]
-    missing: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    friction: NDArray[np.float64]
+    inertia: float  # kg m^2
+    p4: float  # N m per unit of input
+    periods: NDArray[np.float64]  # (n,) s
+    missing: NDArray[np.float64]  # (n,) J that they are short of
+    velocity: NDArray[np.float64]  # (n, samples) rad/s over a period each
+    friction: NDArray[np.float64]  # (n, samples) N m
 
     @classmethod
     def below(cls, orbit: Orbit) -> _Swings:

@@ -9,17 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError, InputError, require_number
-from butterfly.identification.bumps import SPACING
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.regression import Regression
-from butterfly.identification.weak_signals import weak_signals
+from butterfly.identification.normal_equations import Regression
+from butterfly.identification.test_functions import SPACING, weak_signals
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import EnergyShaping, Target, gain_for
-from butterfly.orbit.recalibration import estimate_of, from_ratios
-from butterfly.orbit.recalibration_options import BASE, LEAST, RecalibrationOptions
-from butterfly.orbit.selection import SEGMENT, Equations
+from butterfly.orbit.recalibration import (
+    BASE,
+    LEAST,
+    SEGMENT,
+    Equations,
+    RecalibrationOptions,
+    estimate_of,
+    from_ratios,
+)
 from butterfly.plant.control_loop import ControlLaw
 from butterfly.plant.motor import CommandPath, Reading
 

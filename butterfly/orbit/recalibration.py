@@ -2,7 +2,7 @@
 
 The equation of motion (or its product with the velocity, the balance of energy) against test
 functions is linear in the parameters, whatever controller made the input; see
-`butterfly.identification.weak_signals`. One robot without a known mass gives the ratios p_i/p1
+`butterfly.identification.test_functions`. One robot without a known mass gives the ratios p_i/p1
 alone, which is all that a controller needs; logs with another known mass set the scale.
 """
 
@@ -14,42 +14,95 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import IdentifiabilityError
+from butterfly.errors import IdentifiabilityError, InputError, nearest, require_number
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
-from butterfly.identification.regression import Solution
-from butterfly.identification.solved import Solved
+from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
+from butterfly.identification.test_functions import (
+    HALF_WIDTH,
+    Averaging,
+    AveragingSettings,
+    Balance,
+)
 from butterfly.logs.log import Log
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS
-from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions
-from butterfly.orbit.selection import FOLDS, Equations, Selection
+from butterfly.model.terms import TERMS, FrictionTerms, offered
 
+METHOD = "re-calibration"
+
+CANDIDATES = offered(METHOD)
+"""Terms that can be estimated besides p1..p4."""
+
+BASE = ("p1", "p2", "p3", "p4")
+"""Always estimated."""
+
+LEAST = {"p4": 0.0}
+"""Bounds besides those of the table of terms: the input drives forwards."""
+
+FOLDS = 5
+"""Parts that are held out in turn when terms are chosen."""
+
+SEGMENT = 10
+"""Test functions in a row, which share noise; such stretches count as independent."""
+
+_SIGNIFICANT = 2.0  # standard errors by which a term must lower the held-out loss
+_COMPRESSION_ROUNDS = 5  # about the compression, which alone is not linear
 _FEWEST_RUNS = 3  # to leave one out
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecalibrationOptions:
+    """How to re-calibrate.
+
+    Parameters
+    ----------
+    balance
+        Of momentum (the weak form) or of energy.
+    candidates
+        Of `CANDIDATES`; each is kept only if it predicts held-out parts of the logs better.
+    half_width
+        Of the test functions in s.
+    delay
+        From input to torque in s, as known.
+    cogging_periods
+        Of the cogging torque in a turn, as known; the sine of one period a turn is what p3 is.
+    """
+
+    balance: Balance = Balance.MOMENTUM
+    candidates: tuple[str, ...] = ("coulomb", "drag", "p3_offset", "bias", "compression")
+    half_width: float = HALF_WIDTH
+    delay: float = 0.0
+    cogging_periods: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in self.candidates:
+            if name not in CANDIDATES:
+                raise InputError("recalibration", "candidates", name, nearest(name, CANDIDATES))
+        if "cogging" in self.candidates and self.cogging_periods == 1:
+            expected = "2 or more: one period a turn cannot be told from p3"
+            raise InputError("recalibration", "cogging_periods", 1, expected)
+        require_number("recalibration", positive=True, half_width=self.half_width)
+        require_number("recalibration", delay=self.delay)
+
+    def known(self, zero: float) -> AveragingSettings:
+        """Return what is known of the joint, its encoder reading ``zero`` rad at angle 0."""
+        settings = FrictionTerms(cogging_periods=self.cogging_periods)
+        return AveragingSettings(zero=zero, delay=self.delay, settings=settings)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recalibration:
     """Parameters next to an orbit, and how far to trust them.
 
-    Parameters
-    ----------
-    estimate
-        The parameters; p1 is among them if they are absolute, otherwise all but a compression are
-        divided by the p1 of the hand with what it carried. Its intervals are widened to hold the
-        estimates that leave one run out.
-    rejected
-        Candidates that did not help.
-    carried
-        The added mass, if all logs had the same one.
-    cogging_periods
-        Of a cogging torque.
+    p1 is among them if they are absolute, otherwise all but a compression are divided by the p1 of
+    the hand with what it carried. Intervals are widened to hold the estimates that leave one run
+    out.
     """
 
     estimate: Estimate
-    rejected: tuple[str, ...]
-    carried: AddedMass | None
+    rejected: tuple[str, ...]  # candidates that did not help
+    carried: AddedMass | None  # the added mass, if all logs had the same one
     cogging_periods: float
 
     @property
@@ -74,17 +127,8 @@ class Recalibration:
     def loaded(self, added: AddedMass = NO_ADDED_MASS, inertia: float = 1.0) -> LumpedParameters:
         """Return the parameters of the hand carrying a mass.
 
-        Parameters
-        ----------
-        added
-            What it carries.
-        inertia
-            p1 of the hand so loaded, where the estimate is of ratios.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If the estimate is of ratios, with another added mass.
+        Where they are ratios, p1 = ``inertia``; they say nothing of the hand with another mass,
+        which is an IdentifiabilityError.
         """
         values = dict(zip(self.names, self.values.tolist(), strict=True))
         if self.is_absolute:
@@ -158,21 +202,11 @@ def recalibrate(
 def estimate_of(
     equations: Equations, solution: Solution, method: str, *findings: Finding
 ) -> Estimate:
-    """Judge what equations say, their errors independent between stretches of runs.
+    """Return the estimate that equations give, their errors independent between stretches of runs.
 
-    Parameters
-    ----------
-    equations, solution
-        What was solved, and its values.
-    method, findings
-        For the estimate.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the equations are singular for every practical purpose.
+    An IdentifiabilityError if they are singular for every practical purpose.
     """
-    solved = Solved.of(equations.regression, solution)
+    solved = SolvedEquations.of(equations.regression, solution)
     left_out = _without_each_run(equations)
     return Estimate.from_rows(
         solved,
@@ -201,3 +235,92 @@ def _without_each_run(equations: Equations) -> dict[Hashable, NDArray[np.float64
         if Conditioning.of(regression.rows[kept], regression.names).number < SINGULAR_CONDITION:
             found[f"run {run}"] = regression.solve(kept).values
     return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Equations:
+    """A regression whose clusters are stretches of runs, and the (m,) runs that rows are of."""
+
+    regression: Regression
+    run: NDArray[np.intp]
+
+
+class Selection:
+    """The equations of all logs of a re-calibration, with any terms.
+
+    ``zero`` is the encoder reading in rad of the hanging hand.
+    """
+
+    def __init__(self, logs: Sequence[Log], zero: float, options: RecalibrationOptions) -> None:
+        self._logs, self._delay = logs, options.delay
+        known = options.known(zero)
+        self._averagings = [
+            Averaging(log, known.zero, options.half_width, known.settings, options.balance)
+            for log in logs
+        ]
+
+    def fit(self, names: tuple[str, ...]) -> tuple[Solution, Equations]:
+        """Return values and which are on a bound, and the equations that they solve."""
+        equations = self._equations(names, 0.0)
+        solution = equations.regression.solve()
+        for _ in range(_COMPRESSION_ROUNDS if "compression" in names else 0):
+            about = float(solution.values[names.index("compression")])
+            equations = self._equations(names, about)
+            solution = equations.regression.solve()
+        return solution, equations
+
+    def select(self, base: tuple[str, ...], candidates: Sequence[str]) -> tuple[str, ...]:
+        """Add terms one by one, the most helpful first, while held-out stretches gain by it."""
+        chosen: tuple[str, ...] = ()
+        losses = self._held_out_losses(base)
+        while True:
+            gains = {
+                name: losses - self._held_out_losses((*base, *chosen, name))
+                for name in candidates
+                if name not in chosen
+            }
+            helpful = {
+                name: float(gain.mean())
+                for name, gain in gains.items()
+                if gain.mean() > _SIGNIFICANT * gain.std(ddof=1) / gain.size**0.5
+            }
+            if not helpful:
+                return chosen
+            best = max(helpful, key=lambda name: helpful[name])
+            chosen = (*chosen, best)
+            losses = losses - gains[best]
+
+    def _held_out_losses(self, names: tuple[str, ...]) -> NDArray[np.float64]:
+        """(k,) mean squared residuals of k stretches, each by a fit that has not seen it."""
+        regression = self.fit(names)[1].regression
+        squares = np.empty(regression.target.size)
+        for fold in range(FOLDS):
+            held = regression.cluster % FOLDS == fold
+            values = regression.solve(~held).values
+            squares[held] = regression.residuals(values)[held] ** 2
+        sums = np.bincount(regression.cluster, squares)
+        return np.asarray(sums / np.bincount(regression.cluster))
+
+    def _equations(self, names: tuple[str, ...], about: float) -> Equations:
+        rows, targets, clusters, runs, count = [], [], [], [], 0
+        needed = {*names, "p1", "p3"}
+        for number, (log, averaging) in enumerate(zip(self._logs, self._averagings, strict=True)):
+            signals = averaging.signals(needed, delay=self._delay, compression=about)
+            moving = signals.moving
+            mean = {name: column[moving] for name, column in signals.mean.items()}
+            added = log.added_mass
+            known = added.inertia * mean["p1"] + added.gravity_moment * mean["p3"]
+            rows.append(np.column_stack([mean[name] for name in names]))
+            targets.append(-known if "p1" in names else -mean["p1"])
+            clusters.append(count + np.arange(known.size) // SEGMENT)
+            runs.append(np.full(known.size, number))
+            count += -(-known.size // SEGMENT)
+        regression = Regression(
+            names=names,
+            rows=np.concatenate(rows),
+            target=np.concatenate(targets),
+            cluster=np.concatenate(clusters),
+            about={"compression": about},
+            least=LEAST,
+        )
+        return Equations(regression=regression, run=np.concatenate(runs))

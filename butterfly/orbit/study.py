@@ -14,9 +14,8 @@ from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
 from butterfly.orbit.controller import Dithered
-from butterfly.orbit.loop import Calibration, Plan, RunLaw, calibrate
-from butterfly.orbit.recalibration import recalibrate
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.loop import Calibration, OrbitSchedule, RunLaw, calibrate
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.progress import Track, untracked
 
 PERIODS = 5
@@ -30,51 +29,26 @@ _AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrbitStudy:
-    """A calibration, and how well its model predicts runs that it has not seen.
-
-    Parameters
-    ----------
-    name, description
-        Of the experiment.
-    zero
-        Encoder reading in rad of the hanging hand.
-    generic
-        Parameters of the loaded hand that the loop began with.
-    calibration
-        The loop.
-    held_out
-        A run next to the orbit that was used for nothing else.
-    estimate
-        Of the last round, judged by how well its free run follows that run.
-    small_swings
-        What it began with was identified so; None if the parameters were told.
-    errors
-        By model ("generic", "re-calibrated"): rms error in rad of its free run over `PERIODS`.
-    amplitudes
-        (n,) amplitudes in rad of the orbits of the next.
-    cross
-        (n, n) rms error in rad of models re-calibrated at the orbit of the row, at that of the
-        column.
-    """
+    """A calibration, and how well its model predicts runs that it has not seen."""
 
     name: str
     description: str
-    zero: float
-    generic: LumpedParameters
+    zero: float  # encoder reading in rad of the hanging hand
+    generic: LumpedParameters  # of the loaded hand, that the loop began with
     calibration: Calibration
-    held_out: Log
-    estimate: Estimate
-    small_swings: Estimate | None
-    errors: dict[str, float]
-    amplitudes: tuple[float, ...]
-    cross: NDArray[np.float64]
+    held_out: Log  # a run next to the orbit that was used for nothing else
+    estimate: Estimate  # of the last round, with what its free run of that log says
+    small_swings: Estimate | None  # that it began with; None if parameters were given
+    errors: dict[str, float]  # rms in rad over `PERIODS`, by model: "generic", "re-calibrated"
+    amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
+    cross: NDArray[np.float64]  # (n, n) rms in rad of the row's model at the column's orbit
 
 
 def study_orbit(
     rig: RunLaw,
     believed: LumpedParameters,
     zero: float,
-    plan: Plan,
+    schedule: OrbitSchedule,
     options: RecalibrationOptions,
     *,
     amplitudes: tuple[float, ...] = (),
@@ -86,29 +60,18 @@ def study_orbit(
 ) -> OrbitStudy:
     """Calibrate, and compare free runs of the generic and the re-calibrated model.
 
-    Parameters
-    ----------
-    rig, believed, zero, plan, options
-        As `butterfly.orbit.loop.calibrate` takes them.
-    amplitudes
-        Of the orbits in rad at which models are re-calibrated and used crosswise.
-    small_swings
-        What ``believed`` is from, if it was identified.
-    rng
-        Source of the dither.
-    name, description
-        For the report.
-    track
-        Shows progress.
+    ``believed`` are parameters of the bare hand, from ``small_swings`` if they were identified;
+    ``zero`` is the encoder reading in rad of the hanging hand. At the orbits of the ``amplitudes``
+    in rad models are re-calibrated and used crosswise.
     """
-    calibration = calibrate(rig, believed, zero, plan, options, rng=rng, track=track)
-    carried = plan.added_masses[0]
+    calibration = calibrate(rig, believed, zero, schedule, options, rng=rng, track=track)
+    carried = schedule.added_masses[0]
     final = calibration.parameters
 
     def run(amplitude: float, start: float, dither: float) -> Log:
         orbit = Orbit.of_amplitude(final, amplitude)
-        law = Dithered(plan.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
-        return rig(law, start, plan.duration, carried)
+        law = Dithered(schedule.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
+        return rig(law, start, schedule.duration, carried)
 
     last, generic = calibration.rounds[-1], calibration.rounds[0].believed
     nominal = last.orbit.upper
@@ -143,18 +106,10 @@ def study_orbit(
 def beside_orbit(
     log: Log, loaded: LumpedParameters, zero: float, periods: float = PERIODS
 ) -> FreeRun:
-    """Return a free run from the log's first sample, with its input.
+    """Return a free run from the log's first sample, with its input, where the log is at rest.
 
-    Parameters
-    ----------
-    log
-        That starts at rest.
-    loaded
-        Parameters of the hand with what it carries.
-    zero
-        Encoder reading in rad of the hanging hand.
-    periods
-        How many of the swing from the first sample to compare.
+    The parameters are of the hand with what it carries; compared are so many periods of a swing
+    from there.
     """
     start = max(abs(float(log.angle[0]) - zero), _HANGING)
     period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from butterfly.logs.log import InputKind, Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.control_loop import ControlLaw, ControlLoop, recorded
-from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint, kind_of
 from butterfly.plant.motor import CommandPath, SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.signals.excitations import Excitation, initial_angle
 
 
 class Simulator(StrEnum):

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, compressed
-from butterfly.plant.excitations import Excitation, Multisine, initial_angle
 from butterfly.plant.joints import GreyBoxJoint, steps_of
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import Joint
@@ -25,6 +24,7 @@ from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.sensors import stamps_of
 from butterfly.progress import Track, untracked
 from butterfly.signals import hold
+from butterfly.signals.excitations import Excitation, Multisine, initial_angle
 
 _Job = tuple[tuple[AddedMass, Excitation], np.random.Generator]
 

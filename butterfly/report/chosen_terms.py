@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from plotly.graph_objects import Figure, Scatter
 
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.validate import Structure
 from butterfly.report.figures import look
 from butterfly.report.format import fit_text
-from butterfly.report.numbers.document import Told
 from butterfly.report.page import Page, Section, Table
 
 

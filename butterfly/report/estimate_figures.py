@@ -89,7 +89,7 @@ def correlation_map(estimate: Estimate) -> Figure | None:
 
 def ranked_figure(identification: Identification) -> Figure:
     """Draw the FIT of every log, the worst first, by added mass; a point's number is its log's."""
-    data, fits = identification.data, identification.fits
+    data, fits = identification.data, identification.fit_of_logs
     order = np.argsort(fits)
     figure = Figure()
     for index, mass in enumerate(data.masses):
@@ -197,11 +197,6 @@ def swings_between(points: list[ResponsePoint]) -> tuple[NDArray[np.float64], ND
 
     The swing is that of the logs at their frequencies (their geometric mean where several share
     one), and between them on straight lines over logarithms.
-
-    Parameters
-    ----------
-    points
-        At least one.
     """
     measured = np.unique([p.omega for p in points])
     swing = [np.mean([np.log(p.amplitude) for p in points if p.omega == w]) for w in measured]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
-from butterfly.identification.diagnostics.unit_errors.names import listed, slip_in_words
+from butterfly.identification.diagnostics.unit_errors.names import listed, unit_error_text
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.physical_formulas import SYMBOLS
 from butterfly.model.terms import TERMS
@@ -210,7 +210,7 @@ _TEXTS: dict[FindingKind, str | Callable[[Finding, Values], str]] = {
     FindingKind.PRECISE: "{names} known within {percent:.0f} %",
     FindingKind.ROUGH: "{names} known roughly",
     FindingKind.NOT_FROM_ZERO: "{names} not distinguishable from zero",
-    FindingKind.SLIP: lambda finding, _: slip_in_words(finding),
+    FindingKind.UNIT_ERROR: lambda finding, _: unit_error_text(finding),
     FindingKind.POOR_FIT: _poor_fit,
     FindingKind.UNFOLLOWED: (
         "The model does not follow {logs} (FIT {fit} % at worst): look at what is different there, "

@@ -25,13 +25,7 @@ _SAID = {
 
 
 def write_inspection(log: Log, health: Health, path: Path) -> None:
-    """Write the page of a log as one HTML file that opens offline.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write the page of a log as one HTML file that opens offline."""
     write_html(inspection_page(log, health), path)
 
 

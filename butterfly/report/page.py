@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from butterfly import __version__
+from butterfly.document import write_document
 from butterfly.files import replacing
-from butterfly.report.numbers.document import write_document
 from butterfly.report.parameter_table import Whisker
 from butterfly.verdict import Level, Verdict
 
@@ -69,17 +69,7 @@ class Fact(NamedTuple):
 
 
 class Badge(NamedTuple):
-    """What may be done with what a page is about, at one glance.
-
-    Parameters
-    ----------
-    level
-        How much speaks against it.
-    text
-        In a word or two.
-    reasons
-        Why, each to stand alone.
-    """
+    """What may be done with what a page is about, at one glance; each reason stands alone."""
 
     level: Level
     text: str
@@ -88,27 +78,14 @@ class Badge(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Rows of cells under headers, units in the headers.
-
-    Parameters
-    ----------
-    headers, rows, caption
-        What it shows.
-    name
-        By which a page's links and programs find it; nothing if none do.
-    words
-        Numbers of the columns that hold words, which begin at the left and may be broken into
-        lines; so does the first.
-    picks
-        For each row the number of the log that it chooses; nothing if rows choose none.
-    """
+    """Rows of cells under headers, units in the headers."""
 
     headers: tuple[str, ...]
     rows: Sequence[tuple[Cell, ...]]
     caption: str = ""
-    name: str = ""
-    words: tuple[int, ...] = ()
-    picks: Sequence[int] = ()
+    name: str = ""  # by which a page's links and programs find it
+    words: tuple[int, ...] = ()  # columns of text: on the left, broken into lines; so is the first
+    picks: Sequence[int] = ()  # for each row the number of the log that it chooses
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,50 +104,22 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Page:
-    """A report.
-
-    Parameters
-    ----------
-    name, description
-        Of what it is about.
-    kind
-        Of report.
-    summary
-        In plain words.
-    sections
-        In order.
-    numbers
-        What it says, for programs: anything that JSON can hold.
-    verdict
-        On the estimate that it rests on; None if it rests on none.
-    badge
-        What may be done with what it is about; that of the verdict if not given.
-    facts
-        The numbers that matter most.
-    lead
-        The section that belongs on the first screen, before the words.
-    logs
-        Labels of the logs that can be chosen.
-    chosen
-        Number of the log that is chosen at first.
-    stills
-        Figures that are not on the page but among its pictures, by name; drawn where these are
-        asked for.
-    """
+    """A report: on its first screen badge, facts and lead; then the summary, and the sections."""
 
     name: str
     description: str
     kind: str
     summary: Sequence[str]
     sections: Sequence[Section]
-    numbers: dict[str, Any]
-    verdict: Verdict | None = None
-    badge: Badge | None = None
+    numbers: dict[str, Any]  # what it says, for programs: anything that JSON can hold
+    verdict: Verdict | None = None  # on the estimate that it rests on
+    badge: Badge | None = None  # that of the verdict if not given
     facts: Sequence[Fact] = ()
     lead: Section | None = None
-    logs: Sequence[str] = ()
-    chosen: int = 0
-    stills: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+    logs: Sequence[str] = ()  # labels of the logs that can be chosen
+    chosen: int = 0  # number of the log that is chosen at first
+    pictures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+    """Figures that are not on the page but among its pictures, drawn where these are asked for."""
 
     @property
     def headed(self) -> Badge | None:
@@ -178,8 +127,8 @@ class Page:
         if self.badge is not None or self.verdict is None:
             return self.badge
         text = self.verdict.level.verdict
-        said = text if self.kind == "identification" else f"parameters: {text}"
-        return Badge(self.verdict.level, said.capitalize(), self.verdict.paragraphs)
+        text = text if self.kind == "identification" else f"parameters: {text}"
+        return Badge(self.verdict.level, text.capitalize(), self.verdict.paragraphs)
 
     @property
     def parts(self) -> list[Section]:
@@ -213,15 +162,10 @@ def rendered(page: Page) -> str:
     return environment.get_template("page.html.j2").render(
         page=page,
         version=__version__,
-        plotly=_plotly(),
+        plotly=gzip.decompress(_PLOTLY.read_bytes()).decode(),
         figures="{" + figures + "}",
         series=json.dumps({name: vars(each) for name, each in page.series.items()}),
     )
-
-
-def _plotly() -> str:
-    """Return the JavaScript that draws figures."""
-    return gzip.decompress(_PLOTLY.read_bytes()).decode()
 
 
 def _packed(program: str) -> str:
@@ -230,13 +174,7 @@ def _packed(program: str) -> str:
 
 
 def write_html(page: Page, path: Path) -> None:
-    """Write a page as HTML alone.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a page as HTML alone."""
     text = rendered(page)
     with replacing(path) as draft:
         draft.write_text(text, encoding="utf-8")
@@ -246,16 +184,11 @@ def write_page(page: Page, path: Path, *, figures: bool = False) -> None:
     """Write a report as ``path`` (HTML), and its numbers beside it as JSON.
 
     Its ``figures``, if wanted, go as PNG and SVG to a folder ``NAME-figures`` beside ``NAME.html``.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
     """
     if figures:
-        from butterfly.report.pictures import write_stills  # noqa: PLC0415 - slow to import
+        from butterfly.report.pictures import write_pictures  # noqa: PLC0415 - slow to import
 
-        stills = {name: draw() for name, draw in page.stills.items()}
-        write_stills({**page.figures, **stills}, path.with_name(f"{path.stem}-figures"))
+        pictures = {name: draw() for name, draw in page.pictures.items()}
+        write_pictures({**page.figures, **pictures}, path.with_name(f"{path.stem}-figures"))
     write_document(page.numbers, path.with_suffix(".json"))
     write_html(page, path)

@@ -1,4 +1,4 @@
-"""Physical parameters as rows of texts, and what they leave open in plain English."""
+"""Physical parameters and derived quantities as rows of texts, and what is left open in words."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ from butterfly.identification.parameter import or_none
 from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
 from butterfly.identification.physical_formulas import SYMBOLS
 from butterfly.model.known import plain
-from butterfly.model.parameters import JointKind
 from butterfly.report.parameter_table import interval, with_error
 
 HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
 """Of the table."""
 
-TITLE = "Physical parameters"
+TITLE = "Physical parameters and derived quantities"
 """Of the table."""
 
 
@@ -28,7 +27,7 @@ def physical_rows(parameters: PhysicalParameters) -> list[tuple[str, ...]]:
             "–" if or_none(each.standard_error) is None else f"{each.standard_error:#.2g}",
             interval(each.value - each.reach, each.value + each.reach),
             "" if each.told is None else str(each.told),
-            physical_unit(each.name, parameters.joint),
+            each.unit,
         )
         for each in parameters.found
     ]
@@ -43,16 +42,10 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
             "lower": or_none(each.value - each.reach),
             "upper": or_none(each.value + each.reach),
             "told": each.told and plain(each.told),
-            "unit": physical_unit(each.name, parameters.joint),
+            "unit": each.unit,
         }
         for each in parameters.found
     }
-
-
-def physical_unit(name: str, joint: JointKind) -> str:
-    """Return the unit of a physical parameter."""
-    symbol = SYMBOLS[name]
-    return symbol.of_slide if joint is JointKind.SLIDE else symbol.unit
 
 
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:

@@ -50,16 +50,11 @@ class _PlainPowers(LogFormatterSciNotation):
         return f"{x:g}" if text and _FEW_NOUGHTS <= x <= 1 / _FEW_NOUGHTS else text
 
 
-def write_stills(figures: Mapping[str, Figure], folder: Path) -> None:
+def write_pictures(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write each figure as ``folder``/NAME.png and NAME.svg.
 
     Line and scatter plots (with error bars), filled shapes, bars and heat maps in any grid of axes,
     and lines across the first of them, are drawn, which is all that the reports use.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
     """
     for name, figure in figures.items():
         still = draw(figure)
@@ -224,6 +219,7 @@ def _label(trace: Any) -> str | None:  # noqa: ANN401 - plotly's
 
 
 def _lines(label: object) -> str:
+    """Return a label with its line breaks."""
     return _plain(str(label).replace("<br>", "\n"))
 
 

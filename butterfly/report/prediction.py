@@ -49,27 +49,14 @@ def drawn_predictions(predictions: Sequence[Prediction]) -> list[Prediction]:
 
 
 def band_series(predictions: Sequence[Prediction], *, measured: bool) -> Series:
-    """Return what a page needs to draw each prediction in time.
-
-    Parameters
-    ----------
-    predictions
-        With bands.
-    measured
-        Whether their logs were measured.
-    """
+    """Return what a page needs to draw each prediction in time."""
     return Series.of_figures([band_figure(each, measured=measured) for each in predictions])
 
 
 def band_figure(prediction: Prediction, *, measured: bool) -> Figure:
     """Draw angle and bands against time, and below both less the free run.
 
-    Parameters
-    ----------
-    prediction
-        With bands.
-    measured
-        Whether its log was measured.
+    The measured angle too, where there was one.
     """
     figure = make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.05, row_heights=[0.55, 0.45]

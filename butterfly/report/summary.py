@@ -9,10 +9,10 @@ from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
 from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.validate import Structure
-from butterfly.identification.zeros import ZeroKind, zeros_of
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.known import Knowledge
@@ -25,7 +25,7 @@ from butterfly.verdict import Level
 
 def summary(identification: Identification) -> list[str]:
     """Say in plain words what was found: the verdict, what it rests on, then the numbers."""
-    fit, data, estimate = identification.summary, identification.data, identification.estimate
+    fit, data, estimate = identification.fit, identification.data, identification.estimate
     drive = "voltage" if data.input_kind == "voltage" else "torque command"
     masses = data.masses
     carried = str(masses[0]) if len(masses) == 1 else f"{len(masses)} added masses"
@@ -97,12 +97,12 @@ def zero_sentences(logs: Sequence[Log], known: Knowledge) -> list[str]:
     if not logs or known.weightless(log.added_mass for log in logs):
         return []
     logs = [thinned(log) for log in logs]
-    zeros = zeros_of(logs, [_response(log) for log in logs])
+    zeros = encoder_offsets(logs, [_response(log) for log in logs])
     sentences = []
     for zero in dict.fromkeys(zeros):
         own = [log for log, each in zip(logs, zeros, strict=True) if each == zero]
         where = "" if len(own) == len(logs) else f" {_named(own, logs)}"
-        if zero.kind is ZeroKind.GUESS:
+        if zero.kind is OffsetKind.GUESS:
             sentences.append(f"Where the hand hangs{where} is a guess: {REMEDY}.")
         else:
             sentences.append(f"The hand hangs at {zero}{where}.")

@@ -1,26 +1,20 @@
-"""The figures of a sweep's report, and the table of estimates that they are drawn from."""
+"""Figures of a sweep: deviation from the truth against what was varied, one by one and at once."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
+from butterfly.experiment.recovery import Estimates
 from butterfly.model.terms import TERMS
-from butterfly.report.figures import PALETTE
+from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.format import field_label
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-from typing import NamedTuple
-
-from butterfly.report.figures import GREY
 
 _DISTINCT = 12  # values of a field, up to which each is drawn; beyond, they are put into bins
 _BINS = 8
@@ -29,58 +23,16 @@ _MAPS = 4  # heat maps at most
 _ROW = 190  # pixels of a panel
 
 
-@dataclass(frozen=True, eq=False)
-class Estimates:
-    """The table of estimates as columns; all (n,)."""
-
-    columns: dict[str, NDArray[Any]]
-
-    def take(self, rows: NDArray[np.bool_]) -> Estimates:
-        """Return the rows that a mask selects."""
-        return Estimates({name: column[rows] for name, column in self.columns.items()})
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self.columns[name]
-
-    @property
-    def inside(self) -> NDArray[np.bool_]:
-        """Whether each interval holds the truth."""
-        return np.asarray(
-            (self["lower"] <= self["true"]) & (self["true"] <= self["upper"]), dtype=np.bool_
-        )
-
-    @property
-    def coverage(self) -> float | None:
-        """Share of the intervals that hold the truth; None if there is no interval."""
-        there = np.isfinite(self["lower"]) & np.isfinite(self["upper"])
-        return float(self.inside[there].mean()) if there.any() else None
-
-    def distinct(self, name: str) -> list[Any]:
-        """Different values of a column, in the order of their first row."""
-        return list(dict.fromkeys(self[name].tolist()))
-
-
-def column(table: pa.Table, name: str) -> NDArray[Any]:
-    """Return a column as floats, NaN where there is nothing, or as objects."""
-    column = table[name]
-    if str(column.type) in {"double", "int64"}:
-        floats = column.cast("double", safe=False)  # seeds have more digits than a float
-        return np.asarray(floats.to_numpy(zero_copy_only=False), dtype=np.float64)
-    coded = column.combine_chunks().dictionary_encode()  # few texts, each of them many times
-    texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
-    return np.asarray(texts[coded.indices.fill_null(-1).to_numpy()])
-
-
 def axis_figure(table: Estimates, field: str) -> Figure | None:
     """Draw deviation against one field, a panel for each parameter."""
     names = table.distinct("parameter")
     if not names or len(table.distinct(field)) < 2:  # noqa: PLR2004 - nothing varies
         return None
     figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.03)
-    for index, method in enumerate(table.distinct("estimator")):
+    for index, method in enumerate(table.estimators):
         colour = PALETTE[index % len(PALETTE)]
         for row, name in enumerate(names, start=1):
-            group = table.take((table["estimator"] == method) & (table["parameter"] == name))
+            group = table.where(estimator=method, parameter=name)
             if not group["value"].size:
                 continue
             where, parts = _binned(group[field])
@@ -146,7 +98,7 @@ def heat_maps(table: Estimates, fields: Sequence[str]) -> dict[str, Figure]:
     """Draw the mean absolute deviation over pairs of fields, by the first estimator."""
     if not table["value"].size:
         return {}
-    group = table.take(table["estimator"] == table.distinct("estimator")[0])
+    group = table.where(estimator=table.estimators[0])
     varying = [field for field in fields if len(group.distinct(field)) > 1]
     pairs = [(a, b) for k, a in enumerate(varying) for b in varying[k + 1 :]][:_MAPS]
     return {f"map-{number}": _heat_map(group, *pair) for number, pair in enumerate(pairs)}
@@ -185,7 +137,6 @@ _COLOURS = ("#009E73", "#56B4E9", "#E69F00", "#D55E00")  # of quarters of the es
 _MOST = 400  # lines
 _FEWEST = 2  # fields that a line goes through, and values that an axis has
 _TICKS = 8  # values of an axis, up to which each is written
-_MAIN = ("p1", "p3", "p4")
 _MARGIN = 0.03  # of an axis, by which written values are off its ends
 
 
@@ -200,18 +151,10 @@ class _Axis(NamedTuple):
 def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
     """Draw each estimate as a line through the values of its fields, its deviation and its FIT.
 
-    Parameters
-    ----------
-    table
-        Estimates with their deviation from the truth.
-    fields
-        Of the experiment, that the sweep varied.
-
-    Returns
-    -------
-    The figure; None where fewer than two fields vary.
+    `fields` of the experiment are those that the sweep varied; None where fewer than two vary.
     """
-    rows, worst = _worst_of_each(table)
+    rows = table.worst()
+    worst = np.abs(rows["deviation"])
     varying = [field for field in fields if len(rows.distinct(field)) >= _FEWEST]
     if len(varying) < _FEWEST:
         return None
@@ -251,21 +194,6 @@ def parallel_figure(table: Estimates, fields: Sequence[str]) -> Figure | None:
     figure.update_yaxes(visible=False, range=[-_MARGIN, 1 + _MARGIN])
     figure.update_layout(height=480)
     return figure
-
-
-def _worst_of_each(table: Estimates) -> tuple[Estimates, NDArray[np.float64]]:
-    """Return a row of each estimate, and (n,) its largest deviation, as a share."""
-    main = table.take(np.isin(table["parameter"].astype(str), _MAIN))
-    worst: dict[tuple[Any, Any], tuple[int, float]] = {}
-    estimates = zip(main["number"].tolist(), main["estimator"].tolist(), strict=True)
-    for row, (own, size) in enumerate(zip(estimates, np.abs(main["deviation"]), strict=True)):
-        if own not in worst or size > worst[own][1]:
-            worst[own] = row, float(size)
-    rows = np.array([row for row, _ in worst.values()], dtype=np.intp)
-    chosen = np.zeros(main["deviation"].size, dtype=np.bool_)
-    chosen[rows] = True
-    order = np.argsort(rows)
-    return main.take(chosen), np.array([size for _, size in worst.values()])[order]
 
 
 def _axis(title: str, values: NDArray[Any]) -> _Axis:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.api.identified import Identified
 from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.identification import Identification
 from tests.comparison.test_change import ERRORS, TRUTH, estimate, of_scale
 
 
@@ -25,9 +25,9 @@ def identified(factors=1.0, covariance=None, **properties):
             "manifest": None,
         },
         "fits": {"log": 99.0},
-        "summary": (),
+        "saved": {"summary": ()},
     }
-    return Identified(**about | properties)
+    return Identification(**about | properties)
 
 
 def test_the_answer_comes_first_in_words():

@@ -80,7 +80,7 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     memory, folder = bf.simulate(quick), bf.simulate(quick, out=tmp_path / "logs")
     for data in (memory, folder):
         assert data.told.as_told() == told["known"]
-        assert [log.name[:6] for log in data.held.logs] == ["run002"]
+        assert [log.name[:6] for log in data.test_logs.logs] == ["run002"]
         carried = [log.added_mass for log in data.logs]
         uncertain = {(added.mass_uncertainty, added.arm_uncertainty) for added in carried}
         assert uncertain == {(0.0, 0.0), (1e-3, 0.0), (0.0, 2e-3)}

@@ -205,7 +205,7 @@ def test_every_source_takes_the_same_description(tables, way):
         assert log.intersample == "first_order_hold"
     if "table" not in way:
         held = read(source, **OTHERS, holdout=["b"])
-        assert ([log.name for log in held.logs], len(held.held.logs)) == (["a.csv"], 1)
+        assert ([log.name for log in held.logs], len(held.test_logs.logs)) == (["a.csv"], 1)
         assert data.manifest.repair == {"duplicate", "unwrap"}
 
 
@@ -235,8 +235,8 @@ def test_a_log_of_a_manifest_is_used_even_if_its_neighbours_are_held_out(quick_d
     first, second, *_ = (entry.file for entry in manifest_of(folder).logs)
     assert _names(folder / first) == [first]
     assert _names([folder / first, folder / second]) == [first, second]
-    assert read(folder).held is not None
-    assert len(read(folder, holdout=["run000*"]).held.logs) == 2
+    assert read(folder).test_logs is not None
+    assert len(read(folder, holdout=["run000*"]).test_logs.logs) == 2
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def test_a_result_not_to_be_used_says_so_in_its_repr_its_words_and_its_file(
 def test_what_an_older_program_saved_has_no_verdict(data):
     found = bf.validate(data)
     content = {key: value for key, value in found.to_dict().items() if key != "verdict"}
-    older = type(found).of_content(content)
+    older = type(found).from_dict(content)
     assert (older.standing, older.verdict) == (None, [])
     assert older.page().summary == list(found.summary)
     assert older.to_dict()["verdict"] is None

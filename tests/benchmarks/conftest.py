@@ -60,7 +60,7 @@ def fitted_problem(real, fitted):
 def simulation(fitted, fitted_problem):
     """Simulates all real logs with the parameters of `fitted`, each input at hand on its grid."""
     jobs = []
-    for trajectory in fitted_problem.trajectories:
+    for trajectory in fitted_problem.simulations:
         log, grid = trajectory.log, trajectory.grid
         parameters, own = fitted.applied(log)
         instants = grid - parameters.delay

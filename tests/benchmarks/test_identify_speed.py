@@ -11,7 +11,7 @@ from scipy.io import loadmat
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.identification.data import read_data_set
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from tests.benchmarks.bars import SHORT, at_most
 from tests.benchmarks.cpu_time import least_seconds, least_seconds_of_processes
 

@@ -6,10 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from butterfly.identification.weak_signals import Balance
+from butterfly.identification.test_functions import Balance
 from butterfly.orbit.loop import calibrate
-from butterfly.orbit.recalibration import recalibrate
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.orbit.study import study_orbit
 from tests.benchmarks.bars import SHORT, at_least, at_most
 from tests.orbit.setting import (

@@ -6,7 +6,7 @@ from butterfly.identification.estimators import WeakForm
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.plant.excitations import Multisine
+from butterfly.signals.excitations import Multisine
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 

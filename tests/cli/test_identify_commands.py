@@ -7,7 +7,7 @@ import yaml
 
 import butterfly as bf
 from butterfly.cli.exit_codes import ExitCode
-from butterfly.identification.estimators import describing_fit
+from butterfly.identification.estimators import harmonic_balance_regression
 from butterfly.logs.manifest import read_manifest
 from tests.cli.one_line import assert_one_line_error
 
@@ -73,7 +73,7 @@ def test_every_method_identifies_the_simulated_robot(butterfly, quick_data):
 def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
     butterfly, quick_data, monkeypatch, tmp_path
 ):
-    monkeypatch.setattr(describing_fit, "_MAX_ITERATIONS", 1)
+    monkeypatch.setattr(harmonic_balance_regression, "_MAX_ITERATIONS", 1)
     report = tmp_path / "report.html"
     code, out, err = butterfly("identify", quick_data, "--report", report)
     assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")

@@ -17,7 +17,7 @@ from butterfly.cli import main
 from butterfly.cli.command_table import COMMANDS, MODEL_COMMANDS, RESULTS_COMMANDS
 from butterfly.cli.exit_codes import ExitCode
 from butterfly.cli.loudness import be_quiet, one_command, standard_output
-from butterfly.report.numbers.document import HEAD
+from butterfly.document import HEAD
 from tests.cli.one_line import assert_one_line_error
 from tests.cli.test_orbit_commands import ORBIT
 

@@ -3,7 +3,7 @@
 import yaml
 
 from butterfly.cli.exit_codes import ExitCode
-from butterfly.identification.estimators import describing_fit
+from butterfly.identification.estimators import harmonic_balance_regression
 from tests.cli.one_line import assert_one_line_error
 
 
@@ -43,7 +43,7 @@ def test_a_sine_that_will_swing_wide_is_warned_about(butterfly, quick, tmp_path)
 def test_a_run_whose_estimate_did_not_settle_ends_with_code_3_done_or_found_done(
     butterfly, quick, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(describing_fit, "_MAX_ITERATIONS", 1)
+    monkeypatch.setattr(harmonic_balance_regression, "_MAX_ITERATIONS", 1)
     for said in ("deviation", "found done"):
         code, out, err = butterfly("run", quick, "--out", tmp_path / "out")
         assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")

@@ -12,7 +12,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, WeakForm
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import hold_out
-from butterfly.report.leaderboard import leaderboard_page
+from butterfly.report.ranking_pages import leaderboard_page
 from tests.identification.simulated import ROBOT, SWINGS, steady
 
 

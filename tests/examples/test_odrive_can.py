@@ -12,7 +12,7 @@ can = pytest.importorskip("can", reason="python-can is not installed (extra 'can
 from butterfly.errors import InputError
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.model.known import Known

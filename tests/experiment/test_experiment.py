@@ -10,10 +10,10 @@ from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import DataSet
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.logs.manifest import read_entry, read_manifest
 from butterfly.plant.sensors import Faults
-from butterfly.report.identification import write_report
+from butterfly.report.identification_page import write_report
 
 QUICKSTART = shipped("experiments/quickstart.yaml")
 
@@ -57,7 +57,7 @@ def test_the_quick_start_recovers_the_simulated_robot_within_one_percent(quickst
     found = result.estimate.parameters
     for name in ("p1", "p2", "p3", "p4"):
         assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=0.01)
-    assert result.summary.worst > 98
+    assert result.fit.worst > 98
 
 
 def test_simulated_logs_are_read_back_with_what_was_done(short, tmp_path):
@@ -252,6 +252,6 @@ def test_a_robot_is_identified_from_a_multisine_and_a_free_decay(tmp_path):
     truth, found = experiment.plant.robot.lumped, result.estimate.parameters
     for name in ("p1", "p2", "p3", "p4"):
         assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=5e-3)
-    assert result.summary.worst > 99
+    assert result.fit.worst > 99
     write_report(result, tmp_path / "report.html", truth)
     assert "signal" in (tmp_path / "report.html").read_text(encoding="utf-8")

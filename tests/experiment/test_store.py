@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.experiment.columns import ESTIMATES, RUNS, Columns
+from butterfly.experiment.columns import ESTIMATES, RUNS, SweepColumns
 from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
@@ -157,7 +157,7 @@ def test_a_field_may_be_set_to_anything(values, kind):
         SweepRun(number=k, key=str(k), repetition=0, seed=2**63 - 1, overrides={"f": value})
         for k, value in enumerate(values)
     ]
-    columns = Columns(("f",), runs)
+    columns = SweepColumns(("f",), runs)
     assert columns.schema(RUNS).field("f").type == kind
     for name in (RUNS, ESTIMATES):
         rows = [row for run in runs for row in columns.rows(name, run, None)]
@@ -174,7 +174,7 @@ def test_a_swept_number_may_be_written_without_a_point(tmp_path):
     )
     plan = plan_sweep(Source(path))
     runs = [task.run for task in plan.tasks]
-    columns = Columns(plan.fields, runs)
+    columns = SweepColumns(plan.fields, runs)
     schema = columns.schema(RUNS)
     assert {schema.field(name).type for name in plan.fields} == {pa.float64()}
     (first,) = columns.rows(RUNS, runs[0], None)

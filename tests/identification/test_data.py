@@ -55,12 +55,12 @@ def test_logs_are_held_out_by_name_and_put_back(sine_log):
     data = DataSet.of([replace(sine_log, name=name) for name in names], name="bench")
     apart = data.holding_out(["b", "two/*"])
     assert [log.name for log in apart.logs] == ["one/a.mat"]
-    assert [log.name for log in apart.held.logs] == ["one/b.mat", "two/c.mat"]
+    assert [log.name for log in apart.test_logs.logs] == ["one/b.mat", "two/c.mat"]
     assert [log.name for log in apart.whole.logs] == list(names)
-    assert apart.whole.held is None
-    assert apart.take([0]).held is None
+    assert apart.whole.test_logs is None
+    assert apart.take([0]).test_logs is None
     twice = data.holding_out(["a"]).holding_out(["c.mat"])
-    assert [log.name for log in twice.held.logs] == ["two/c.mat", "one/a.mat"]
+    assert [log.name for log in twice.test_logs.logs] == ["two/c.mat", "one/a.mat"]
     assert data.holding_out([]) is data
     piece = DataSet.of([replace(sine_log, name=name) for name in ("a.mat", "a.mat [part 2]")])
     assert [log.name for log in piece.holding_out(["a.mat [part 2]"]).logs] == ["a.mat"]
@@ -73,7 +73,7 @@ def test_logs_are_held_out_by_name_and_put_back(sine_log):
 def test_what_is_known_holds_for_logs_that_are_held_out(sine_log):
     data = DataSet.of([sine_log, sine_log]).holding([1])
     known = Knowledge.told({"p3": 0.05})
-    assert data.knowing(known).held.known == known
+    assert data.knowing(known).test_logs.known == known
 
 
 def test_without_gravity_there_is_no_moment_to_be_known(sine_log):

@@ -11,7 +11,7 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
@@ -129,5 +129,5 @@ def test_logs_that_are_held_out_are_simulated_once(data, monkeypatch):
 
     monkeypatch.setattr(Simulation, "run", counted)
     found = identify(apart, WeakForm(terms=(), check=False))
-    assert runs.count(apart.held.logs[0].name) == 1
-    assert list(found.held_out) == [apart.held.logs[0].name]
+    assert runs.count(apart.test_logs.logs[0].name) == 1
+    assert list(found.held_out) == [apart.test_logs.logs[0].name]

@@ -89,8 +89,8 @@ def test_every_column_is_the_central_difference(problem):
 def test_what_belongs_to_one_log_or_mass_moves_no_other(problem):
     logs = problem.equations(problem.initial).logs
     for k, (_, whose) in enumerate(problem.keys):
-        for trajectory, log in zip(problem.trajectories, logs, strict=True):
-            concerned = whose in {None, trajectory.log.added_mass, trajectory.log.name}
+        for simulation, log in zip(problem.simulations, logs, strict=True):
+            concerned = whose in {None, simulation.log.added_mass, simulation.log.name}
             assert concerned or not np.any(log.jacobian[:, k])
 
 

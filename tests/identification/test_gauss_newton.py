@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimators.equations import Equations, LogEquations
+from butterfly.identification.estimators.equations import Equations, LogEquations, Loss, outlying
 from butterfly.identification.estimators.gauss_newton import minimise
-from butterfly.identification.estimators.loss import Loss, outlying
 
 MISRA_1A = np.array(
     [

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,6 +10,10 @@ from scipy.optimize import brentq
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimators import HarmonicBalance
+from butterfly.identification.estimators.harmonic_balance_regression import (
+    HarmonicBalanceFit,
+    Phasors,
+)
 from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
@@ -157,7 +162,9 @@ def test_friction_that_is_not_there_ends_on_its_bound_and_is_said_to():
 def test_an_iteration_that_does_not_settle_is_said_to(monkeypatch):
     points = _points(ROBOT, noise=5e-4)
     assert HarmonicBalance(terms=()).of_points(points).ending is Ending.CONVERGED
-    monkeypatch.setattr("butterfly.identification.estimators.describing_fit._MAX_ITERATIONS", 2)
+    monkeypatch.setattr(
+        "butterfly.identification.estimators.harmonic_balance_regression._MAX_ITERATIONS", 2
+    )
     stopped = HarmonicBalance(terms=()).of_points(points)
     assert stopped.ending is Ending.STOPPED
     assert any("did not settle" in sentence for sentence in estimate_sentences(stopped))
@@ -186,3 +193,29 @@ def test_the_real_robot_s_intervals_hold_the_estimates_with_one_mass_left_out(re
     for values in real.estimate.left_out.values():
         assert np.all(real.estimate.lower <= values)
         assert np.all(values <= real.estimate.upper)
+
+
+def _weights(relative, noise=1e-9):
+    """Weights of 24 responses times slope; their swings differ."""
+    rng = np.random.default_rng(0)
+    swings = np.tile([0.02, 0.3], 12)
+    points = [
+        _points(ROBOT, masses=[mass], omegas=[omega], swing=swing, noise=noise)[0]
+        for swing, (mass, omega) in zip(swings, product(MASSES, OMEGAS), strict=True)
+    ]
+    errors = 1 + relative * (rng.standard_normal(24) + 1j * rng.standard_normal(24))
+    points = [
+        replace(point, angle=replace(point.angle, phasors=point.angle.phasors * error))
+        for point, error in zip(points, errors, strict=True)
+    ]
+    fit = HarmonicBalanceFit.of(Phasors.of(points, PARAMETERS, small=False))
+    return fit.weights * fit.phasors.slope(fit.solved.values), swings
+
+
+def test_a_misfit_in_proportion_to_the_swing_is_weighed_by_the_swing():
+    """So that errors that a model leaves count alike; those of the encoder count as they are."""
+    weights, swings = _weights(relative=0.02)
+    np.testing.assert_allclose(weights * swings / np.mean(weights * swings), 1, rtol=0.1)
+    assert np.mean(weights * swings) == pytest.approx(1 / 0.02, rel=0.3)
+    weights, _ = _weights(relative=0.0, noise=1e-5)
+    np.testing.assert_allclose(weights, 1e5, rtol=1e-2)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from butterfly.identification.estimators import WeakForm
-from butterfly.identification.estimators.instruments import refined, seen
-from butterfly.identification.estimators.weak_terms import WeakTerms
+from butterfly.identification.estimators.instrumental_variables import refined, seen
+from butterfly.identification.estimators.weak_form import WeakTerms
 from butterfly.model.known import NOTHING, Knowledge
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, wild

@@ -1,5 +1,6 @@
 """Physical parameters from lumped ones and what is known, against draws of all that is possible."""
 
+import control
 import numpy as np
 import pytest
 
@@ -7,14 +8,18 @@ from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
 from butterfly.identification.physical import Lack, physical_parameters
+from butterfly.identification.physical_formulas import WAYS
 from butterfly.logs.log import InputKind
+from butterfly.model.control_bridge import linearised
 from butterfly.model.friction import Friction
 from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import (
     NO_ADDED_MASS,
     AddedMass,
     Hand,
     JointKind,
+    LumpedParameters,
     VoltageDrive,
     lump,
 )
@@ -36,6 +41,7 @@ MOTOR = {
 }
 UPRIGHT = AddedMass(gravity=0.0)
 SLIDE = AddedMass(joint=JointKind.SLIDE)
+DERIVED = {way.name for way in WAYS if way.symbol}
 
 
 def _covariance(share):
@@ -66,6 +72,11 @@ def _of_logs(told, values=VALUES, covariance=None, kind=InputKind.VOLTAGE, carri
     """Return what is told of an estimate that knows nothing but its logs."""
     covariance = _covariance(0.01) if covariance is None else covariance
     return physical_parameters(_estimate(values, covariance), Knowledge.told(told), kind, carrier)
+
+
+def _parts(found):
+    """Return the names of motor and hand's parameters among all that follows."""
+    return {each.name for each in found.found} - DERIVED
 
 
 def _drawn(count=200_000):
@@ -110,7 +121,7 @@ def test_values_and_errors_are_those_of_all_that_is_possible(used):
         estimate = _estimate(values, covariance - np.outer(gain, covariance[3]), known)
     found = physical_parameters(estimate, known, InputKind.VOLTAGE, NO_ADDED_MASS)
     weight, drawn = _drawn()
-    assert {each.name for each in found.found} == drawn.keys()
+    assert _parts(found) == drawn.keys()
     for name, values in drawn.items():
         mean = weight @ values
         spread = np.sqrt(weight @ (values - mean) ** 2)
@@ -127,7 +138,7 @@ def test_errors_of_a_prior_are_not_counted_twice():
     found = physical_parameters(
         _estimate(VALUES, covariance, known), known, InputKind.VOLTAGE, NO_ADDED_MASS
     )
-    assert {each.name for each in found.found} == set()
+    assert _parts(found) == set()
 
 
 def test_a_weighed_hand_is_separated_as_its_closed_form_says():
@@ -162,7 +173,7 @@ def test_one_part_of_the_motor_tells_another():
 def test_a_command_in_amperes_shows_in_its_current_and_hides_the_rest():
     told = {"torque_constant": 0.05, "gear_ratio": 10.0, "resistance": 2.0}
     found = _of_logs(told, np.array([1.0, 0.1, 3.0, 0.5]), kind=InputKind.TORQUE)
-    assert [each.name for each in found.found] == ["motor_current"]
+    assert _parts(found) == {"motor_current"}
     assert found["motor_current"].value == pytest.approx(1.0)
     lacks = {each.lack: each for each in found.unseparated}
     assert lacks[Lack.UNUSED].names == ("resistance",)
@@ -174,13 +185,13 @@ def test_a_slide_has_a_mass_and_no_centre_of_it():
     values = np.array([0.6, 0.1, 0.0, 2.0])
     rotor = {"rotor_inertia": (1e-5, 1e-6), "gear_ratio": 100.0}
     found = _of_logs(rotor, values, np.diag([1e-4, 0, 0, 0]), carrier=SLIDE)
-    assert [each.name for each in found.found] == ["hand_mass"]
+    assert _parts(found) == {"hand_mass"}
     assert found["hand_mass"].value == pytest.approx(0.5)
     assert found["hand_mass"].standard_error == pytest.approx(np.hypot(0.01, 0.01))
     found = _of_logs({"hand_mass": 0.5, "gear_ratio": 100.0}, values, carrier=SLIDE)
     assert found["rotor_inertia"].value == pytest.approx(1e-5)
     found = _of_logs({"hand_mass": 0.5, "torque_constant": 0.1}, values, carrier=SLIDE)
-    assert found.found == ()
+    assert _parts(found) == set()
     assert Lack.GEAR in {each.lack for each in found.unseparated}
 
 
@@ -216,3 +227,48 @@ def test_an_estimate_without_uncertainties_has_values_only():
     assert found["com_distance"].value == pytest.approx(0.05)
     assert np.isnan(found["com_distance"].standard_error)
     assert "resistance" not in {each.name for each in found.found}
+
+
+def test_resonance_damping_and_decay_are_those_of_the_linearised_hand():
+    found = _of_logs({})
+    assert found["resonance"].value == pytest.approx(resonance_frequency(TRUTH), rel=1e-12)
+    _, ratios, poles = control.damp(linearised(TRUTH), doprint=False)
+    assert found["damping_ratio"].value == pytest.approx(ratios[0], rel=1e-9)
+    assert found["decay_time"].value == pytest.approx(-1 / (2 * poles[0].real), rel=1e-9)
+    units = {each.name: each.unit for each in found.found}
+    assert units["resonance"] == "rad/s"
+    assert units["speed_gain"] == "rad/s/V"
+
+
+def test_the_speed_per_volt_is_the_gain_from_input_to_velocity_at_low_frequency():
+    values = np.array([0.6, 0.1, 0.0, 2.0])
+    found = _of_logs({}, values, np.diag([1e-4, 1e-6, 0, 1e-4]), carrier=SLIDE)
+    omega = 1e-6
+    response = frequency_response(LumpedParameters(**dict(zip(NAMES, values, strict=True))), omega)
+    assert found["speed_gain"].value == pytest.approx(abs(1j * omega * response), rel=1e-6)
+    assert found["speed_gain"].unit == "m/s/V"
+    assert "resonance" not in {each.name for each in found.found}
+
+
+def test_errors_of_derived_quantities_are_those_of_draws():
+    rng = np.random.default_rng(1)
+    covariance = _covariance(0.01)
+    p1, p2, p3, p4 = rng.multivariate_normal(VALUES, covariance, 200_000).T
+    found = _of_logs({}, covariance=covariance)
+    draws = {
+        "resonance": np.sqrt(p3 / p1 - (p2 / p1) ** 2 / 2),
+        "damping_ratio": p2 / (2 * np.sqrt(p1 * p3)),
+        "decay_time": p1 / p2,
+        "speed_gain": p4 / p2,
+    }
+    for name, values in draws.items():
+        assert found[name].standard_error == pytest.approx(np.std(values), rel=0.02), name
+
+
+def test_a_derived_quantity_that_is_not_known_from_0_or_does_not_exist_is_not_told():
+    loose = np.diag([1e-12, VALUES[1] ** 2, 1e-12, 1e-12])
+    names = {each.name for each in _of_logs({}, covariance=loose).found}
+    assert names & DERIVED == {"resonance"}  # p2 may be 0
+    balanced = np.where(np.array(NAMES) == "p3", 0.0, VALUES)
+    names = {each.name for each in _of_logs({}, balanced).found}
+    assert names & DERIVED == {"decay_time", "speed_gain"}

@@ -6,7 +6,7 @@ import pytest
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.estimators import WeakForm
 from butterfly.identification.free_run import FitSummary, FreeRun, Setting, Simulations
-from butterfly.identification.identification import identify, judged
+from butterfly.identification.identify import identify, judged
 from butterfly.identification.other_parameters import best_gain, try_parameters
 from butterfly.logs.log import Intersample
 from butterfly.logs.manifest import read_manifest

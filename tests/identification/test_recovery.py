@@ -11,8 +11,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.model.terms import PARAMETERS, TERMS, offered
-from butterfly.orbit.recalibration import recalibrate
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SLOW, SWINGS, steady, wild
 

@@ -8,9 +8,8 @@ from scipy.optimize import nnls
 
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.normal_equations import Regression, SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.regression import Regression
-from butterfly.identification.solved import Solved
 
 NAMES = ("p3", "p4", "compression")
 TRUTH = np.array([-0.04, 0.5, 0.3])
@@ -83,7 +82,7 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
     rng = np.random.default_rng(1)
     jacobian = rng.standard_normal((60, 3))
     residuals = rng.standard_normal(60)
-    solved = Solved(
+    solved = SolvedEquations(
         names=("p1", "coulomb", "zero"),
         values=np.array([3.0, 0.05, 1.0]),
         jacobian=jacobian,

@@ -12,7 +12,7 @@ from butterfly.identification.diagnostics.misfit import judge_misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import OutputError
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
@@ -152,8 +152,8 @@ def test_the_judgement_sees_segments_and_says_so(noisy):
     said = summary(found)
     assert said[0].startswith("Good")
     assert any("Simulated over segments of 0.8 s, each from a start" in each for each in said)
-    assert found.summary.over == " over segments of 0.8 s"
-    assert found.summary.median > 99
+    assert found.fit.over == " over segments of 0.8 s"
+    assert found.fit.median > 99
     assert not judge_misfit(noisy, found.estimate).beyond_sensors
 
 

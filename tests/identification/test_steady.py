@@ -9,7 +9,7 @@ import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.steady import steady_sines
+from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.logs.log import Sine
 from butterfly.verdict import Level
 from tests.conftest import MASSES

@@ -10,8 +10,13 @@ import pytest
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, Loss, OutputError, WeakForm
-from butterfly.identification.estimators.weak_fit import WeakFit, Windows
-from butterfly.identification.weak_signals import HALF_WIDTH, Averaging, Known, weak_signals
+from butterfly.identification.estimators.weak_regression import WeakFit, Windows
+from butterfly.identification.test_functions import (
+    HALF_WIDTH,
+    Averaging,
+    AveragingSettings,
+    weak_signals,
+)
 from butterfly.model.known import NOTHING
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from tests.conftest import MASSES
@@ -54,7 +59,7 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
     averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
     windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
     values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity, NOTHING).values
-    known = Known(zero=0.0, delay=values.pop("delay"))
+    known = AveragingSettings(zero=0.0, delay=values.pop("delay"))
     parts = {True: 0.0, False: 0.0}
     for log in logs:
         signals = weak_signals(log, tuple(values), known, HALF_WIDTH)
@@ -119,6 +124,9 @@ def test_what_only_one_log_has_is_fitted_to_it_and_used_to_predict_it():
     estimator = OutputError(terms=(), per_log=("bias",), check=False, workers=1)
     found = estimator.of_logs(logs, ROBOT, ZEROS)
     assert [found.local[f"log {k}"]["bias"] for k in range(3)] == pytest.approx(biases, abs=2e-5)
+    assert [found.applied(log)[0].bias for log in logs] == pytest.approx(biases, abs=2e-5)
+    other = replace(logs[0], name="another")
+    assert found.applied(other)[0].bias == found.parameters.bias == 0.0
     assert found.local[None]["zero"] == pytest.approx(0.0, abs=1e-4)
     assert DataSet.of(logs).simulations.fits(found).min() > 99.5
 

@@ -10,7 +10,7 @@ import numpy as np
 from butterfly.errors import ButterflyError
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 
 METHODS = {
@@ -124,7 +124,7 @@ def _judged(robot, estimator):
     verdict = getattr(estimate, "verdict", "") or getattr(found, "verdict", "")
     return {
         "readings": readings_of(estimate, truth, max(m.gravity_moment for m in robot.masses)),
-        "fit": found.summary.median,
+        "fit": found.fit.median,
         "condition": estimate.condition,
         "ending": str(estimate.ending),
         "verdict": str(verdict),

@@ -88,9 +88,12 @@ def test_gaps_are_counted_and_measured(sine_log):
     assert health.longest_gap == pytest.approx(0.013)
 
 
-def test_jitter_is_the_rms_of_what_was_put_in(sine_log):
+@pytest.mark.parametrize("gap", [0.0, 0.5])
+def test_jitter_is_the_rms_of_what_was_put_in_whatever_the_gaps(sine_log, gap):
     steps = 1e-3 + 1e-4 * np.random.default_rng(1).standard_normal(sine_log.time.size)
+    steps[20_000] += gap
     _, health = examine(_disturbed(sine_log, time=np.cumsum(steps)))
+    assert health.gaps == (gap > 0)
     assert health.jitter == pytest.approx(1e-4, rel=0.02)
 
 

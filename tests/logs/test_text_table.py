@@ -66,6 +66,13 @@ def test_any_dialect_is_read_back_bit_for_bit(tmp_path_factory, dialect, values)
     _same(read_csv(path, **KIND), table)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_two_bytes_to_a_letter_are_read_in_either_order_with_and_without_a_mark(tmp_path, encoding):
+    log = _read(tmp_path, [",".join(NAMES), *_lines()], encoding=encoding)
+    _same(log)
+    assert log.reading.layout == ("UTF-16",)
+
+
 def test_numpys_commented_header_is_the_header(tmp_path):
     path = tmp_path / "log.txt"
     np.savetxt(path, TABLE, header="bench 2\ntime input angle", fmt="%.17g")

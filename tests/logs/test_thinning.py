@@ -1,12 +1,14 @@
 """Means of neighbouring samples stand for logs that have far more of them than motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators.output_error import OutputError
 from butterfly.logs.health import examine
-from butterfly.logs.log import InputKind, Intersample, Log
+from butterfly.logs.log import InputKind, Intersample, Lead, Log
 from butterfly.logs.thinning import thinned
 from butterfly.model.known import Knowledge
 
@@ -83,6 +85,16 @@ def test_a_held_input_acts_as_much_and_as_late_as_before():
     step = Log(time, np.where(time < 50.0037, 0.0, 1.0), 3.0 * time)
     some = thinned(step, 10_000)
     assert 10 * some.input[:-1].sum() == pytest.approx(step.input[:-5].sum(), abs=1.0)
+
+
+def test_what_a_held_input_did_before_the_first_mean_is_not_lost():
+    time = np.arange(100_000) * 1e-3
+    log = Log(time, np.ones(time.size), 3.0 * time)
+    few = thinned(log, 10_000)
+    step = few.time[1] - few.time[0]
+    np.testing.assert_allclose(step * np.cumsum(few.input)[:-1], few.time[1:], rtol=1e-9)
+    lead = Lead(time=np.array([-1e-3]), input=np.array([1.0]))
+    np.testing.assert_allclose(thinned(replace(log, lead=lead), 10_000).input, 1.0, rtol=1e-9)
 
 
 def test_a_slower_part_of_a_log_stays():

@@ -7,36 +7,41 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Log
-from butterfly.logs.units import AS_IS, Units, factor_of
+from butterfly.logs.units import AS_IS, UNITS, Units, factor_of
+
+DEGREE, TURN = 0.017453292519943295, 6.283185307179586
+LENGTHS = {"m": 1, "cm": 0.01, "mm": 0.001, "um": 0.000001}
+RATES = {"rad/s": 1, "deg/s": DEGREE, "rpm": 0.10471975511965977}
+WRITTEN = {  # SI brochure, 9th edition: prefixes (table 7) and units outside the SI (table 8)
+    "time": {"s": 1, "ms": 0.001, "us": 0.000001, "ns": 0.000000001, "min": 60},
+    "input": {"V": 1, "mV": 0.001, "A": 1, "mA": 0.001, "Nm": 1, "mNm": 0.001, "Ncm": 0.01}
+    | {"N": 1, "mN": 0.001},
+    "angle": {"rad": 1, "mrad": 0.001, "deg": DEGREE, "turns": TURN, **LENGTHS},
+    "velocity": {**RATES, "turns/s": TURN, "m/s": 1, "mm/s": 0.001},
+    "omega": {**RATES, "Hz": TURN},
+    "mass": {"kg": 1, "g": 0.001},
+    "arm": LENGTHS,
+}
+SPELT = [
+    ("time", "µs", 1e-6),
+    ("input", "mN m", 1e-3),
+    ("input", "-Nm", -1.0),
+    ("angle", "-°", -DEGREE),
+    ("angle", "counts/4096", TURN / 4096),
+    ("angle", "-counts/1000", -TURN / 1000),
+    ("angle", "0.5", 0.5),
+    ("angle", -0.5, -0.5),
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "unit", "factor"),
-    [
-        ("time", "ms", 1e-3),
-        ("time", "µs", 1e-6),
-        ("time", "min", 60.0),
-        ("input", "mV", 1e-3),
-        ("input", "mN m", 1e-3),
-        ("input", "-Nm", -1.0),
-        ("angle", "deg", math.pi / 180),
-        ("angle", "-°", -math.pi / 180),
-        ("angle", "turns", 2 * math.pi),
-        ("angle", "counts/4096", 2 * math.pi / 4096),
-        ("angle", "-counts/1000", -2 * math.pi / 1000),
-        ("angle", "mm", 1e-3),
-        ("angle", "0.5", 0.5),
-        ("angle", -0.5, -0.5),
-        ("velocity", "rpm", 2 * math.pi / 60),
-        ("velocity", "deg/s", math.pi / 180),
-        ("omega", "Hz", 2 * math.pi),
-        ("mass", "g", 1e-3),
-        ("arm", "mm", 1e-3),
-    ],
-)
-def test_a_unit_is_a_factor(name, unit, factor):
-    assert factor_of(name, unit) == pytest.approx(factor, rel=1e-15)
-    assert Units.told({name: unit}).factor(name) == pytest.approx(factor, rel=1e-15)
+def test_every_unit_has_its_written_factor():
+    assert {name: set(units) for name, units in UNITS.items()} == {
+        name: set(units) for name, units in WRITTEN.items()
+    }
+    written = [(name, unit, f) for name, units in WRITTEN.items() for unit, f in units.items()]
+    for name, unit, factor in written + SPELT:
+        assert factor_of(name, unit) == pytest.approx(factor, rel=1e-15), (name, unit)
+        assert Units.of({name: unit}).factor(name) == pytest.approx(factor, rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -57,20 +62,22 @@ def test_a_unit_is_a_factor(name, unit, factor):
 )
 def test_what_is_no_unit_is_refused_with_those_that_are(told, message):
     with pytest.raises(InputError, match=message):
-        Units.told(told)
+        Units.of(told)
 
 
 @pytest.mark.parametrize("minus", ["-", "-1", -1])
 def test_a_minus_alone_turns_the_sign_and_leaves_the_unit_to_the_file(minus):
-    units = Units.told({"angle": minus})
+    units = Units.of({"angle": minus})
     assert units.factor("angle") == -1.0
     assert units.over({"angle": 0.1}).factor("angle") == -0.1
-    assert Units.told({"angle": "rad"}).over({"angle": 0.1}).factor("angle") == 1.0
+    assert Units.of({"angle": "rad"}).over({"angle": 0.1}).factor("angle") == 1.0
 
 
 def test_a_sign_of_the_input_and_a_minus_cancel_each_other():
     assert AS_IS.with_sign(-1).factor("input") == -1.0
-    assert Units.told({"input": "-mV"}).with_sign(-1).factor("input") == pytest.approx(1e-3)
+    assert AS_IS.with_sign(-1).with_sign(-1).factor("input") == 1.0
+    assert Units.of({"input": "-"}).with_sign(-1).factor("input") == 1.0
+    assert Units.of({"input": "-mV"}).with_sign(-1).factor("input") == pytest.approx(1e-3)
 
 
 def test_a_frame_is_read_in_its_units():

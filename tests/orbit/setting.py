@@ -12,7 +12,7 @@ from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.orbit.controller import EnergyShaping, gain_for
-from butterfly.orbit.loop import Plan
+from butterfly.orbit.loop import OrbitSchedule
 from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.signals.frequency_response import response_point
@@ -75,7 +75,7 @@ def generic(spec, amplitudes, *, simulator=Simulator.MUJOCO, duration=60.0):
 def sixty_degrees(**changes):
     """Plan rounds at 60 degrees."""
     target = {"target": lambda p: Orbit.of_amplitude(p, SIXTY), "starts": (1.05, 0.6, 0.9, 1.5)}
-    return Plan(**(target | {"duration": 30.0} | changes))
+    return OrbitSchedule(**(target | {"duration": 30.0} | changes))
 
 
 SMALL = (10, 7, 4, 3, 4, 10, 20)

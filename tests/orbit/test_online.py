@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.bumps import SPACING
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.weak_signals import HALF_WIDTH, weak_signals
+from butterfly.identification.test_functions import HALF_WIDTH, SPACING, weak_signals
 from butterfly.logs.log import Intersample
 from butterfly.orbit.online import OnlineRecalibration
-from butterfly.orbit.recalibration import recalibrate
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.plant.motor import Reading
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, STEP, wild

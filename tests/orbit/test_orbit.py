@@ -13,19 +13,20 @@ from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, potential
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
-from butterfly.orbit.analysis import comparison_factors, invariant, lifted_matrix, monodromy
-from butterfly.orbit.controller import (
-    EnergyShaping,
-    Observer,
-    gain_for,
-    multiplier_of,
-    steady_invariant,
-)
+from butterfly.orbit.controller import EnergyShaping, Observer, gain_for
 from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, Reading, SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, FilteredDifference
+from tests.orbit.analysis import (
+    comparison_factors,
+    invariant,
+    lifted_matrix,
+    monodromy,
+    multiplier_of,
+    steady_invariant,
+)
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.identification.weak_signals import Balance
+from butterfly.identification.test_functions import Balance
 from butterfly.model.energy import Orbit
-from butterfly.orbit.analysis import swing
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
-from butterfly.orbit.loop import calibrate
+from butterfly.orbit.loop import calibrate, swing
 from butterfly.orbit.online import OnlineRecalibration, SelfTuning
-from butterfly.orbit.recalibration import recalibrate
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Simulator

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.identification.regression import Regression
-from butterfly.orbit.recalibration_options import BASE, RecalibrationOptions
-from butterfly.orbit.selection import FOLDS, SEGMENT, Selection
+from butterfly.identification.normal_equations import Regression
+from butterfly.orbit.recalibration import BASE, FOLDS, SEGMENT, RecalibrationOptions, Selection
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, wild
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.names import Slip
+from butterfly.identification.diagnostics.unit_errors.names import UnitError
 from butterfly.report.finding_texts import sentences_of
 from butterfly.verdict import Level
 
@@ -34,7 +34,7 @@ def _said(finding):
     return " ".join(sentences_of(Ending.CONVERGED, [finding], VALUES))
 
 
-KINDS = [kind for kind in FindingKind if kind is not FindingKind.SLIP]
+KINDS = [kind for kind in FindingKind if kind is not FindingKind.UNIT_ERROR]
 _PRECISION = {FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO}
 _CONCERNED = {FindingKind.CONTRADICTED: ("inertia",), FindingKind.LEFT_OVER: ("drag",)}
 _NUMBERS = {FindingKind.POOR_FIT: (40.0, float("-inf"))}
@@ -57,9 +57,9 @@ def _examples(kind):
 
 
 def _example_of_slip(slip):
-    parameters = ("mass", "50 g", "3") if slip is Slip.MASS else (str(slip),)
+    parameters = ("mass", "50 g", "3") if slip is UnitError.MASS else (str(slip),)
     return Finding(
-        kind=FindingKind.SLIP,
+        kind=FindingKind.UNIT_ERROR,
         parameters=parameters,
         number=0.001,
         severity=Level.WARNING,
@@ -71,7 +71,7 @@ def _example_of_slip(slip):
 def _sentences():
     """Return what the program says of findings, by their kind or slip."""
     said = {kind: [_said(each) for each in _examples(kind)] for kind in KINDS}
-    return said | {slip: [_said(_example_of_slip(slip))] for slip in Slip}
+    return said | {slip: [_said(_example_of_slip(slip))] for slip in UnitError}
 
 
 @cache
@@ -96,6 +96,6 @@ def test_every_message_on_the_page_is_one_of_the_program_s(quoted):
     assert any(_holds(text, quoted) for text in texts)
 
 
-@pytest.mark.parametrize("what", [*KINDS, *Slip], ids=str)
+@pytest.mark.parametrize("what", [*KINDS, *UnitError], ids=str)
 def test_whatever_a_verdict_may_say_stands_on_the_page(what):
     assert any(_holds(text, quoted) for text in _sentences()[what] for quoted in QUOTED)

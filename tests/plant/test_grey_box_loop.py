@@ -13,19 +13,12 @@ from butterfly.errors import InputError
 from butterfly.logs.log import SAMPLED, Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
-from butterfly.plant.excitations import (
-    Chirp,
-    FreeDecay,
-    Multisine,
-    Prbs,
-    SteppedSine,
-    Table,
-)
 from butterfly.plant.motor import LARGEST_COMMAND, CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import BandLimitedNoise, Clock, Encoder, Faults
+from butterfly.signals.excitations import Chirp, FreeDecay, Multisine, Prbs, SteppedSine, Table
 
 
 def _or_none(values):

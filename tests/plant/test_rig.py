@@ -8,12 +8,12 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.friction import Friction
 from butterfly.model.parameters import AddedMass, Hand, JointKind, VoltageDrive
-from butterfly.plant.excitations import FreeDecay
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.signals.excitations import FreeDecay
 
 ROBOT = Robot(
     hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),

@@ -9,13 +9,13 @@ from butterfly.logs.log import InputKind, Sine
 from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
-from butterfly.plant.excitations import Chirp, FreeDecay, Multisine, Table
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
+from butterfly.signals.excitations import Chirp, FreeDecay, Multisine, Table
 from butterfly.signals.sine_fit import fit_sine
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)

@@ -56,7 +56,7 @@ NAMELESS = {
 }
 
 
-PLAIN = [kind for kind in FindingKind if kind is not FindingKind.SLIP]
+PLAIN = [kind for kind in FindingKind if kind is not FindingKind.UNIT_ERROR]
 """Slips have sentences of their own, each its test."""
 
 

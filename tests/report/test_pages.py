@@ -25,18 +25,18 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
-from butterfly.orbit.recalibration_options import RecalibrationOptions
+from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.orbit.study import study_orbit
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
-from butterfly.report.leaderboard import leaderboard_page
 from butterfly.report.numbers.comparison_numbers import told_comparison
-from butterfly.report.orbit import orbit_page
+from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import Link, Page, Section, Table, write_page
 from butterfly.report.pictures import draw
-from butterfly.report.sweep import sweep_page
-from butterfly.report.three_way import three_way_page
+from butterfly.report.ranking_pages import leaderboard_page
+from butterfly.report.sweep_page import sweep_page
+from butterfly.report.three_way_page import three_way_page
 from butterfly.thesis.method import Thesis
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
@@ -225,8 +225,8 @@ def test_a_report_is_written_with_its_numbers_and_pictures(pages, written, kind)
     markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", markup)
     assert json.loads((folder / "r.json").read_text())
-    names = {*page.figures, *page.stills}
-    assert set(page.series) <= {*page.stills}
+    names = {*page.figures, *page.pictures}
+    assert set(page.series) <= {*page.pictures}
     assert names
     for name in names:
         for suffix in ("png", "svg"):

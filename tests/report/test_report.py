@@ -14,7 +14,7 @@ from butterfly.experiment.perform import perform
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.estimators import Linear
-from butterfly.identification.identification import identify
+from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
@@ -29,7 +29,7 @@ from butterfly.report.estimate_figures import (
 )
 from butterfly.report.figures import packable, seen_samples
 from butterfly.report.finding_texts import estimate_verdict
-from butterfly.report.identification import identification_page, write_report
+from butterfly.report.identification_page import identification_page, write_report
 from butterfly.report.inspection import health_rows
 from butterfly.report.inspection_page import write_inspection
 from butterfly.report.log_figures import (
@@ -157,7 +157,7 @@ def test_a_page_s_correlations_are_those_of_each_log_s_own_figure(simulated):
 def test_a_name_with_markup_is_shown_and_not_obeyed(simulated, tmp_path):
     result, _ = simulated
     data = dataclasses.replace(result.data, name="<script>alert(1)</script>")
-    hostile = dataclasses.replace(result, data=data)
+    hostile = dataclasses.replace(result, logs=data)
     write_report(hostile, tmp_path / "r.html")
     assert "<script>alert(1)</script>" not in (tmp_path / "r.html").read_text(encoding="utf-8")
 
@@ -172,9 +172,7 @@ def test_beside_other_parameters_a_method_without_coulomb_torque_has_a_dash_for_
     row = re.search(r"<tr>\s*<td>this identification</td>(.*?)</tr>", text, re.DOTALL)[1]
     cells = re.findall(r"<td>(.*?)</td>", row)
     assert cells[4] == "–"
-    assert cells[5:] == [
-        f"{v:.1f}" for v in (linear.summary.median, linear.summary.mean, linear.summary.worst)
-    ]
+    assert cells[5:] == [f"{v:.1f}" for v in (linear.fit.median, linear.fit.mean, linear.fit.worst)]
 
 
 def test_the_lines_of_the_frequency_response_are_the_model_at_the_measured_swing(simulated):
@@ -201,7 +199,7 @@ def test_without_coulomb_friction_those_lines_are_the_state_space_s(simulated):
     smooth = dataclasses.replace(estimate, values=values)
     small = tuple(_with_swing(point, 1e-6) for point in result.data.points)
     data = dataclasses.replace(result.data, points=small)
-    figure = frequency_response_figure(dataclasses.replace(result, data=data, estimate=smooth))
+    figure = frequency_response_figure(dataclasses.replace(result, logs=data, estimate=smooth))
     lines = [trace for trace in figure.data if trace.mode == "lines"]
     for mass, gain in zip(data.masses, lines[::2], strict=True):
         system = linearised(smooth.parameters, mass, pade_order=0)["angle", "command"]
@@ -264,7 +262,7 @@ def test_the_first_screen_says_verdict_fit_and_every_parameter_with_its_interval
     result, truth = simulated
     page = identification_page(result, truth)
     assert page.headed.text == "Good"
-    assert f"{result.summary.median:.1f} %" in [fact.value for fact in page.facts]
+    assert f"{result.fit.median:.1f} %" in [fact.value for fact in page.facts]
     (table,) = page.lead.tables
     assert [str(row[0]) for row in table.rows] == [
         row.symbol for row in parameter_rows(result.estimate.table())
@@ -294,9 +292,9 @@ def test_the_ranked_fits_are_all_logs_from_the_worst_to_the_best(simulated):
         for x, y, log in zip(trace.x, trace.y, trace.customdata, strict=True)
     ]
     points.sort()
-    assert [x for x, _, _ in points] == list(range(1, len(result.fits) + 1))
-    assert [y for _, y, _ in points] == sorted(result.fits)
-    assert all(result.fits[log] == y for _, y, log in points)
+    assert [x for x, _, _ in points] == list(range(1, result.fit_of_logs.size + 1))
+    assert [y for _, y, _ in points] == sorted(result.fit_of_logs)
+    assert all(result.fit_of_logs[log] == y for _, y, log in points)
 
 
 def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
@@ -308,7 +306,7 @@ def test_logs_from_which_the_model_runs_away_are_told_and_not_drawn(simulated):
         else run
         for k, run in enumerate(result.free_runs)
     ]
-    page = identification_page(dataclasses.replace(result, free_runs=tuple(runs)))
+    page = identification_page(dataclasses.replace(result, runs=tuple(runs)))
     (section,) = [each for each in page.sections if each.title == "FIT log by log"]
     assert "Not drawn: 3 logs from which the model runs away." in section.text
     (whole,) = [
@@ -323,7 +321,7 @@ def test_labels_of_logs_are_no_markup_in_figures(simulated):
         dataclasses.replace(log, excitation=None, source="<b>x.csv") for log in result.data.logs
     ]
     data = dataclasses.replace(result.data, logs=tuple(logs))
-    figure = ranked_figure(dataclasses.replace(result, data=data))
+    figure = ranked_figure(dataclasses.replace(result, logs=data))
     texts = [text for trace in figure.data for text in trace.text]
     assert {text.partition(", ")[2] for text in texts} == {"&lt;b&gt;x.csv"}
 

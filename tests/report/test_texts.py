@@ -7,9 +7,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
+from butterfly.experiment.recovery import Estimates
 from butterfly.report.page import Page, Section, Table, rendered, write_page
-from butterfly.report.pictures import draw, write_stills
-from butterfly.report.sweep_figures import Estimates, axis_figure
+from butterfly.report.pictures import draw, write_pictures
+from butterfly.report.sweep_figures import axis_figure
 from butterfly.verdict import Level, Verdict
 
 ODD = ("a$b", r"$\frac{$ <b>bold</b>", "<script>alert(1)</script>")
@@ -35,7 +36,7 @@ def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):
     FigureCanvasAgg(still).draw()
     shown = [label.get_text().replace(r"\$", "$") for label in still.axes[0].get_xticklabels()]
     assert shown == list(ODD)
-    write_stills({"axis": figure}, tmp_path)
+    write_pictures({"axis": figure}, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"axis.png", "axis.svg"}
 
 
@@ -50,7 +51,7 @@ def test_texts_that_vary_stand_below_the_figure_as_they_are(tmp_path):
 def test_a_dollar_is_no_formula_wherever_it_stands(trace, tmp_path):
     figure = Figure([trace])
     figure.update_layout(xaxis_title="$x", yaxis_title=ODD[1])
-    write_stills({"f": figure}, tmp_path)
+    write_pictures({"f": figure}, tmp_path)
 
 
 def test_a_page_runs_no_text(tmp_path):
@@ -106,7 +107,7 @@ def test_estimates_without_intervals_have_no_coverage():
     bounds = {"lower": [0.0, 2.0, np.nan], "upper": [2.0, 3.0, np.nan], "true": [1.0, 1.0, 1.0]}
     columns = {name: np.array(values) for name, values in bounds.items()}
     assert Estimates(columns).coverage == 0.5
-    assert Estimates({name: values[2:] for name, values in columns.items()}).coverage is None
+    assert np.isnan(Estimates({name: values[2:] for name, values in columns.items()}).coverage)
 
 
 def test_lines_across_a_figure_are_in_its_picture():

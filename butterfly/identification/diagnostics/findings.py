@@ -25,7 +25,7 @@ class FindingKind(StrEnum):
     PRECISE = "precise"  # half-width over value that counts as known
     ROUGH = "rough"
     NOT_FROM_ZERO = "not-from-zero"
-    SLIP = "slip"  # its name; the factor that undoes it
+    UNIT_ERROR = "slip"  # its name; the factor that undoes it
     POOR_FIT = "poor-fit"  # median FIT in per cent
     UNFOLLOWED = "unfollowed"  # least FIT in per cent of the logs that are named
     UNFORETOLD = "unforetold"  # the same, of logs that were held out
@@ -102,7 +102,7 @@ def grade(ending: Ending, findings: Sequence[Finding]) -> tuple[Level, tuple[Fin
         for level in (Level.WARNING, Level.CARE)
     )
     if warnings or ending is not Ending.CONVERGED:
-        unit_errors = (each for each in cares if each.kind is FindingKind.SLIP)
+        unit_errors = (each for each in cares if each.kind is FindingKind.UNIT_ERROR)
         return Level.WARNING, (*unit_errors, *warnings)
     return (Level.CARE, cares) if cares else (Level.GOOD, ())
 

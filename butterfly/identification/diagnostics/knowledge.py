@@ -10,8 +10,9 @@ from scipy.special import stdtrit
 
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance
+from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
+from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.prior import Prior
-from butterfly.identification.solved import Solved
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import GROWING
@@ -19,10 +20,11 @@ from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
-_APART = 3.0  # standard errors between what was known and what the logs say
+CLEARLY_APART = 3.0
+"""Standard errors between what was known and what the logs, or another source, say."""
+
 _RARE = 0.9985  # one-sided level of a contradiction, as that many standard errors have it
 _MATTERS = 0.01  # share of what is known, less than which is no contradiction
-_INSEPARABLE = 1e7  # condition number from which on nothing can be told
 _TELLS = 1e-4  # share of the prior's variance, below which the logs say nothing of the parameter
 
 
@@ -45,7 +47,7 @@ def disagreements(
         if variance < _TELLS * own:
             continue
         apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
-        if apart > _APART:
+        if apart > CLEARLY_APART:
             findings.append(
                 Finding(
                     kind=FindingKind.PRIOR_APART,
@@ -58,7 +60,7 @@ def disagreements(
 
 
 def scale_apart(
-    solved: Solved,
+    solved: SolvedEquations,
     rows: Samples,
     residuals: Samples,
     known: Knowledge,
@@ -85,12 +87,12 @@ def scale_apart(
     whole = np.concatenate([rows, column[:, :, None]], axis=2)
     flat = whole.reshape(-1, len(names) + 1)
     size = np.linalg.norm(flat, axis=0)
-    if not (size > 0).all() or np.linalg.cond(flat / size) > _INSEPARABLE:
+    if not (size > 0).all() or np.linalg.cond(flat / size) > SINGULAR_CONDITION:
         return []
     step = np.linalg.lstsq(flat / size, -residuals.ravel(), rcond=None)[0] / size
     covariance, freedom = cluster_covariance(whole, residuals + whole @ step)
     share, error = float(step[-1]), float(np.sqrt(covariance[-1, -1]))
-    sure = max(_APART, float(stdtrit(freedom[-1], _RARE)))
+    sure = max(CLEARLY_APART, float(stdtrit(freedom[-1], _RARE)))
     if abs(share) <= max(sure * error, _MATTERS):
         return []
     return [

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import (
-    Balance,
     Errors,
-    LeftOver,
+    ResidualEquations,
+    ResidualSummary,
     Run,
     free_run_errors,
     less_shared,
-    name_left_over,
+    summarise_residuals,
 )
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
@@ -43,7 +43,13 @@ LONGEST_LAG = 2.0
 _DRAWN = 24  # sets of sensor errors
 _LEAST = 1e-3  # share of the motion for which a missing term must count, to be named
 _BY_CHANCE = 0.25  # share of logs that may be outside
-_NOTHING = LeftOver(relative=0.0, noise=1.0, shares={})
+_NOTHING = ResidualSummary(relative=0.0, noise=1.0, shares={})
+
+LEVELS = (0.95, 0.99)
+"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
+
+_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
+_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,19 +70,19 @@ class ErrorBand:
 class LogMisfit:
     """What the free run leaves over of one log, where its errors count (see `first_counted`)."""
 
-    name: str  # Of the log
+    name: str  # of the log
     label: str
-    motion: float  # Rms of the measured angle about its mean, in rad
-    # Rms of measured less simulated angle in rad, averaged over steps of the simulation
+    motion: float  # rms of the measured angle about its mean, in rad
+    # rms of measured less simulated angle in rad, averaged over steps of the simulation
     error: float
-    left: float  # The same, less what a small change of parameters would take from it
-    explained: float  # The same of errors drawn as the log's sensor makes them
-    sensor: SensorErrors  # That sensor
-    # Of what is left with itself, and with the input before it; None where a simulation failed
+    left: float  # the same, less what a small change of parameters would take from it
+    explained: float  # the same of errors drawn as the log's sensor makes them
+    sensor: SensorErrors
+    # of what is left with itself, and with the input before it; None where a simulation failed
     autocorrelation: Curve | None
     cross_correlation: Curve | None
-    left_over: LeftOver  # What it looks like, of the terms that the model lacks
-    # About the simulated angle, within which a reading is expected; None where a simulation failed
+    left_over: ResidualSummary  # what it looks like, of the terms that the model lacks
+    # about the simulated angle, within which a reading is expected; None where a simulation failed
     band: ErrorBand | None
 
     @cached_property
@@ -108,8 +114,8 @@ class LogMisfit:
 class Misfit:
     """What the free runs of all logs leave over."""
 
-    logs: tuple[LogMisfit, ...]  # One for each log of the data set
-    left_over: LeftOver  # What all of it looks like, of the terms that the model lacks
+    logs: tuple[LogMisfit, ...]  # one for each log of the data set
+    left_over: ResidualSummary  # what all of it looks like, of the terms that the model lacks
 
     @property
     def outside(self) -> int:
@@ -173,7 +179,7 @@ def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
         strict=True,
     )
     errors = [np.column_stack(pair) for pair in zip(left, less_shared(logs, drawn), strict=True)]
-    overall, named = name_left_over(
+    overall, named = summarise_residuals(
         [_balance(*pair) for pair in zip(logs, errors, strict=True)], _LEAST
     )
     judged = map(_judged, logs, errors, sensors, named)
@@ -200,9 +206,9 @@ def _drawn(log: Errors, left: Samples, random: np.random.Generator) -> tuple[Sen
     return sensor, log.less_own(np.column_stack(sets))
 
 
-def _balance(log: Errors, errors: Samples) -> Balance:
+def _balance(log: Errors, errors: Samples) -> ResidualEquations:
     """Return what a log says of missing terms: errors (m, 1 + k) left of its own, and drawn."""
-    return Balance(
+    return ResidualEquations(
         left=errors[:, 0],
         known=log.shared,
         candidates=log.missing,
@@ -211,7 +217,9 @@ def _balance(log: Errors, errors: Samples) -> Balance:
     )
 
 
-def _judged(log: Errors, errors: Samples, sensor: SensorErrors, left_over: LeftOver) -> LogMisfit:
+def _judged(
+    log: Errors, errors: Samples, sensor: SensorErrors, left_over: ResidualSummary
+) -> LogMisfit:
     """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
     run, left, count = log.run, _rms(errors[:, 0]), errors.shape[0]
     step = run.trajectory.step
@@ -254,13 +262,6 @@ def _failed(run: Run) -> LogMisfit:
 
 def _rms(values: Samples) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-LEVELS = (0.95, 0.99)
-"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
-
-_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
-_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

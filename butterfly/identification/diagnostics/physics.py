@@ -9,6 +9,7 @@ from scipy.special import stdtrit
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.knowledge import CLEARLY_APART
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import apart
 from butterfly.identification.inference.intervals import CONFIDENCE
@@ -21,6 +22,9 @@ from butterfly.verdict import Level
 _CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
 _OF_LEVEL = {"coulomb": 1.0, "stribeck": 1.0}
+
+LEAST_RESISTANCE = 0.01
+"""Ohm; no motor of a robot's joint has less."""
 
 
 def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Finding]:
@@ -83,10 +87,6 @@ def _rows(estimate: Estimate) -> list[tuple[str, float, float]]:
     return list(zip(estimate.names, estimate.values.tolist(), reach.tolist(), strict=True))
 
 
-LEAST_RESISTANCE = 0.01
-"""Ohm; no motor of a robot's joint has less."""
-
-
 def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     """Tell whether a voltage-fed motor could have the damping and gain that were found.
 
@@ -113,9 +113,6 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     ]
 
 
-_CONTRADICTED = 3.0  # standard errors, or uncertainties, apart
-
-
 def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     """Tell what cannot all be true: p4 of two sources, friction or inertia that would be negative.
 
@@ -127,11 +124,11 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     found = [
         Finding(kind=FindingKind.TOLD_APART, parameters=(name,), number=far, severity=Level.CARE)
         for name, far in sources.items()
-        if far > _CONTRADICTED
+        if far > CLEARLY_APART
     ]
     physical = physical_parameters(estimate, data.known, data.input_kind, carrier)
     below = {
-        each.name: each.below_zero for each in physical.found if each.below_zero > _CONTRADICTED
+        each.name: each.below_zero for each in physical.found if each.below_zero > CLEARLY_APART
     }
     if below:
         found.append(

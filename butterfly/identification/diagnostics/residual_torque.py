@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import (
-    Balance,
-    LeftOver,
-    missing_terms,
-    name_left_over,
+    ResidualEquations,
+    ResidualSummary,
+    absent_terms,
     slow_velocity,
+    summarise_residuals,
 )
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.weak_signals import Known, WeakSignals, weak_signals
+from butterfly.identification.test_functions import AveragingSettings, WeakSignals, weak_signals
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -44,14 +44,14 @@ _AVERAGED = (*_ACTING, "delay")
 class ResidualTorque:
     """What the model leaves over of the torque in one log, averaged over short bumps."""
 
-    label: str  # Of the log
+    label: str  # of the log
     # (n,) instants in s at which the joint moves, angle in rad from the hanging position, velocity
     # in rad/s, N m
     time: Samples
     angle: Samples
     velocity: Samples
     torque: Samples
-    left_over: LeftOver  # What it looks like
+    left_over: ResidualSummary  # what it looks like
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class ResidualTorques:
     """What the model leaves over of the torque in several logs, and in all of them together."""
 
     logs: tuple[ResidualTorque, ...]
-    overall: LeftOver
+    overall: ResidualSummary
 
 
 def residual_torques(
@@ -76,7 +76,7 @@ def residual_torques(
     model = _Model(
         names=tuple(name for name in (*_AVERAGED, "tilt") if name in estimate.names),
         owners=estimate.owners(data.unread),
-        missing=missing_terms(estimate, data.logs[0].added_mass),
+        missing=absent_terms(estimate, data.logs[0].added_mass),
     )
     slow = slow_velocity(data.logs[k] for k in chosen)
     averaged = [_averaged(data.logs[k], predictor.setting(k, estimate), slow) for k in chosen]
@@ -84,7 +84,7 @@ def residual_torques(
         model.balance(each, _sensor_torque(each, predictor.run_with(k, each.setting)))
         for k, each in zip(chosen, averaged, strict=True)
     ]
-    overall, left = name_left_over(balances, LEAST_SIZE)
+    overall, left = summarise_residuals(balances, LEAST_SIZE)
     logs = (
         ResidualTorque(
             label=each.log.label,
@@ -124,13 +124,13 @@ class _Model(NamedTuple):
     owners: list[tuple[str, AddedMass | str | None]]
     missing: tuple[str, ...]
 
-    def balance(self, each: _Averaged, noise: float) -> Balance:
+    def balance(self, each: _Averaged, noise: float) -> ResidualEquations:
         """Return what one log says, ``noise`` being the torque in N m of its sensor's errors."""
         inertia = each.loaded.p1 * each.mean("p1")
         motor = _rms(each.loaded.p4 * each.mean("p4")) or _rms(inertia)
         columns = [self._column(name, each) for name in self.names]
         columns += [self._owned(name, whose, each) for name, whose in self.owners]
-        return Balance(
+        return ResidualEquations(
             left=_unbalanced(each),
             known=np.column_stack(columns),
             candidates={name: each.mean(name) for name in self.missing},
@@ -159,7 +159,7 @@ def _averaged(log: Log, setting: Setting, slow: float) -> _Averaged:
     loaded = parameters.with_added_mass(log.added_mass)
     half_width = _half_width(log, loaded)
     sought = parameters if parameters.stribeck else replace(parameters, stribeck_velocity=slow)
-    known = Known(
+    known = AveragingSettings(
         zero=setting.zero,
         delay=parameters.delay,
         compression=parameters.compression,
@@ -192,7 +192,9 @@ def _sensor_torque(each: _Averaged, run: FreeRun) -> float:
     log = each.log
     angle = run.simulated if np.isfinite(run.simulated).all() else log.angle
     errors = SensorErrors.of(log.angle, angle).draw(angle, np.random.default_rng(0), unsure=0.0)
-    noisy = weak_signals(replace(log, angle=errors), ["p1"], Known(zero=0.0), each.half_width)
+    noisy = weak_signals(
+        replace(log, angle=errors), ["p1"], AveragingSettings(zero=0.0), each.half_width
+    )
     return each.loaded.p1 * float(np.std(noisy.mean["p1"]))
 
 

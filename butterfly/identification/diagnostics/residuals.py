@@ -35,33 +35,34 @@ _OF_GRAVITY = ("p3", "p3_offset")
 _ALIKE = 0.8  # of the likeliest one's share, from which another term looks like it
 _SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
 _PIECES = 10  # of a log, between which what is left is taken to be independent
-_SINGULAR = 1e-8
+_SINGULAR = 1e-8  # size over the largest, below which columns say the same
+_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 
 
-class Balance(NamedTuple):
+class ResidualEquations(NamedTuple):
     """What one log says, at n instants."""
 
     # (n,) torque in N m, or simulated less measured angle in rad, that the model leaves over
     left: Samples
     known: Samples  # (n, k) what it would change by with k coefficients that the model has
-    candidates: Mapping[str, Samples]  # By term: (n,) what it would change by with one unit of it
-    whole: float  # Rms of the motor's torque in N m, or of the motion in rad
-    noise: float  # Rms that the sensor's errors make of it
+    candidates: Mapping[str, Samples]  # by term: (n,) what it would change by with one unit of it
+    whole: float  # rms of the motor's torque in N m, or of the motion in rad
+    noise: float  # rms that the sensor's errors make of it
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeftOver:
+class ResidualSummary:
     """What the model leaves over looks like."""
 
-    # Its rms over the motor's torque, or the motion, less what a change of the model's own terms
+    # its rms over the motor's torque, or the motion, less what a change of the model's own terms
     # would take
     relative: float
-    noise: float  # Share of its variance that the sensors' errors explain
-    shares: dict[str, float]  # By missing term: the share that it alone explains, largest first
-    # Those that it looks like, the likeliest first; several where they look alike
+    noise: float  # share of its variance that the sensors' errors explain
+    shares: dict[str, float]  # by missing term: the share that it alone explains, largest first
+    # those that it looks like, the likeliest first; several where they look alike
     terms: tuple[str, ...] = ()
-    size: float = 0.0  # Rms of what the likeliest adds, over the same
-    shows: bool = False  # Whether there is more than noise and what is too little to count
+    size: float = 0.0  # rms of what the likeliest adds, over the same
+    shows: bool = False  # whether there is more than noise and what is too little to count
 
     @property
     def looks_like(self) -> str:
@@ -81,7 +82,7 @@ class LeftOver:
         return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
 
 
-def missing_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
+def absent_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
     """Names of the terms that are looked for: those with a name for it that the model lacks.
 
     Without gravity nothing that the joint carries weighs.
@@ -99,7 +100,9 @@ def slow_velocity(logs: Iterable[Log]) -> float:
     return _SLOW * float(np.median([log.rms_speed for log in logs]))
 
 
-def name_left_over(balances: Sequence[Balance], least: float) -> tuple[LeftOver, list[LeftOver]]:
+def summarise_residuals(
+    balances: Sequence[ResidualEquations], least: float
+) -> tuple[ResidualSummary, list[ResidualSummary]]:
     """Name what several logs leave over, together and each.
 
     Nothing is said below a share ``least`` of the whole. All logs have the same candidates.
@@ -137,7 +140,7 @@ def _less(known: Samples, columns: Samples) -> Samples:
 
 def _judged(
     pieces: Sequence[Samples], names: Sequence[str], noise: float, least: float
-) -> LeftOver:
+) -> ResidualSummary:
     """Judge pieces of (n, 1 + j): what is left, and what j missing terms would change of it."""
     count = max(sum(piece.shape[0] for piece in pieces), 1)
     products = np.array([piece.T @ piece for piece in pieces])
@@ -162,7 +165,7 @@ def _judged(
     enough = max(_LIKE * (1 - quiet), _ALIKE * max(shares.values(), default=0.0))
     terms = tuple(name for name in ordered if name in likely and ordered[name] > enough)
     beyond = (power * (1 - quiet)) ** 0.5 > least and quiet * _MORE_THAN_NOISE**2 < 1
-    return LeftOver(
+    return ResidualSummary(
         relative=float(power**0.5),
         noise=quiet,
         shares=ordered,
@@ -172,18 +175,15 @@ def _judged(
     )
 
 
-_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
     """One log and its free run, where its errors count (see `first_counted`)."""
 
-    log: Log  # The log
-    setting: Setting  # What it is simulated with
-    first: int  # Number of the first sample that counts
-    trajectory: Simulation | Segments  # The simulation
-    motion: float  # Rms of the measured angle about its mean, in rad
+    log: Log
+    setting: Setting  # what it is simulated with
+    first: int  # number of the first sample that counts
+    trajectory: Simulation | Segments
+    motion: float  # rms of the measured angle about its mean, in rad
 
     @classmethod
     def of(cls, log: Log, setting: Setting) -> Run:
@@ -207,13 +207,13 @@ class Run:
 class Errors:
     """Simulated less measured angle of one log, and its derivatives."""
 
-    run: Run  # The log and its simulation
+    run: Run
     whole: Samples  # (m,) errors in rad
     # (k, j) orthonormal directions in which the log's own start moves them, k of m after k where
     # the log is simulated in segments, each from a start of its own
     own: tuple[Samples, ...]
     shared: Samples  # (m, n) derivatives by what logs share, less those directions
-    # By term that the model lacks: (m,) derivatives by it, less those directions
+    # by term that the model lacks: (m,) derivatives by it, less those directions
     missing: dict[str, Samples]
     # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
     # first order; zeros where the estimate says nothing of them
@@ -231,7 +231,7 @@ def free_run_errors(data: DataSet, estimate: Estimate) -> list[Run | Errors]:
     """
     predictor, slow = data.simulations, slow_velocity(data.logs)
     runs = [Run.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
-    owners, missing = estimate.owners(data.unread), missing_terms(estimate, data.logs[0].added_mass)
+    owners, missing = estimate.owners(data.unread), absent_terms(estimate, data.logs[0].added_mass)
     varied = _Varied(estimate.names, _root_of(estimate), owners, missing)
     return [_differentiated(run, varied, slow) or run for run in runs]
 

@@ -29,8 +29,8 @@ class SensorErrors:
     slower that moves the longer the error stays.
     """
 
-    step: float  # Of the encoder in rad; 0 if the readings lie on no grid
-    noise: float  # Standard deviation in rad of the noise before rounding
+    step: float  # of the encoder in rad; 0 if the readings lie on no grid
+    noise: float  # standard deviation in rad of the noise before rounding
 
     @property
     def spread(self) -> float:

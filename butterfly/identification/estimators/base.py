@@ -67,13 +67,7 @@ class Estimator:
         return self._with(check=False) if hasattr(self, "check") else self
 
     def with_terms(self, terms: tuple[str, ...]) -> Self:
-        """Return the estimator with other terms.
-
-        Raises
-        ------
-        InputError
-            If it offers none, or not one of these.
-        """
+        """Return the estimator with other terms."""
         if not hasattr(self, "terms"):
             raise InputError(self.method, "terms", ", ".join(terms) or "none", "no option terms")
         return self._with(terms=terms)
@@ -128,13 +122,7 @@ def _can_use(method: str, name: str, known: Known) -> bool:
 
 
 def names_of(method: str, terms: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the parameters that a method fits with some terms besides.
-
-    Raises
-    ------
-    InputError
-        If the method does not offer such a term.
-    """
+    """Return the parameters that a method fits with some terms besides."""
     require_names(method, "terms", terms, offered(method))
     return (*PARAMETERS, *terms)
 

@@ -10,13 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.identification.estimators.equations import Equations, LogEquations
-from butterfly.identification.estimators.owned_keys import Key, columns_of, known_zeros, owned_keys
-from butterfly.identification.inference.covariance import FEW
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.estimators.equations import Equations, LogEquations, Loss
+from butterfly.identification.estimators.gauss_newton import Minimum
+from butterfly.identification.estimators.local_parameters import (
+    Key,
+    columns_of,
+    known_zeros,
+    local_keys,
+)
+from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.prior import Prior
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
-from butterfly.identification.zeros import reading_of
 from butterfly.logs.log import Log
 from butterfly.model.kinematics import Motion
 from butterfly.model.known import NOTHING, Knowledge, Known
@@ -24,6 +32,7 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.window import first_counted
+from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
 
@@ -36,30 +45,17 @@ _PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """What is fitted.
-
-    Parameters
-    ----------
-    terms, fixed, per_mass, per_log, window
-        See `butterfly.identification.estimators.output_error.OutputError`.
-    horizon
-        Longest stretch in s that is simulated at a time.
-    workers
-        Threads.
-    known
-        What is known of the robot.
-    variance
-        Of a residual, beside which what is known with an uncertainty is weighed.
-    """
+    """What is fitted."""
 
     terms: tuple[str, ...]
     fixed: tuple[str, ...]
     per_mass: tuple[str, ...]
     per_log: tuple[str, ...]
     window: float
-    horizon: float
+    horizon: float  # longest stretch in s that is simulated at a time
     workers: int
-    known: Knowledge = NOTHING
+    known: Knowledge = NOTHING  # what is known of the robot
+    # of a residual, beside which what is known with an uncertainty is weighed
     variance: float = 1.0
 
     @property
@@ -72,40 +68,20 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRunResiduals:
-    """Residuals of a set of logs and their derivatives, in parameters scaled to be of order 1.
+    """Residuals of a set of logs and their derivatives, in parameters scaled to be of order 1."""
 
-    Parameters
-    ----------
-    start
-        Values of the parameters that are not fitted.
-    keys
-        The n parameters, and whose each is.
-    shared
-        How many of them, the first ones, all logs share, the encoder's zero aside.
-    scale, lower, initial
-        (n,) sizes, and least values and first guesses in units of them.
-    zeros
-        Reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted.
-    prior
-        What is known of the scaled parameters with an uncertainty.
-    trajectories
-        The logs.
-    motion
-        Rms motion of each in rad.
-    workers
-        Threads.
-    """
-
-    start: LumpedParameters
-    keys: tuple[Key, ...]
-    shared: int
+    start: LumpedParameters  # values of the parameters that are not fitted
+    keys: tuple[Key, ...]  # the n parameters, and whose each is
+    shared: int  # how many of them, the first ones, all logs share, the encoder's zero aside
+    # scale, lower, initial: (n,) sizes, and least values and first guesses in units of them
     scale: Samples
     lower: Samples
     initial: Samples
+    # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    prior: Prior | None
-    trajectories: tuple[Simulation | Segments, ...]
-    motion: tuple[float, ...]
+    prior: Prior | None  # what is known of the scaled parameters with an uncertainty
+    simulations: tuple[Simulation | Segments, ...]
+    motion: tuple[float, ...]  # rms motion of each in rad
     workers: int
 
     @classmethod
@@ -118,27 +94,15 @@ class FreeRunResiduals:
     ) -> FreeRunResiduals:
         """Make logs ready to be fitted.
 
-        Parameters
-        ----------
-        logs
-            The logs, each of a name of its own.
-        start
-            First guess of the parameters, and the values of those that are not fitted.
-        zeros
-            First guess of the encoder's reading in rad of the hand at rest, per added mass.
-        choice
-            What is fitted.
-
-        Raises
-        ------
-        InputError
-            If a joint stands still where its errors would count.
+        ``logs``: the logs, each of a name of its own; ``start``: first guess of the parameters, and
+        the values of those that are not fitted; ``zeros``: first guess of the encoder's reading in
+        rad of the hand at rest, per added mass; ``choice``: what is fitted.
         """
         start = replace(start, **choice.known.exact)
         first = [first_counted(log, choice.window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
         told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
-        trajectories = tuple(
+        simulations = tuple(
             simulation_of(
                 log,
                 start,
@@ -151,8 +115,8 @@ class FreeRunResiduals:
             for log, k in zip(logs, first, strict=True)
         )
         hangs = not choice.known.weightless(log.added_mass for log in logs)
-        anchored = [each.log for each in trajectories if not isinstance(each, Segments)]
-        owned = owned_keys(logs, choice.per_mass, choice.per_log, hangs=hangs, anchored=anchored)
+        anchored = [each.log for each in simulations if not isinstance(each, Segments)]
+        owned = local_keys(logs, choice.per_mass, choice.per_log, hangs=hangs, anchored=anchored)
         keys = (*((name, None) for name in choice.shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
@@ -170,7 +134,7 @@ class FreeRunResiduals:
             initial=np.array(guesses) / scale,
             zeros=zeros,
             prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
-            trajectories=trajectories,
+            simulations=simulations,
             motion=motion,
             workers=choice.workers,
         )
@@ -188,7 +152,7 @@ class FreeRunResiduals:
 
     def part(self, numbers: Sequence[int]) -> tuple[FreeRunResiduals, NDArray[np.intp]]:
         """Return the residuals of some logs, and the numbers of the parameters they depend on."""
-        chosen = [self.trajectories[k] for k in numbers]
+        chosen = [self.simulations[k] for k in numbers]
         concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
         kept = np.array(sorted(concerned))
         return (
@@ -199,7 +163,7 @@ class FreeRunResiduals:
                 lower=self.lower[kept],
                 initial=self.initial[kept],
                 prior=None if self.prior is None else self.prior.take(kept),
-                trajectories=tuple(chosen),
+                simulations=tuple(chosen),
                 motion=tuple(self.motion[k] for k in numbers),
             ),
             kept,
@@ -208,12 +172,7 @@ class FreeRunResiduals:
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent.
 
-        Parameters
-        ----------
-        kept
-            Numbers of the n that are kept.
-        initial
-            (n,) first guesses, scaled.
+        ``kept``: numbers of the n that are kept; ``initial``: (n,) first guesses, scaled.
         """
         absent = {
             self.keys[k][0]: getattr(FrictionTerms, self.keys[k][0], 0.0)
@@ -231,17 +190,42 @@ class FreeRunResiduals:
             prior=None if self.prior is None else self.prior.take(kept),
         )
 
+    def solved(self, end: Minimum[Equations]) -> SolvedEquations:
+        """Return the end of a descent with its equations, those of few logs in blocks of time."""
+        blocks = blocks_of(len(self.simulations), len(self.keys))
+        parts = end.at.compressed(blocks)
+        rows, residuals = zip(*parts, strict=True)
+        scale = self.scale
+        took = Finding(
+            kind=FindingKind.SIMULATIONS,
+            number=end.evaluations,
+            severity=Level.NOTE if end.converged else Level.WARNING,
+        )
+        return SolvedEquations(
+            names=tuple(name for name, _ in self.keys),
+            values=end.point * scale,
+            jacobian=np.concatenate(rows) / scale,
+            residuals=np.concatenate(residuals),
+            cluster=np.repeat(np.arange(len(parts)), [part.size for part in residuals]),
+            on_bound=end.point <= self.lower,
+            lower=self.lower * scale,
+            ending=Ending.CONVERGED if end.converged else Ending.STOPPED,
+            findings=(took,),
+            prior=None if self.prior is None else self.prior.turned(scale, np.zeros(scale.size)),
+            bread=None if end.at.loss is Loss.LINEAR else end.at.bread / np.outer(scale, scale),
+        )
+
     @np.errstate(over="ignore", invalid="ignore")  # of a motion that no joint makes; per thread
     def _of_log(self, index: int, values: Samples) -> LogEquations:
-        trajectory = self.trajectories[index]
-        columns = columns_of(self.keys, trajectory.log)
+        simulation = self.simulations[index]
+        columns = columns_of(self.keys, simulation.log)
         own = {self.keys[k][0]: float(values[k]) for k in columns}
         moved = {name: value for name, value in own.items() if name not in INITIAL}
         parameters = replace(self.start, **moved)
-        if not parameters.p1 + trajectory.log.added_mass.inertia > 0:
+        if not parameters.p1 + simulation.log.added_mass.inertia > 0:
             return _impossible(len(self.keys))
-        zero = own["zero"] if "zero" in own else reading_of(trajectory.log, self.zeros)
-        errors, rows, mixture = trajectory.linearised(
+        zero = own["zero"] if "zero" in own else reading_of(simulation.log, self.zeros)
+        errors, rows, mixture = simulation.linearised(
             list(own), parameters, zero, own.get("velocity")
         )
         unit = 1 / (self.motion[index] * errors.size**0.5)
@@ -257,13 +241,7 @@ def _impossible(count: int) -> LogEquations:
 
 
 def _rms_motion(log: Log, first: int) -> float:
-    """Return that of the angle in rad from a sample on, by which its errors are divided.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return that of the angle in rad from a sample on, by which its errors are divided."""
     motion = float(np.std(log.angle[first:])) if first < log.angle.size else 0.0
     if not motion > _STILL:
         found = f"{motion:.1g} rad of motion in what counts"

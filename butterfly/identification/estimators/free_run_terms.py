@@ -31,20 +31,10 @@ CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck", "stribeck_velocit
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRunTerms:
-    """A choice among the terms of residuals that have them all.
-
-    Parameters
-    ----------
-    problem
-        The residuals.
-    labels
-        What its n parameters are called in the choice.
-    choice
-        What is fitted.
-    """
+    """A choice among the terms of residuals that have them all."""
 
     problem: FreeRunResiduals
-    labels: tuple[str, ...]
+    labels: tuple[str, ...]  # what its n parameters are called in the choice
     choice: TermChoice
 
     @classmethod
@@ -53,18 +43,14 @@ class FreeRunTerms:
     ) -> FreeRunTerms:
         """Choose by the equations about a point.
 
-        Parameters
-        ----------
-        problem, point, at
-            The residuals, (n,) scaled values of the parameters, and the equations about them.
-        always
-            Names of parameters that are not to be chosen, but fitted.
+        ``problem``, ``point``, ``at``: the residuals, (n,) scaled values of the parameters, and the
+        equations about them; ``always``: names of parameters that are not to be chosen, but fitted.
         """
         labels = tuple(
             name if whose is None else f"{name} of {whose}" for name, whose in problem.keys
         )
         optional = {name for name in CANDIDATES if name not in always}
-        masses = [each.log.added_mass for each in problem.trajectories]
+        masses = [each.log.added_mass for each in problem.simulations]
         stretches = stretches_of(len(masses))
         at = at if stretches == 1 else at.cut(stretches)
         nested = Nested(

@@ -24,7 +24,7 @@ _LAST = 1e-4  # share of the cost that a step taken on trust may promise
 _UNSEEN = 0.1  # share of a residual's part of the cost that may be left after it
 _NEGLIGIBLE = 1e-8  # share of the cost, for which no step is worth while
 _STUCK = 1e-3  # share of the cost, more than which the end of a descent must not leave
-_SMALLEST_STEP = 1e-6
+_SMALLEST_STEP = 1e-6  # of scaled parameters
 _FLAT = 1e-15  # share of the largest curvature, below which there is only rounding
 _POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the foretold decrease
 _INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
@@ -62,24 +62,12 @@ _E = TypeVar("_E", bound=Expansion)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum(Generic[_E]):
-    """Where a descent ended.
+    """Where a descent ended."""
 
-    Parameters
-    ----------
-    point
-        (n,).
-    at
-        The cost about it, as its last expansion says.
-    converged
-        Whether no further step promises anything.
-    evaluations
-        How often the cost was expanded.
-    """
-
-    point: Samples
-    at: _E
-    converged: bool
-    evaluations: int
+    point: Samples  # (n,)
+    at: _E  # the cost about it, as its last expansion says
+    converged: bool  # whether no further step promises anything
+    evaluations: int  # how often the cost was expanded
 
 
 def minimise(
@@ -95,21 +83,10 @@ def minimise(
     taken on trust. A descent that ends because its box has shrunk has converged only if no step out
     of the box promises anything either.
 
-    Parameters
-    ----------
-    expand
-        From (n,) a point to the cost about it. Infinite or NaN costs are stepped back from.
-    initial, lower
-        (n,) where to begin, and least values. The coordinates are of order 1.
-    known
-        The cost about the beginning, if it is known already.
-    most
-        How often the cost may be expanded.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the cost at the beginning is no number.
+    ``expand``: from (n,) a point to the cost about it. Infinite or NaN costs are stepped back from;
+    ``initial``, ``lower``: (n,) where to begin, and least values. The coordinates are of order 1;
+    ``known``: the cost about the beginning, if it is known already; ``most``: how often the cost
+    may be expanded.
     """
     point = np.maximum(initial, lower)
     at, evaluations = (expand(point), 1) if known is None else (known, 0)

@@ -23,7 +23,7 @@ one (indirect inference; Gourieroux, Monfort & Renault, J. Appl. Econometrics 8,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -31,28 +31,119 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
-from butterfly.identification.estimators.describing_fit import DescribingFit
-from butterfly.identification.estimators.describing_terms import DescribingTerms
-from butterfly.identification.estimators.steady_model import ROUGHLY, SteadyModel
+from butterfly.identification.estimators.harmonic_balance_regression import (
+    HarmonicBalanceFit,
+    Phasors,
+)
+from butterfly.identification.estimators.steady_response import (
+    ROUGHLY,
+    RestAngles,
+    SteadyModel,
+    steady_sines,
+)
 from butterfly.identification.inference.identifiability import refuse_without_scale
 from butterfly.identification.inference.intervals import without_each_mass
-from butterfly.identification.phasors import Phasors
-from butterfly.identification.reference import Reference
-from butterfly.identification.rest_angles import RestAngles
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
+    SCANNED,
+    ScannedTerms,
+    candidates,
+    folds_of,
+    missing_terms,
+    stribeck_velocities,
+    told_terms,
+)
+from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
-from butterfly.identification.steady import steady_sines
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass
-from butterfly.model.terms import PARAMETERS
+from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.frequency_response import ResponsePoint
+
+_OF_REST = "bias"
 
 LINEAR = ("p1", "p2", "p3", "p4")
 """What is estimated in the limit of small swings without Coulomb friction and delay."""
-
 _NAME = "harmonic balance"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HarmonicBalanceTerms:
+    """Terms for a balance."""
+
+    phasors: Phasors  # the balance with them
+    held: dict[str, float]  # what is set, not fitted
+    # (n,) values of fits with other terms that predict as well
+    rivals: tuple[NDArray[np.float64], ...]
+    said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
+    # what would have been chosen from all terms; empty if that was not asked
+    best: dict[str, float]
+
+    @classmethod
+    def of(
+        cls, fit: HarmonicBalanceFit, terms: tuple[str, ...] | None, *, check: bool
+    ) -> HarmonicBalanceTerms:
+        """Choose from all terms, or, where they are told, only their Stribeck velocity.
+
+        ``fit``: without any; ``terms``: told, or None; ``check``: whether to say which terms would
+        help that were not told.
+        """
+        offers = [n for n in offered("harmonic-balance") if n not in {SCANNED, _OF_REST}]
+        known = fit.phasors.known
+        every = candidates(offers, fit.phasors.masses, known)
+        told = None if terms is None else told_terms(terms, {_OF_REST, *known.parameters})
+        found = ScannedTerms.of(_Balances(fit), every, told, check=check)
+        chosen, free = found.chosen, found.free
+        names = chosen.names
+        speed = chosen.settings.get("stribeck_velocity", fit.phasors.stribeck_velocity)
+        best = fit.values_of(free.names, free.values).tolist() if free else []
+        return cls(
+            phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
+            held=chosen.settings,
+            rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
+            said=chosen.findings,
+            best=dict(zip(free.names, best, strict=True)) if free else {},
+        )
+
+    def without(self, idle: tuple[str, ...]) -> HarmonicBalanceTerms:
+        """Return the terms without some that turned out to be nothing."""
+        kept = np.array([name not in idle for name in self.phasors.names])
+        names = tuple(name for name in self.phasors.names if name not in idle)
+        return replace(
+            self,
+            phasors=replace(self.phasors, names=names),
+            held={} if SCANNED in idle else self.held,
+            rivals=tuple(each[kept] for each in self.rivals),
+            said=(*self.said, Finding(kind=FindingKind.NOT_HELPING, parameters=idle)),
+            best={name: value for name, value in self.best.items() if name not in idle},
+        )
+
+    def judge(self, found: Estimate) -> Estimate:
+        """Return the estimate, with what there is to say of terms."""
+        return found.with_findings(*self.said, *missing_terms(found, self.best))
+
+
+class _Balances:
+    """The equations of a fit with more terms."""
+
+    def __init__(self, fit: HarmonicBalanceFit) -> None:
+        self.always = fit.phasors.names
+        self._fit, self._folds = fit, folds_of(fit.phasors.masses)
+
+    @property
+    def speeds(self) -> list[float]:
+        phasors = self._fit.phasors
+        fastest = float(np.max(np.abs(phasors.angle) * phasors.omega))
+        return stribeck_velocities(fastest, phasors.known)
+
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+        phasors = replace(self._fit.phasors, names=(*self.always, *terms))
+        if speed is not None:
+            phasors = replace(phasors, stribeck_velocity=speed)
+        return self._fit.nested(phasors, self._folds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,8 +187,8 @@ class HarmonicBalance(Estimator):
         poles = [point.pole for point in points]
         robot = SteadyModel(simulations=logs, rest=rest, poles=poles)
         fit, robot = robot.settled(fit, ROUGHLY)
-        chosen = DescribingTerms.of(fit, self.terms, check=self.check)
-        fit, robot = robot.settled(DescribingFit.of(chosen.phasors))
+        chosen = HarmonicBalanceTerms.of(fit, self.terms, check=self.check)
+        fit, robot = robot.settled(HarmonicBalanceFit.of(chosen.phasors))
         while self.terms is None and (idle := fit.idle):
             fit, chosen = fit.without(idle), chosen.without(idle)
         known = robot.rest if robot.rest.bias is not None else None
@@ -114,8 +205,8 @@ class HarmonicBalance(Estimator):
     def of_points(self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
-        chosen = DescribingTerms.of(first, self.terms, check=self.check)
-        fit = DescribingFit.of(chosen.phasors)
+        chosen = HarmonicBalanceTerms.of(first, self.terms, check=self.check)
+        fit = HarmonicBalanceFit.of(chosen.phasors)
         return _judged(points, fit, _NAME, [], reference, chosen=chosen, check=self.check)
 
 
@@ -155,23 +246,23 @@ def _begun(
     names: tuple[str, ...],
     *,
     small: bool = False,
-) -> tuple[Reference, DescribingFit]:
+) -> tuple[ScaleParameter, HarmonicBalanceFit]:
     """Fit some parameters, and say on what their scale rests."""
     _refuse_too_few(points, known.fitted(names), known)
-    reference = Reference.of([point.added_mass for point in points], known)
+    reference = ScaleParameter.of([point.added_mass for point in points], known)
     held = reference.held
     phasors = Phasors.of(points, held.fitted(names), small=small, known=held)
-    return reference, DescribingFit.of(phasors)
+    return reference, HarmonicBalanceFit.of(phasors)
 
 
 def _judged(
     points: Sequence[ResponsePoint],
-    fit: DescribingFit,
+    fit: HarmonicBalanceFit,
     method: str,
     said: Sequence[Finding],
-    reference: Reference,
+    reference: ScaleParameter,
     *,
-    chosen: DescribingTerms | None = None,
+    chosen: HarmonicBalanceTerms | None = None,
     rest: RestAngles | None = None,
     check: bool,
 ) -> Estimate:
@@ -184,7 +275,7 @@ def _judged(
         kept = np.array([each != mass for each in masses])
         rest_of_points = [point for point in points if point.added_mass != mass]
         _refuse_too_few(rest_of_points, fit.phasors.names, fit.phasors.known)
-        values = DescribingFit.of(fit.phasors.take(kept)).solved.values
+        values = HarmonicBalanceFit.of(fit.phasors.take(kept)).solved.values
         return values if rest is None else np.append(values, rest.of_part(kept))
 
     left_out, few = without_each_mass(masses, without, fit.phasors.known, asked=check)

@@ -23,20 +23,18 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.ends import Ends
-from butterfly.identification.estimators.equations import Equations
-from butterfly.identification.estimators.free_run_end import local_of, solved_of
+from butterfly.identification.estimators.equations import Equations, Loss, outlying
 from butterfly.identification.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
 from butterfly.identification.estimators.free_run_terms import CANDIDATES, FreeRunTerms, inseparable
 from butterfly.identification.estimators.gauss_newton import MOST, Minimum, minimise
-from butterfly.identification.estimators.loss import Loss, outlying
-from butterfly.identification.estimators.starts import Start, starts
+from butterfly.identification.estimators.local_parameters import local_values
+from butterfly.identification.estimators.multistart import Multistart, Start, starts
 from butterfly.identification.inference.covariance import FEW, blocks_of
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
 from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
-from butterfly.identification.reference import Reference
+from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
 from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
@@ -44,7 +42,7 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
 
-_LEAST_MASSES = 2
+_LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,29 +131,16 @@ class OutputError(Estimator):
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
-        Parameters
-        ----------
-        logs
-            With increasing stamps.
-        start
-            First guess; a poor one may stall the fit, so take a closed form's.
-        zeros
-            First guess of the encoder's reading in rad of the hand at rest, per added mass.
-        known
-            What is known of the robot.
+        ``logs``: with increasing stamps; ``start``: first guess; a poor one may stall the fit, so
+        take a closed form's; ``zeros``: first guess of the encoder's reading in rad of the hand at
+        rest, per added mass; ``known``: what is known of the robot.
         """
         return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
 
     def of_starts(
         self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
     ) -> Estimate:
-        """Fit the free-run simulation of all logs jointly, from one or more first guesses.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If the logs cannot determine the parameters, or no first guess is a joint's.
-        """
+        """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
             horizon = min(horizon_of(logs, each.parameters, each.zeros) for each in first)
             found = replace(self, horizon=horizon).of_starts(logs, first, known)
@@ -166,7 +151,7 @@ class OutputError(Estimator):
         self._require_told_once(known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
-        reference = Reference.of(masses, known, driven=driven)
+        reference = ScaleParameter.of(masses, known, driven=driven)
         variance = self._variance(logs, first, reference.held)
         ends = self._ends(logs, first, reference.held, variance)
         problem, end = ends.problem, ends.end
@@ -193,7 +178,7 @@ class OutputError(Estimator):
 
         left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
         ended = zip(problem.keys, (end.point * problem.scale).tolist(), strict=True)
-        solved = solved_of(problem, end)
+        solved = problem.solved(end)
         found = Estimate.from_rows(
             reference.whole(solved),
             method="output error",
@@ -202,7 +187,7 @@ class OutputError(Estimator):
             shared=problem.shared + bool(reference.name),
             findings=[*few, *of_few_logs(len(logs)), *said],
             held=self._held(problem, reference.name),
-            local=local_of(list(ended)[problem.shared :]),
+            local=local_values(list(ended)[problem.shared :]),
             masses=masses,
             blocks=blocks_of(len(logs), len(problem.keys)),
             known=known,
@@ -241,11 +226,11 @@ class OutputError(Estimator):
 
     def _ends(
         self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge, variance: float = 1.0
-    ) -> Ends:
+    ) -> Multistart:
         problems = [
             self.problem(logs, each.parameters, each.zeros, known, variance) for each in first
         ]
-        return Ends.of(problems, self)
+        return Multistart.of(problems, self)
 
     def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
         """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
@@ -253,7 +238,7 @@ class OutputError(Estimator):
         if not known.uncertain and all(zero.exact for zero in zeros):
             return 1.0
         ends = self._ends(logs, first, known, 0.0)
-        return solved_of(ends.problem, ends.end).realised_variance
+        return ends.problem.solved(ends.end).realised_variance
 
     def _missing(
         self,
@@ -284,13 +269,7 @@ class OutputError(Estimator):
         zeros: Mapping[AddedMass, float],
         known: Knowledge = NOTHING,
     ) -> float:
-        """Return the least sum of squares, each log's being its mean square relative error.
-
-        Parameters
-        ----------
-        logs, start, zeros, known
-            As `of_logs` takes them.
-        """
+        """Return the least sum of squares, each log's being its mean square relative error."""
         problem = self.problem(logs, start, zeros, known)
         end = self.descend(problem, problem.initial)
         return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
@@ -305,12 +284,7 @@ class OutputError(Estimator):
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised.
 
-        Parameters
-        ----------
-        logs, start, zeros, known
-            As `of_logs` takes them.
-        variance
-            Of a residual, beside which what is known with an uncertainty is weighed.
+        ``variance``: of a residual, beside which what is known with an uncertainty is weighed.
         """
         horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
         choice = Choice(

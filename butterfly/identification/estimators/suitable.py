@@ -11,9 +11,9 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.output_error import OutputError
+from butterfly.identification.estimators.steady_response import steady_sines
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.prediction_horizon import HORIZONS, lasts
-from butterfly.identification.steady import steady_sines
 from butterfly.model.terms import PARAMETERS
 
 _MOST = 0.8  # share of the logs that must have settled

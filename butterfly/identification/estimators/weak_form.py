@@ -25,27 +25,102 @@ from numpy.typing import NDArray
 from butterfly.errors import require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.encoder_offset import offset_errors, reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
-from butterfly.identification.estimators.instruments import refined, seen
-from butterfly.identification.estimators.weak_fit import Windows
-from butterfly.identification.estimators.weak_terms import WeakTerms
-from butterfly.identification.estimators.zero_errors import zero_covariance
+from butterfly.identification.estimators.instrumental_variables import (
+    offset_covariance,
+    refined,
+    seen,
+)
+from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.inference.covariance import blocks_of, split
 from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
 from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
-from butterfly.identification.inference.term_choice import missing_terms
-from butterfly.identification.reference import Reference
-from butterfly.identification.weak_signals import HALF_WIDTH, Averaging
-from butterfly.identification.zeros import doubts, reading_of
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
+    ScannedTerms,
+    candidates,
+    folds_of,
+    missing_terms,
+    stribeck_velocities,
+    told_terms,
+)
+from butterfly.identification.scale_parameter import ScaleParameter
+from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
 from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.terms import FrictionTerms
+from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
+CANDIDATES = ("drag", "load", "bias", "p3_offset")
+"""Terms that are tried where none are told, besides Stribeck friction."""
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeakTerms:
+    """Terms for the weak form, and the fit with them."""
+
+    fit: WeakFit  # with the terms
+    held: dict[str, float]  # what is set, not fitted
+    # (n,) values of fits with other terms that predict as well
+    rivals: tuple[NDArray[np.float64], ...]
+    said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
+    # what would have been chosen from all terms; empty if that was not asked
+    best: dict[str, float]
+
+    @classmethod
+    def of(
+        cls,
+        windows: Sequence[Windows],
+        terms: tuple[str, ...] | None,
+        known: Knowledge,
+        *,
+        check: bool,
+    ) -> WeakTerms:
+        """Choose from all terms, or, where they are told, only their Stribeck velocity.
+
+        ``windows``: of the logs; ``terms``: told, or None; ``check``: whether to say which terms
+        would help that were not told; Stribeck friction is not looked for then, since its scan
+        costs more than the fit.
+        """
+        usual = known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
+        always = known.fitted(PARAMETERS)
+        tried = candidates(CANDIDATES, (each.added for each in windows), known)
+        told = None if terms is None else told_terms(terms, known.parameters)
+        first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
+        equations = _Averages(first, windows, always)
+        found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
+        chosen = found.chosen
+        slow = chosen.settings.get("stribeck_velocity", usual)
+        return cls(
+            fit=WeakFit.of(windows, chosen.names, slow, known, first.about.delay),
+            held=chosen.settings,
+            rivals=chosen.rival_values,
+            said=chosen.findings,
+            best=found.free.best if found.free else {},
+        )
+
+
+class _Averages:
+    """The equations of a fit with other terms."""
+
+    def __init__(self, fit: WeakFit, windows: Sequence[Windows], always: tuple[str, ...]) -> None:
+        self.always = always
+        self._fit, self._windows = fit, windows
+        self._folds = folds_of([each.added for each in windows])
+
+    @property
+    def speeds(self) -> list[float]:
+        fastest = max(each.averaging.fastest for each in self._windows)
+        return stribeck_velocities(fastest, self._fit.about.known)
+
+    def with_terms(self, terms: tuple[str, ...], speed: float | None) -> Nested:
+        slow = self._fit.about.slow if speed is None else speed
+        return self._fit.nested(self._windows, (*self.always, *terms), slow, self._folds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +161,7 @@ class WeakForm(Estimator):
     def __call__(self, data: DataSet) -> Estimate:
         """Estimate from all logs of a data set (see `Estimator`)."""
         zeros = data.equilibria
-        uncertain = doubts(data.zeros) if data.hangs else None
+        uncertain = offset_errors(data.offsets) if data.hangs else None
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
@@ -111,26 +186,14 @@ class WeakForm(Estimator):
 
         What a log tells of its own zero goes before it.
 
-        Parameters
-        ----------
-        logs, zeros
-            The logs, and the readings.
-        known
-            What is known of the robot.
-        uncertain
-            (k, n) standard uncertainties in rad of k independent errors of the zeros of the n logs.
-
-        Raises
-        ------
-        IdentifiabilityError
-            If the logs cannot determine the parameters.
-        InputError
-            If a log is shorter than a test function.
+        ``logs``, ``zeros``: the logs, and the readings; ``known``: what is known of the robot;
+        ``uncertain``: (k, n) standard uncertainties in rad of k independent errors of the zeros of
+        the n logs.
         """
         require_usable(self.method, known)
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
-        reference = Reference.of(masses, known, driven=driven)
+        reference = ScaleParameter.of(masses, known, driven=driven)
         periods = known.exact.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
@@ -149,7 +212,7 @@ class WeakForm(Estimator):
         solved = replace(fit.solved, cluster=split(fit.solved.cluster, blocks))
         rivals = [each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals]
         whole = reference.whole(solved)
-        doubt = None if uncertain is None else zero_covariance(fit, pairs, uncertain, whole.names)
+        doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
         found = Estimate.from_rows(
             whole,
             method="weak form",

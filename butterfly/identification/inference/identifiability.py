@@ -36,8 +36,8 @@ OTHER_LOGS = (
 class Conditioning:
     """How well a regression tells its parameters apart, whatever their units."""
 
-    number: float  # Condition number with the columns scaled to one length
-    weakest: tuple[str, ...]  # Parameters of the combination that the data tell least about
+    number: float  # condition number with the columns scaled to one length
+    weakest: tuple[str, ...]  # parameters of the combination that the data tell least about
 
     @classmethod
     def of(

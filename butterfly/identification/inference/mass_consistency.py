@@ -20,7 +20,7 @@ _NEAR = 2.0  # standard errors from that mass
 _OF_A_MASS = 40.0  # of a whole mass, which takes up some of what the model lacks
 _MATTERS = 0.05  # of the largest mass, below which a correction does not matter
 _EXACT = 1e-12  # of what a correction explains, that rounding leaves
-_LEAST_MASSES = 3
+_LEAST_MASSES = 3  # of which one can be wrong: to call two the same explains everything
 _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is one of them
 
 
@@ -28,11 +28,11 @@ _UNSEEN = 1e-8  # share of a column that the parameters leave, below which it is
 class Correction:
     """What some logs would have carried, had the rest been told right."""
 
-    told: AddedMass  # What they are said to have carried
-    logs: tuple[int, ...]  # Their numbers
-    change: float  # To be added to the told mass, in kg
+    told: AddedMass  # what they are said to have carried
+    logs: tuple[int, ...]  # their numbers
+    change: float  # to be added to the told mass, in kg
     evidence: float  # F statistic of the change: that of one more parameter
-    mistaken: bool = False  # Whether the corrected mass may be another of those that were told
+    mistaken: bool = False  # whether the corrected mass may be another of those that were told
 
     @property
     def evident(self) -> bool:

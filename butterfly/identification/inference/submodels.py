@@ -19,14 +19,14 @@ from butterfly.model.terms import COMPANIONS
 Samples = NDArray[np.float64]
 
 _SINGULAR = 1e-11  # of the scaled normal equations, below which a combination is not determined
-_LEAST_FOLDS = 2
+_LEAST_FOLDS = 2  # parts of the data: one to predict, one to fit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nested:
     """The equations of k logs about a fit with n parameters."""
 
-    names: tuple[str, ...]  # Of the n
+    names: tuple[str, ...]
     values: Samples  # (n,) values, and the least ones
     lower: Samples
     curvature: Samples  # (k, n, n), (k, n) and (k,): J^T J, J^T r and r^T r of each log
@@ -34,12 +34,12 @@ class Nested:
     cost: Samples
     # (k,) numbers of the parts of the data that are left out together, one after the other
     folds: NDArray[np.intp]
-    # Values of what is no parameter here, but was set
+    # values of what is no parameter here, but was set
     settings: dict[str, float] = field(default_factory=dict)
-    demanded: tuple[str, ...] = ()  # Parameters without which these equations are not asked
-    negligible: float = 0.0  # Size of an error that is none, as rounding leaves it to exact data
-    prior: Prior | None = None  # What is known besides, in every part of the data
-    slack: float = 1.0  # Standard errors by which a fit with fewer parameters may foretell worse
+    demanded: tuple[str, ...] = ()  # parameters without which these equations are not asked
+    negligible: float = 0.0  # size of an error that is none, as rounding leaves it to exact data
+    prior: Prior | None = None  # what is known besides, in every part of the data
+    slack: float = 1.0  # standard errors by which a fit with fewer parameters may foretell worse
 
     @cached_property
     def _total(self) -> tuple[Samples, Samples]:

@@ -35,24 +35,28 @@ NEGLIGIBLE = 1e-6
 _MATTERS = 0.05  # of a parameter, by which a missing term may move it unremarked
 _SPEEDS = 10  # Stribeck velocities that are tried
 _SLOWEST, _FASTEST = 0.03, 0.5  # of the largest speed of the logs
-_LEAST_FOLDS = 3
-_STRETCHES = 6
+_LEAST_FOLDS = 3  # parts of the data to leave out, below which each log is one
+_STRETCHES = 6  # of time in all, into which too few logs are cut
+
 SLACK_OF_STRETCHES = 2.0
 """Standard errors where stretches of time are foretold, whose errors are alike."""
+
+SCANNED = "stribeck"
+"""The term whose velocity is tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TermChoice:
     """Terms that were chosen, and what speaks for others."""
 
-    names: tuple[str, ...]  # Of the parameters, the terms last
-    terms: tuple[str, ...]  # Chosen
-    values: dict[str, float]  # Of the parameters, by name, as the nested fit foretells them
-    settings: dict[str, float]  # See `Nested`
-    # Values, by name, of the fits that predict as well, with other terms or other settings
+    names: tuple[str, ...]  # of the parameters, the terms last
+    terms: tuple[str, ...]  # chosen
+    values: dict[str, float]  # of the parameters, by name, as the nested fit foretells them
+    settings: dict[str, float]  # see `Nested`
+    # values, by name, of the fits that predict as well, with other terms or other settings
     rivals: tuple[dict[str, float], ...]
-    not_helping: tuple[str, ...]  # Terms that were offered and not chosen
-    inseparable: tuple[str, ...]  # Terms that the data cannot tell from the rest
+    not_helping: tuple[str, ...]  # terms that were offered and not chosen
+    inseparable: tuple[str, ...]  # terms that the data cannot tell from the rest
 
     @property
     def best(self) -> dict[str, float]:
@@ -281,10 +285,6 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
     ]
 
 
-SCANNED = "stribeck"
-"""The term whose velocity is tried."""
-
-
 class Equations(Protocol):
     """What gives the equations of a method with any terms."""
 
@@ -307,8 +307,8 @@ class Equations(Protocol):
 class ScannedTerms:
     """Terms for a method."""
 
-    chosen: TermChoice  # Those to fit
-    # What would have been chosen from all terms; None if that was not asked
+    chosen: TermChoice  # those to fit
+    # what would have been chosen from all terms; None if that was not asked
     free: TermChoice | None
 
     @classmethod

@@ -12,11 +12,11 @@ import numpy as np
 from butterfly.model.parameters import AddedMass
 from butterfly.plant import has_display
 from butterfly.plant.control_loop import Sample
-from butterfly.plant.excitations import Excitation, initial_angle
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.rig import Rig
 from butterfly.plant.watch.picture import RenderingError
+from butterfly.signals.excitations import Excitation, initial_angle
 
 _PAUSE = 0.5  # s by which the simulation may lag before it stops trying to catch up
 _BUSY = 0.02  # s on the wall clock that one frame may spend on simulating

@@ -9,12 +9,12 @@ import numpy as np
 
 from butterfly.comparison.leaderboard import Entry
 from butterfly.comparison.three_way import ThreeWay
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.report.finding_texts import estimate_verdict, values_of
-from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.misfit_numbers import (
     left_over_numbers,

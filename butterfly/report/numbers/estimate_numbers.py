@@ -3,55 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 from typing import Any
 
-from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.estimators import Estimator
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import finding_text, values_of
-
-
-def data_numbers(data: DataSet) -> dict[str, Any]:
-    """Return what is to be said of the data that a result rests on."""
-    carrier = data.logs[0].added_mass
-    return {
-        "name": data.name,
-        "description": data.description,
-        "input": str(data.input_kind),
-        "logs": len(data.logs),
-        "known": data.known.as_told(),
-        "joint": str(carrier.joint),
-        "gravity": carrier.gravity,
-    }
-
-
-def chosen_numbers(
-    estimator: Estimator | None, estimate: Estimate, label: str = ""
-) -> dict[str, Any]:
-    """Return what an estimate was made with: method, terms that it fits, options.
-
-    Parameters
-    ----------
-    estimator
-        What made it; None if only its label is known.
-    estimate
-        What it made.
-    label
-        Of the estimator, where it is not known itself.
-    """
-    options = {} if estimator is None else asdict(estimator)
-    return {
-        "method": options.pop("method", label.partition("(")[0]),
-        "label": label if estimator is None else estimator.label,
-        "terms": [name for name in estimate.names if name not in PARAMETERS],
-        "options": {name: _plain(value) for name, value in options.items()},
-    }
 
 
 def estimate_numbers(
@@ -108,9 +69,3 @@ def lumped_numbers(
 def without_root(manifest: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """Return a manifest that says nothing of where on a machine its logs lie."""
     return None if manifest is None else {**manifest, "root": None}
-
-
-def _plain(value: object) -> Any:  # noqa: ANN401 - any option
-    if isinstance(value, tuple | list):
-        return [_plain(each) for each in value]
-    return value if isinstance(value, bool | int | float | None) else str(value)

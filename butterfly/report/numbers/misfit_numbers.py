@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from butterfly.identification.diagnostics.misfit import LEVELS, LogMisfit, Misfit
-from butterfly.identification.diagnostics.residuals import LeftOver
+from butterfly.identification.diagnostics.residuals import ResidualSummary
 from butterfly.model.parameters import JointKind
 from butterfly.report.numbers.estimate_numbers import finding_numbers
 
@@ -33,7 +33,7 @@ def misfit_units(joint: JointKind, place: str = "misfit.") -> dict[str, str]:
     return {f"{place}logs.{name}": joint.way for name in _LENGTHS}
 
 
-def left_over_numbers(left_over: LeftOver) -> dict[str, Any]:
+def left_over_numbers(left_over: ResidualSummary) -> dict[str, Any]:
     """Return what something left over looks like."""
     return {
         "looks_like": list(left_over.terms),

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from butterfly.document import Told
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.plant.robot import Robot
-from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import lumped_numbers
 from butterfly.verdict import Verdict
 

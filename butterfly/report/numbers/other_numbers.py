@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from butterfly.document import Told
 from butterfly.logs.manifest import Manifest
 from butterfly.report.inspection import STATES, Inspected
-from butterfly.report.numbers.document import Told
 from butterfly.thesis.tables import Row
 
 

@@ -6,15 +6,14 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from butterfly.document import Told
 from butterfly.experiment.perform import RunResult
 from butterfly.experiment.record import EstimateRecord, RunRecord, SweepRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.report.finding_texts import estimate_verdict, values_of
-from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import finding_numbers, lumped_numbers
-from butterfly.report.numbers.identification_numbers import told_identification
 from butterfly.report.numbers.orbit_numbers import told_orbit
 from butterfly.verdict import Verdict
 
@@ -159,7 +158,7 @@ def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult
         What came of it.
     """
     record, truth = result.record, experiment.plant.robot.lumped
-    found = [told_identification(each, truth) for each in result.identifications.values()]
+    found = [each.told(truth) for each in result.identifications.values()]
     orbit = None
     if result.orbit is not None:
         carried = result.orbit.calibration.rounds[0].logs[0].added_mass

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
 from butterfly.identification.diagnostics.findings import Finding
@@ -14,15 +15,13 @@ from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import held_out_fits
+from butterfly.identification.identification import about_data, chosen_options
+from butterfly.identification.identify import held_out_fits
 from butterfly.identification.validate import Bootstrap, HeldOut, Structure
 from butterfly.logs.log import Log
 from butterfly.report.finding_texts import estimate_verdict, values_of
 from butterfly.report.format import fit_text
-from butterfly.report.numbers.document import Told
 from butterfly.report.numbers.estimate_numbers import (
-    chosen_numbers,
-    data_numbers,
     estimate_numbers,
 )
 from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
@@ -40,8 +39,8 @@ def rests_on(
 ) -> dict[str, Any]:
     """Return what every answer says of the data and the estimate that it rests on."""
     return {
-        "data": data_numbers(data),
-        "chosen": chosen_numbers(estimator, estimate),
+        "data": about_data(data),
+        "chosen": chosen_options(estimator, estimate),
         **estimate_numbers(estimate, more=more),
     }
 

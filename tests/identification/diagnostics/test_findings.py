@@ -18,7 +18,9 @@ from butterfly.verdict import Level
 NOTE = Finding(kind=FindingKind.PRECISE, parameters=("p1",))
 CARE = Finding(kind=FindingKind.FEW_MASSES, number=2, severity=Level.CARE)
 WARNING = Finding(kind=FindingKind.POOR_FIT, number=20.0, severity=Level.WARNING)
-SLIP = Finding(kind=FindingKind.SLIP, parameters=("degrees",), number=57.3, severity=Level.CARE)
+SLIP = Finding(
+    kind=FindingKind.UNIT_ERROR, parameters=("degrees",), number=57.3, severity=Level.CARE
+)
 
 
 @pytest.mark.parametrize(

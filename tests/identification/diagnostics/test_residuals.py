@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.residuals import Balance, name_left_over
+from butterfly.identification.diagnostics.residuals import ResidualEquations, summarise_residuals
 
 COUNT = 4000
 LEAST = 5e-3
@@ -13,7 +13,7 @@ LEAST = 5e-3
 
 def _balance(left, rng, *, noise=0.0, known=None, drag=None, stribeck=None):
     white = rng.standard_normal((COUNT, 3))
-    return Balance(
+    return ResidualEquations(
         left=left + noise * rng.standard_normal(COUNT),
         known=white[:, :1] if known is None else known,
         candidates={
@@ -29,7 +29,7 @@ def test_the_share_of_a_missing_term_is_that_of_its_variance():
     """left = -0.3 drag + noise of 0.1: 0.09 of 0.10 of the variance."""
     rng = np.random.default_rng(0)
     drag = rng.standard_normal(COUNT)
-    overall, (own,) = name_left_over([_balance(-0.3 * drag, rng, noise=0.1, drag=drag)], LEAST)
+    overall, (own,) = summarise_residuals([_balance(-0.3 * drag, rng, noise=0.1, drag=drag)], LEAST)
     assert own == overall
     assert overall.terms == ("drag",)
     assert overall.shares["drag"] == pytest.approx(0.9, abs=0.01)
@@ -41,7 +41,7 @@ def test_the_share_of_a_missing_term_is_that_of_its_variance():
 def test_a_term_that_would_push_is_not_named():
     rng = np.random.default_rng(1)
     drag = rng.standard_normal(COUNT)
-    overall, _ = name_left_over([_balance(0.3 * drag, rng, drag=drag)], LEAST)
+    overall, _ = summarise_residuals([_balance(0.3 * drag, rng, drag=drag)], LEAST)
     assert overall.shows
     assert overall.terms == ()
     assert overall.looks_like == "no missing term of the table"
@@ -51,7 +51,7 @@ def test_what_the_model_s_own_terms_would_take_is_not_left_over():
     rng = np.random.default_rng(2)
     known = rng.standard_normal((COUNT, 2))
     balance = _balance(known @ [0.5, -2.0], rng, noise=0.01, known=known)
-    overall, _ = name_left_over([balance], LEAST)
+    overall, _ = summarise_residuals([balance], LEAST)
     assert overall.looks_like == "nothing that the data can show"
     assert overall.relative == pytest.approx(0.01, rel=0.05)
 
@@ -61,7 +61,7 @@ def test_a_term_like_one_of_the_model_s_counts_by_what_is_new_of_it():
     known, new = rng.standard_normal((COUNT, 1)), rng.standard_normal(COUNT)
     drag = 10 * known[:, 0] + new
     balance = _balance(-0.2 * new, rng, noise=0.001, known=known, drag=drag)
-    overall, _ = name_left_over([balance], LEAST)
+    overall, _ = summarise_residuals([balance], LEAST)
     assert overall.terms == ("drag",)
     assert overall.size == pytest.approx(0.2, rel=0.05)
 
@@ -71,13 +71,13 @@ def test_terms_that_look_alike_are_both_named():
     drag = rng.standard_normal(COUNT)
     alike = drag + 0.1 * rng.standard_normal(COUNT)
     balance = _balance(-0.3 * drag, rng, noise=0.05, drag=drag, stribeck=alike)
-    assert name_left_over([balance], LEAST)[0].terms == ("drag", "stribeck")
+    assert summarise_residuals([balance], LEAST)[0].terms == ("drag", "stribeck")
 
 
 def test_noise_alone_is_seldom_called_a_term():
     rng = np.random.default_rng(5)
     named = sum(
-        bool(name_left_over([_balance(np.zeros(COUNT), rng, noise=1.0)], LEAST)[0].terms)
+        bool(summarise_residuals([_balance(np.zeros(COUNT), rng, noise=1.0)], LEAST)[0].terms)
         for _ in range(100)
     )
     assert named <= 2
@@ -91,7 +91,7 @@ def test_one_cause_is_found_in_all_logs_together_though_none_shows_it():
         velocity = speed * rng.standard_normal(COUNT)
         drag = speed * velocity
         balances.append(_balance(-0.1 * drag, rng, noise=0.01, known=velocity[:, None], drag=drag))
-    overall, each = name_left_over(balances, LEAST)
+    overall, each = summarise_residuals(balances, LEAST)
     assert overall.terms == ("drag",)
-    assert name_left_over(balances[:1], LEAST)[0].terms == ()
+    assert summarise_residuals(balances[:1], LEAST)[0].terms == ()
     assert len(each) == 3

@@ -8,7 +8,7 @@ import pytest
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import cluster_covariance, robust
-from butterfly.identification.solved import Solved
+from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.model.parameters import AddedMass
 
 
@@ -122,7 +122,7 @@ def test_what_is_uncertain_besides_widens_the_covariance_by_what_it_moves_the_es
 
 
 def _solved(jacobian, residuals, bread=None):
-    return Solved(
+    return SolvedEquations(
         names=("p1", "p3")[: jacobian.shape[1]],
         values=np.array([0.01, 0.1])[: jacobian.shape[1]],
         jacobian=jacobian,

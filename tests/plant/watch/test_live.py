@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from butterfly.logs.log import Sine
-from butterfly.plant.excitations import FreeDecay
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.plant.watch.live import LiveRun, RealTime, watch
 from butterfly.plant.watch.picture import RenderingError
+from butterfly.signals.excitations import FreeDecay
 from tests.plant.test_rig import ADDED, ROBOT, SINE, STIFF
 
 ROUGH = Rig(

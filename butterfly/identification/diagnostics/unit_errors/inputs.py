@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.names import Slip
+from butterfly.identification.diagnostics.unit_errors.names import UnitError
 from butterfly.logs.log import Log
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 from butterfly.verdict import Level
 
 _FACTORS = {
-    Slip.MILLISECONDS: 1e-3,
-    Slip.MICROSECONDS: 1e-6,
-    Slip.PER_MINUTE: 2 * math.pi / 60,
-    Slip.HERTZ: 2 * math.pi,
+    UnitError.MILLISECONDS: 1e-3,
+    UnitError.MICROSECONDS: 1e-6,
+    UnitError.PER_MINUTE: 2 * math.pi / 60,
+    UnitError.HERTZ: 2 * math.pi,
 }
 """What told over measured frequency is the inverse of."""
 
@@ -32,7 +32,7 @@ _STARTS = 50  # parts of a log, of which the first is its start
 _SINE = 0.8  # share of a signal that one sine explains, if it is one
 
 
-def slips_of_refused(logs: Sequence[Log]) -> list[Finding]:
+def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     """Tell why the inputs of sines are not at the frequencies that the manifest gives them."""
     sines = [log for log in logs if log.excitation is not None]
     if not sines:
@@ -52,15 +52,17 @@ def slips_of_refused(logs: Sequence[Log]) -> list[Finding]:
     return [_of_omega(float(ratios[k]), sines[k]) for k in np.flatnonzero(wrong)]
 
 
-def slips_of_still(logs: Sequence[Log]) -> list[Finding]:
+def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
     """Tell why angles stand still: of joints that were let go, the inputs do, and come to rest."""
     still = [log for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
     if still and all(_comes_to_rest(log.input) for log in still):
-        return [_finding(Slip.SWAPPED, 1.0)]
+        return [_finding(UnitError.SWAPPED, 1.0)]
     return []
 
 
-def slips_of_omega(logs: Sequence[Log], points: Sequence[ResponsePoint | None]) -> list[Finding]:
+def unit_errors_of_omega(
+    logs: Sequence[Log], points: Sequence[ResponsePoint | None]
+) -> list[Finding]:
     """Tell of which logs the input is next to, not at, the frequency that the manifest gives."""
     near = [
         (log, point.detuning)
@@ -97,21 +99,21 @@ def _swapped(sines: Sequence[Log]) -> list[Finding]:
         assert log.excitation is not None  # noqa: S101 - of sines only
         measured, share = dominant_frequency(log.time, log.angle)
         right.append(share > _SINE and abs(measured / log.excitation.omega - 1) < _SAME)
-    return [_finding(Slip.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
+    return [_finding(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
 
 
 def _of_omega(ratio: float, *logs: Log) -> Finding:
     """Name a wrong omega; of one log by what it should be too."""
-    found = _finding(Slip.OMEGA, ratio, *logs)
+    found = _finding(UnitError.OMEGA, ratio, *logs)
     if len(logs) > 1 or logs[0].excitation is None:
         return found
     measured = f"{ratio * logs[0].excitation.omega:.4g} rad/s"
-    return replace(found, parameters=(Slip.OMEGA, measured))
+    return replace(found, parameters=(UnitError.OMEGA, measured))
 
 
-def _finding(slip: Slip, factor: float, *logs: Log) -> Finding:
+def _finding(slip: UnitError, factor: float, *logs: Log) -> Finding:
     return Finding(
-        kind=FindingKind.SLIP,
+        kind=FindingKind.UNIT_ERROR,
         parameters=(slip,),
         number=factor,
         severity=Level.WARNING,

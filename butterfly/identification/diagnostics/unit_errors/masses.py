@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.names import Slip
+from butterfly.identification.diagnostics.unit_errors.names import UnitError
 from butterfly.identification.diagnostics.unit_errors.trial import (
     FOLLOWED,
     NOTHING,
@@ -195,8 +195,8 @@ def _explanation(data: DataSet, corrected: _Corrected, ways: int) -> Explanation
     whole = _is_whole(suspect, data)
     certain = suspect.evidence > _CERTAIN
     finding = Finding(
-        kind=FindingKind.SLIP,
-        parameters=(Slip.MASS, str(suspect.told), str(ways)),
+        kind=FindingKind.UNIT_ERROR,
+        parameters=(UnitError.MASS, str(suspect.told), str(ways)),
         number=float(corrected.mass.mass),
         severity=Level.WARNING if certain else Level.CARE,
         logs=() if whole else tuple(data.logs[k].name for k in suspect.logs),

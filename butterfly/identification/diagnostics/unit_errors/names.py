@@ -12,7 +12,7 @@ from butterfly.identification.diagnostics.findings import Finding
 _NAMED = 4  # logs that a sentence names
 
 
-class Slip(StrEnum):
+class UnitError(StrEnum):
     """What may have been mistaken."""
 
     DEGREES = "degrees"
@@ -37,16 +37,16 @@ def _said(what: str, unit: str) -> str:
     return f"Say so: --units {what}={unit}, or units: {{{what}: {unit}}} in the manifest."
 
 
-def slip_in_words(finding: Finding) -> str:
+def unit_error_text(finding: Finding) -> str:
     """Name the slip that a finding tells of, and the factor that undoes it."""
-    return _TEXTS[Slip(finding.parameters[0])](finding)
+    return _TEXTS[UnitError(finding.parameters[0])](finding)
 
 
-def with_slips(error: ButterflyError, slips: Sequence[Finding]) -> ButterflyError:
+def with_unit_errors(error: ButterflyError, slips: Sequence[Finding]) -> ButterflyError:
     """Return an error that names slips besides; itself if there are none."""
     if not slips:
         return error
-    said = " ".join(map(slip_in_words, slips))
+    said = " ".join(map(unit_error_text, slips))
     if isinstance(error, InputError):
         return InputError(error.source, error.field, error.value, f"{error.expected}. {said}")
     return type(error)(f"{error}. {said}")
@@ -91,38 +91,38 @@ def _mass(finding: Finding) -> str:
     )
 
 
-_TEXTS: dict[Slip, Callable[[Finding], str]] = {
-    Slip.DEGREES: lambda _: (
+_TEXTS: dict[UnitError, Callable[[Finding], str]] = {
+    UnitError.DEGREES: lambda _: (
         f"The angle looks like degrees: times pi/180 (0.01745) {_AGREE}. {_said('angle', 'deg')}"
     ),
-    Slip.COUNTS: _counts,
-    Slip.MILLISECONDS: lambda _: (
+    UnitError.COUNTS: _counts,
+    UnitError.MILLISECONDS: lambda _: (
         f"The stamps look like milliseconds: times 0.001 {_AGREE}. {_said('time', 'ms')}"
     ),
-    Slip.MICROSECONDS: lambda _: (
+    UnitError.MICROSECONDS: lambda _: (
         f"The stamps look like microseconds: times 1e-6 {_AGREE}. {_said('time', 'us')}"
     ),
-    Slip.SWAPPED: lambda _: (
+    UnitError.SWAPPED: lambda _: (
         f"Input and angle look swapped: the other way round {_AGREE}. The manifest's key columns, "
         "or --columns, says which is which."
     ),
-    Slip.PER_MINUTE: lambda _: (
+    UnitError.PER_MINUTE: lambda _: (
         "The manifest's omegas look like revolutions per minute: times 2 pi/60 (0.1047) they are "
         f"the frequencies of the recorded inputs. {_said('omega', 'rpm')}"
     ),
-    Slip.HERTZ: lambda _: (
+    UnitError.HERTZ: lambda _: (
         "The manifest's omegas look like Hz: times 2 pi they are the frequencies of the recorded "
         f"inputs. {_said('omega', 'Hz')}"
     ),
-    Slip.OMEGA: _omega,
-    Slip.MILLIMETRES: lambda _: (
+    UnitError.OMEGA: _omega,
+    UnitError.MILLIMETRES: lambda _: (
         f"The arms look like millimetres: times 0.001 {_AGREE}. {_said('arm', 'mm')}"
     ),
-    Slip.CENTIMETRES: lambda _: (
+    UnitError.CENTIMETRES: lambda _: (
         f"The arms look like centimetres: times 0.01 {_AGREE}. {_said('arm', 'cm')}"
     ),
-    Slip.MASS: _mass,
-    Slip.GRAMS: lambda _: (
+    UnitError.MASS: _mass,
+    UnitError.GRAMS: lambda _: (
         "The added masses look like grams: so much has hardly room at such an arm, or is hardly "
         "moved by such a joint, which the motion cannot tell. If they are, times 0.001 all values "
         f"but the delay hold. {_said('mass', 'g')}"

@@ -9,13 +9,13 @@ import numpy as np
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.inputs import slips_of_omega
+from butterfly.identification.diagnostics.unit_errors.inputs import unit_errors_of_omega
 from butterfly.identification.diagnostics.unit_errors.masses import (
     mass_of_one_log,
     mass_of_unfollowed,
     wrong_masses,
 )
-from butterfly.identification.diagnostics.unit_errors.names import Slip
+from butterfly.identification.diagnostics.unit_errors.names import UnitError
 from butterfly.identification.diagnostics.unit_errors.trial import (
     CLOCKS,
     FOLLOWED,
@@ -43,13 +43,23 @@ _LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are 
 _EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method refused, no slip
 _ROOM = 0.005  # misfit that makes no difference
 
+_TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
+_LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
+_LONGEST_LOG = 3600.0  # s
+_LONGEST_ARM = 5.0  # m
+_COARSEST = 0.02  # rad that an encoder tells apart; 314 counts per turn
+_HEAVIEST = 10.0  # kg
+_HEAVY = 1.0  # kg, of a motor whose resistance seems to be none
+_STEEL = 7850.0  # kg/m^3
+_LOOKED_AT = 1000  # samples
 
-def find_slips(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
+
+def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
     """Name the slips that explain what speaks against an estimate; cheap where nothing does.
 
     The estimate has all other findings on it.
     """
-    told = slips_of_omega(data.logs, data.points)
+    told = unit_errors_of_omega(data.logs, data.points)
     if told:
         return told
     heavy = [_grams()] if too_heavy(data.masses, estimate) else []
@@ -69,7 +79,7 @@ def find_slips(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[
     return best or alone or _best(_of_one_log(data, quick, before), before) or heavy
 
 
-def find_slips_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
+def find_unit_errors_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the slips but for which there would be an estimate."""
     quick = _quick(data, estimator)
     before = attempt(lambda same: same, thinned(data), quick)
@@ -78,7 +88,7 @@ def find_slips_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
     return _best(_tried(data, quick, (*CLOCKS, *OTHERS)), before)
 
 
-def find_slips_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
+def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
     """Name the slip that makes stamps advance slowly, before they are simulated for ages."""
     if not slow_clock(data):
         return []
@@ -140,20 +150,8 @@ def _of_one_log(data: DataSet, quick: Estimator, before: Trial) -> list[Explanat
 
 def _grams() -> Finding:
     return Finding(
-        kind=FindingKind.SLIP, parameters=(Slip.GRAMS,), number=1e-3, severity=Level.CARE
+        kind=FindingKind.UNIT_ERROR, parameters=(UnitError.GRAMS,), number=1e-3, severity=Level.CARE
     )
-
-
-_TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
-
-_LONGEST_STEP = 0.05  # s, above which stamps may be no seconds
-_LONGEST_LOG = 3600.0  # s
-_LONGEST_ARM = 5.0  # m
-_COARSEST = 0.02  # rad that an encoder tells apart; 314 counts per turn
-_HEAVIEST = 10.0  # kg
-_HEAVY = 1.0  # kg, of a motor whose resistance seems to be none
-_STEEL = 7850.0  # kg/m^3
-_LOOKED_AT = 1000  # samples
 
 
 def suspicious(data: DataSet, estimate: Estimate) -> bool:

@@ -13,7 +13,7 @@ from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.physics import is_possible
-from butterfly.identification.diagnostics.unit_errors.names import Slip
+from butterfly.identification.diagnostics.unit_errors.names import UnitError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.logs.log import Log
@@ -27,6 +27,19 @@ FOLLOWED = 0.6
 _MOST_STEPS = 200_000  # samples that are simulated for a trial, about
 _NONE = 1e3  # misfit of logs that no joint explains
 _HOPELESS = 1.0  # misfit without any terms, from which on terms do not help
+
+PER_TURN = tuple(
+    sorted(
+        {2**k for k in range(6, 25)}
+        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
+        - {360}
+    )
+)
+"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
+
+_SWINGS = (0.02, 3.0)  # rad, that the widest log may have
+_ROUNDING = 1e-6  # of a count
+_COARSE = 5  # of how many numbers one is tried first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,21 +107,21 @@ def judged(data: DataSet, estimate: Estimate) -> Trial:
 class Explanation:
     """A slip, and the misfit that is left without it."""
 
-    finding: Finding  # That names it
-    misfit: float  # Median over the logs
-    last: bool = False  # Whether it is far-fetched, and named after others that explain as much
+    finding: Finding  # that names it
+    misfit: float  # median over the logs
+    last: bool = False  # whether it is far-fetched, and named after others that explain as much
 
     @classmethod
-    def of(cls, slip: Slip, factor: float, trial: Trial) -> Explanation:
+    def of(cls, slip: UnitError, factor: float, trial: Trial) -> Explanation:
         """Return what a trial of a whole data set without a slip says."""
         finding = Finding(
-            kind=FindingKind.SLIP, parameters=(slip,), number=factor, severity=Level.WARNING
+            kind=FindingKind.UNIT_ERROR, parameters=(slip,), number=factor, severity=Level.WARNING
         )
         return cls(finding=finding, misfit=trial.misfit)
 
     def of_a_mass(self, other: Explanation) -> bool:
         """Whether this and another are of masses, between which the motion cannot choose."""
-        return all(each.finding.parameters[0] == Slip.MASS for each in (self, other))
+        return all(each.finding.parameters[0] == UnitError.MASS for each in (self, other))
 
 
 def thinned(data: DataSet) -> DataSet:
@@ -130,13 +143,13 @@ def thinned(data: DataSet) -> DataSet:
 class Hypothesis:
     """A slip, the factor that undoes it, and how a data set would be without it."""
 
-    slip: Slip  # Which, and the factor
+    slip: UnitError  # which, and the factor
     factor: float
-    # Returns the data set as it would be; InputError if its sines would be none
+    # returns the data set as it would be; InputError if its sines would be none
     undo: Callable[[DataSet], DataSet]
 
 
-def of_angle(slip: Slip, factor: float) -> Hypothesis:
+def of_angle(slip: UnitError, factor: float) -> Hypothesis:
     """Suppose that the angle is in a unit of ``factor`` rad."""
 
     def undo(data: DataSet) -> DataSet:
@@ -150,7 +163,7 @@ def of_angle(slip: Slip, factor: float) -> Hypothesis:
     return Hypothesis(slip=slip, factor=factor, undo=undo)
 
 
-def of_arms(slip: Slip, factor: float) -> Hypothesis:
+def of_arms(slip: UnitError, factor: float) -> Hypothesis:
     """Suppose that the arms are in a unit of ``factor`` m."""
 
     def undo(data: DataSet) -> DataSet:
@@ -161,7 +174,7 @@ def of_arms(slip: Slip, factor: float) -> Hypothesis:
     return Hypothesis(slip=slip, factor=factor, undo=undo)
 
 
-def of_logs(slip: Slip, factor: float, undo: Callable[[Log], Log]) -> Hypothesis:
+def of_logs(slip: UnitError, factor: float, undo: Callable[[Log], Log]) -> Hypothesis:
     """Suppose that the columns of the logs are not what they are said to be."""
 
     def undone(data: DataSet) -> DataSet:
@@ -183,32 +196,24 @@ def carrying(data: DataSet, masses: Sequence[AddedMass]) -> DataSet:
 
 
 CLOCKS = (
-    of_logs(Slip.MILLISECONDS, 1e-3, lambda log: replace(log, time=1e-3 * log.time, lead=None)),
-    of_logs(Slip.MICROSECONDS, 1e-6, lambda log: replace(log, time=1e-6 * log.time, lead=None)),
+    of_logs(
+        UnitError.MILLISECONDS, 1e-3, lambda log: replace(log, time=1e-3 * log.time, lead=None)
+    ),
+    of_logs(
+        UnitError.MICROSECONDS, 1e-6, lambda log: replace(log, time=1e-6 * log.time, lead=None)
+    ),
 )
 
 OTHERS = (
-    of_angle(Slip.DEGREES, math.pi / 180),
+    of_angle(UnitError.DEGREES, math.pi / 180),
     of_logs(
-        Slip.SWAPPED, 1.0, lambda log: replace(log, input=log.angle, angle=log.input, lead=None)
+        UnitError.SWAPPED,
+        1.0,
+        lambda log: replace(log, input=log.angle, angle=log.input, lead=None),
     ),
-    of_arms(Slip.MILLIMETRES, 1e-3),
-    of_arms(Slip.CENTIMETRES, 1e-2),
+    of_arms(UnitError.MILLIMETRES, 1e-3),
+    of_arms(UnitError.CENTIMETRES, 1e-2),
 )
-
-
-PER_TURN = tuple(
-    sorted(
-        {2**k for k in range(6, 25)}
-        | {a * 10**k for a in (100, 125, 200, 250, 360, 400, 500, 512, 720) for k in range(5)}
-        - {360}
-    )
-)
-"""Counts per turn of common encoders, after their fourfold evaluation too; 360 are degrees."""
-
-_SWINGS = (0.02, 3.0)  # rad, that the widest log may have
-_ROUNDING = 1e-6  # of a count
-_COARSE = 5  # of how many numbers one is tried first
 
 
 def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
@@ -226,7 +231,7 @@ def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
     )
     least, most = (2 * math.pi * swing / each for each in reversed(_SWINGS))
     numbers = [each for each in PER_TURN if least <= each <= most]
-    every = [of_angle(Slip.COUNTS, 2 * math.pi / each) for each in numbers]
+    every = [of_angle(UnitError.COUNTS, 2 * math.pi / each) for each in numbers]
     coarse = {
         k: attempt_roughly(every[k].undo, data, estimator).misfit
         for k in range(0, len(every), _COARSE)

@@ -1,0 +1,93 @@
+"""The one form of all answers in JSON, and its one writer.
+
+Every document has the keys of `HEAD`; docs/commands.md says what they and the others hold.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from butterfly.files import finite, replacing
+from butterfly.verdict import Verdict
+
+SCHEMA_NUMBER = 2
+"""Of a document; raised when an older program could no longer read it."""
+
+HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
+"""Keys that every document has."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """What an answer says.
+
+    Parameters
+    ----------
+    kind
+        Of answer: its schema is called ``butterfly.KIND``.
+    title
+        What it is, in a line.
+    verdict
+        On the estimate that it rests on; None if it rests on none.
+    summary
+        What it says, in plain English, the verdict first.
+    content
+        The rest, as JSON can hold it but for numbers that are not finite.
+    units
+        Of quantities whose own key or column does not say it, by their keys, with dots between.
+    """
+
+    kind: str
+    title: str
+    verdict: Verdict | None = None
+    summary: tuple[str, ...] = ()
+    content: Mapping[str, Any] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON can hold it; None stands for what is unknown."""
+        from butterfly.experiment.provenance import versions  # noqa: PLC0415 - of a higher layer
+
+        judged = (
+            {"verdict": None, "reasons": []} if self.verdict is None else self.verdict.numbers()
+        )
+        head = {
+            "schema": f"butterfly.{self.kind}",
+            "schema_number": SCHEMA_NUMBER,
+            "versions": versions(),
+            "title": self.title,
+            **judged,
+            "summary": list(self.summary),
+            "units": dict(self.units),
+        }
+        said: dict[str, Any] = finite({**head, **self.content})
+        return said
+
+
+def json_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:
+    """Return a document as text.
+
+    Parameters
+    ----------
+    document
+        Without numbers that JSON does not have (see `finite`).
+    ascii_only
+        Whether to write other letters as escapes, for what cannot take them.
+    """
+    return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
+
+
+def write_document(document: Mapping[str, Any], path: Path) -> None:
+    """Write a document to a file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with replacing(path) as draft:
+        draft.write_text(json_text(finite(document)), encoding="utf-8")

@@ -1,0 +1,344 @@
+"""The harmonic balance as a regression: regressors, targets, weights and the solution.
+
+The balance of fundamentals is solved by weighted linear least squares, and the weights anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import NEGLIGIBLE
+from butterfly.identification.normal_equations import Regression, SolvedEquations
+from butterfly.identification.prior import Prior
+from butterfly.model.kinematics import Motion
+from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
+from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.verdict import Level
+
+_SMALL_SWING = 1e-6  # rad, at which sin th = th to rounding
+_SWING_STEP = 1e-4  # relative step of the differences in the swing
+_LEAST_SLOPE = 1e-3  # of the inertia's torque: no joint is damped less than half of this
+_EXACT = 1e-24  # relative variance of a phasor that rounding leaves even to exact data
+_MAX_ITERATIONS = 60  # of reweighting, before the fit counts as one that did not settle
+_TOLERANCE = 1e-10  # relative change of the predicted angles
+
+
+@dataclass(frozen=True, eq=False)
+class Phasors:
+    """The (n,) arrays that enter the balance of n responses."""
+
+    # omega, angle, input: frequencies in rad/s, phasors of angle in rad and input in its unit
+    omega: NDArray[np.float64]
+    angle: NDArray[np.complex128]
+    input: NDArray[np.complex128]
+    variance: NDArray[np.float64]  # of each component of the angle's phasor, in rad^2
+    masses: tuple[AddedMass, ...]
+    names: tuple[str, ...]  # the parameters that are estimated
+    swing: NDArray[np.float64]  # in rad, at which the describing functions are taken
+    # torque in N m that the motion of the model leaves over in the balance of its fundamentals:
+    # what describing functions neglect, transients that still ring, stamps that are not regular
+    remainder: NDArray[np.complex128]
+    # further variance in rad^2, of logs in which the model does not move like the robot
+    doubt: NDArray[np.float64]
+    # what is known of the robot; what is known exactly is not among the names
+    known: Knowledge = NOTHING
+    # in rad/s, at which Stribeck friction is described
+    stribeck_velocity: float = FrictionTerms.stribeck_velocity
+
+    @classmethod
+    def of(
+        cls,
+        points: Sequence[ResponsePoint],
+        names: tuple[str, ...],
+        *,
+        small: bool,
+        known: Knowledge = NOTHING,
+    ) -> Phasors:
+        """Collect them from steady responses; with ``small``, sin th counts as th."""
+        angle = np.array([p.angle.fundamental for p in points])
+        return cls(
+            omega=np.array([p.omega for p in points]),
+            angle=angle,
+            input=np.array([p.input for p in points]),
+            variance=np.array(
+                [max(np.trace(p.angle.covariance) / 2, _EXACT * p.amplitude**2) for p in points]
+            ),
+            masses=tuple(p.added_mass for p in points),
+            names=names,
+            swing=np.full(angle.size, _SMALL_SWING) if small else np.abs(angle),
+            remainder=np.zeros(angle.size, dtype=np.complex128),
+            doubt=np.zeros(angle.size),
+            known=known,
+            stribeck_velocity=known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
+        )
+
+    def take(self, rows: NDArray[np.bool_]) -> Phasors:
+        """Return the balance of some responses, by a mask."""
+        return replace(
+            self,
+            omega=self.omega[rows],
+            angle=self.angle[rows],
+            input=self.input[rows],
+            variance=self.variance[rows],
+            masses=tuple(mass for mass, taken in zip(self.masses, rows, strict=True) if taken),
+            swing=self.swing[rows],
+            remainder=self.remainder[rows],
+            doubt=self.doubt[rows],
+        )
+
+    def corrected(
+        self,
+        parameters: LumpedParameters,
+        moved: NDArray[np.complex128],
+        told: NDArray[np.bool_],
+        doubt: NDArray[np.float64],
+    ) -> Phasors:
+        """Return the balance, with the remainder of a model's motion.
+
+        ``parameters``: of the model; ``moved``: (n,) phasors in rad of its angle, simulated with
+        the recorded inputs; ``told``: (n,) whether they can tell of a remainder; ``doubt``: (n,)
+        variance in rad^2 of the angles of logs in which the model does not move alike.
+        """
+        model = replace(
+            self, angle=moved, swing=np.abs(moved), remainder=np.zeros_like(self.remainder)
+        )
+        matrix, target = model.equations(parameters.delay)
+        values = [0.0 if n == "delay" else getattr(parameters, n) for n in self.names]
+        left = matrix @ np.array(values) - target
+        remainder = np.where(told, left, 0.0)
+        return replace(self, remainder=remainder, doubt=doubt)
+
+    def equations(self, delay: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """(n, p) regressors of the parameters, p4 (d - ``delay``) for the delay; (n,) targets."""
+        late = self.input * np.exp(-1j * self.omega * delay)
+        driven = {"p4": -late, "delay": 1j * self.omega * late}
+        columns = [driven[name] if name in driven else self._columns[name] for name in self.names]
+        gain = self.known.exact.get("p4", 0.0)
+        return np.column_stack(columns), self._target - gain * driven["p4"]
+
+    def described(self, values: NDArray[np.float64]) -> LumpedParameters:
+        """Return the model's parameters: (n,) values of the names, and what is known exactly."""
+        found = dict(zip(self.names, values.tolist(), strict=True))
+        told = self.known.exact | {"stribeck_velocity": self.stribeck_velocity}
+        return LumpedParameters(**told | found)
+
+    def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
+        found = self.known.exact | dict(zip(self.names, values.tolist(), strict=True))
+        inertia = self._inertia + found.get("p1", 0.0)
+        acting = {**found, "p1": inertia, "p3": self._moment + found.get("p3", 0.0)}
+        torques = sum(acting[name] * each for name, each in self._swings.items())
+        below, there, above = np.asarray(torques)
+        radial = (above - below) / (2 * _SWING_STEP * self.swing)
+        tangential = there / self.swing
+        least = _LEAST_SLOPE * np.maximum(np.abs(inertia), self._inertia.max()) * self.omega**2
+        rms = np.sqrt((np.abs(radial) ** 2 + np.abs(tangential) ** 2) / 2)
+        return np.asarray(np.maximum(rms, least))
+
+    @cached_property
+    def _inertia(self) -> NDArray[np.float64]:
+        """(n,) in kg m^2, of the added masses."""
+        return np.array([mass.inertia for mass in self.masses])
+
+    @cached_property
+    def _moment(self) -> NDArray[np.float64]:
+        """(n,) gravity moments in N m of the added masses."""
+        return np.array([mass.gravity_moment for mass in self.masses])
+
+    @cached_property
+    def _columns(self) -> dict[str, NDArray[np.complex128]]:
+        """What parameters multiply, the motor's torque aside: (n,) each."""
+        described = self._described(self.swing)
+        return {name: np.asarray(each * self.angle) for name, each in described.items()}
+
+    @cached_property
+    def _swings(self) -> dict[str, NDArray[np.complex128]]:
+        """What they multiply in swings a little narrower, as they are, and wider: (3, n) each."""
+        steps = np.array([[1 - _SWING_STEP], [1.0], [1 + _SWING_STEP]])
+        described = self._described(steps * self.swing)
+        return {name: np.asarray(each * steps * self.swing) for name, each in described.items()}
+
+    def _described(self, swing: NDArray[np.float64]) -> dict[str, NDArray[np.complex128]]:
+        """Return the describing functions of what acts, at (..., n) swings in rad."""
+        weight = np.array([mass.weight for mass in self.masses])
+        periods = self.known.exact.get("cogging_periods", FrictionTerms.cogging_periods)
+        settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
+        motion = Motion.of(settings, 0.0, 0.0, weight=weight)
+        return {
+            row.name: np.asarray(row.describing(self.omega, swing, motion))
+            for row in TERMS.values()
+            if row.describing is not None
+            and row.name in {*self.names, *self.known.exact, "p1", "p3"}
+        }
+
+    @cached_property
+    def _target(self) -> NDArray[np.complex128]:
+        """(n,) torques that the known masses and the remainder leave to the parameters.
+
+        So do the parameters that are known exactly, but for the motor's.
+        """
+        carried = self._inertia * self._columns["p1"] + self._moment * self._columns["p3"]
+        for name, value in self.known.exact.items():
+            if name in self._columns:
+                carried = carried + value * self._columns[name]
+        return np.asarray(self.remainder - carried)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HarmonicBalanceFit:
+    """A balance and its solution."""
+
+    phasors: Phasors  # what was balanced
+    weights: NDArray[np.float64]  # (n,) of the n logs
+    regression: Regression  # regression, solved: the equations about the solution, and the solution
+    solved: SolvedEquations
+
+    @classmethod
+    @np.errstate(divide="ignore", over="ignore", invalid="ignore")
+    def of(cls, phasors: Phasors) -> HarmonicBalanceFit:
+        """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
+        count = len(phasors.names)
+        known = phasors.known.exact
+        values, weights = np.zeros(count), np.ones(phasors.omega.size)
+        delay, gain = known.get("delay", 0.0), known.get("p4", 0.0)
+        for _ in range(_MAX_ITERATIONS):
+            matrix, target = phasors.equations(delay)
+            regression = _regression(phasors, (matrix, target), weights, delay, gain)
+            solution = regression.solve()
+            before, unknowns = (regression.unknowns(each) for each in (values, solution.values))
+            values = solution.values
+            slope = phasors.slope(values)
+            swing = np.abs(phasors.angle)
+            errors = np.abs(matrix @ unknowns - target) / (slope * swing)
+            if not np.isfinite(errors).all():
+                raise IdentifiabilityError(
+                    "no joint's response balances these logs: check their units"
+                )
+            variance = phasors.variance + phasors.doubt
+            spread = _model_variance(errors, variance / swing**2, count)
+            weights = 1.0 / (slope * np.sqrt(variance + spread * swing**2))
+            if "delay" in phasors.names:
+                delay = float(values[phasors.names.index("delay")])
+            if "p4" in phasors.names:
+                gain = float(values[phasors.names.index("p4")])
+            change = np.linalg.norm(regression.rows @ (unknowns - before))
+            settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
+            if settled:
+                break
+        rounds = Finding(kind=FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
+        solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
+        return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
+
+    @property
+    def parameters(self) -> LumpedParameters:
+        """The solution as parameters of the model."""
+        return self.phasors.described(self.solved.values)
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Terms that a bound holds at nothing."""
+        names = zip(self.phasors.names, self.solved.on_bound.tolist(), strict=True)
+        kept = {*PARAMETERS, *self.phasors.known.parameters}
+        return tuple(name for name, held in names if held and name not in kept)
+
+    def without(self, terms: tuple[str, ...]) -> HarmonicBalanceFit:
+        """Return the fit without some terms."""
+        names = tuple(name for name in self.phasors.names if name not in terms)
+        return HarmonicBalanceFit.of(replace(self.phasors, names=names))
+
+    def moved_to(self, other: HarmonicBalanceFit) -> float:
+        """Return by what share of its errors another fit of the same names lies elsewhere."""
+        there = self.regression.unknowns(other.solved.values)
+        here = self.regression.unknowns(self.solved.values)
+        left = float(np.linalg.norm(self.solved.residuals))
+        return float(np.linalg.norm(self.regression.rows @ (there - here))) / left if left else 0.0
+
+    def nested(self, phasors: Phasors, folds: NDArray[np.intp]) -> Nested:
+        """Return the equations of a balance with more terms, as this one weighs them.
+
+        Their unknowns are the parameters, but for the delay: of that, p4 (delay - this one's).
+        """
+        known = dict(zip(self.phasors.names, self.solved.values.tolist(), strict=True))
+        balance = phasors.equations(self._delay)
+        gain = self.parameters.p4
+        regression = _regression(phasors, balance, self.weights, self._delay, gain)
+        unknowns = np.array([0.0 if n == "delay" else known.get(n, 0.0) for n in phasors.names])
+        residuals = regression.rows @ unknowns - regression.target
+        count = phasors.omega.size
+        slope, swing = self.phasors.slope(self.solved.values), np.abs(self.phasors.angle)
+        nested = Nested.of(
+            regression.rows.reshape(2, count, -1).swapaxes(0, 1),
+            residuals.reshape(2, count).T,
+            names=phasors.names,
+            values=unknowns,
+            lower=lower_bounds(phasors.names),
+            folds=folds,
+        )
+        prior = regression.turned_prior
+        return replace(
+            nested,
+            prior=prior,
+            negligible=NEGLIGIBLE * float(np.mean(self.weights * slope * swing)),
+        )
+
+    def values_of(self, names: tuple[str, ...], unknowns: dict[str, float]) -> NDArray[np.float64]:
+        """Return the values of parameters from unknowns of `nested`; 0 if there is none."""
+        found = unknowns
+        if "delay" in unknowns:
+            gain = unknowns.get("p4", self.parameters.p4) or np.inf
+            found = unknowns | {"delay": self._delay + unknowns["delay"] / gain}
+        return np.array([found.get(name, 0.0) for name in names])
+
+    @property
+    def _delay(self) -> float:
+        return self.parameters.delay
+
+
+def _regression(
+    phasors: Phasors,
+    balance: tuple[NDArray[np.complex128], NDArray[np.complex128]],
+    weights: NDArray[np.float64],
+    delay: float,
+    gain: float,
+) -> Regression:
+    """Weigh the equations of a balance about a delay."""
+    matrix, target = balance
+    return Regression(
+        names=phasors.names,
+        rows=_real(matrix * weights[:, None]),
+        target=_real(target * weights),
+        cluster=np.tile(np.arange(phasors.omega.size), 2),
+        about={"delay": delay},
+        gain=gain,
+        prior=Prior.of(phasors.names, phasors.known.parameters),
+    )
+
+
+def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.concatenate([values.real, values.imag])
+
+
+def _model_variance(
+    errors: NDArray[np.float64], variance: NDArray[np.float64], count: int
+) -> float:
+    """Relative variance per component, common to all logs, that ``variance`` does not explain."""
+    freedom = 2 * errors.size - count
+
+    def excess(common: float) -> float:
+        return float(np.sum(errors**2 / (variance + common))) - freedom
+
+    largest = float(np.sum(errors**2)) / freedom
+    if excess(0.0) <= 0:
+        return 0.0
+    return float(brentq(excess, 1e-12 * largest, largest * (1 + 1e-9), xtol=1e-9 * largest))

@@ -1,0 +1,195 @@
+"""Where iterations start, where descents from there end, and the best of these ends.
+
+First guesses are closed forms' parameters, and rest angles of the encoder.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import ButterflyError, IdentifiabilityError
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.estimators.base import Estimator, usable
+from butterfly.identification.estimators.equations import Equations
+from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
+from butterfly.identification.estimators.gauss_newton import Minimum
+from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
+from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.model.known import Knowledge
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.terms import GROWING, offered
+
+_HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
+_ELSEWHERE = 1.05  # ratio of costs, above which two ends are not the same
+_GLANCE = 8  # passes after which a descent that is not lower than another is given up
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Start:
+    """A first guess."""
+
+    parameters: LumpedParameters  # of the bare hand
+    zeros: Mapping[AddedMass, float]  # the encoder's reading in rad at rest for each added mass
+
+
+def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
+    """Return the estimates of all closed forms that the logs allow, or else a guess of the scale.
+
+    ``terms``: which they fit, as far as they offer them; those that they choose, if None.
+    """
+    found: list[Start] = []
+    refusals: list[ButterflyError] = []
+    for closed_form in (_from_sines, _from_any):
+        try:
+            start = closed_form(data, terms)
+        except ButterflyError as refusal:
+            refusals.append(refusal)
+            continue
+        inertia = start.parameters.p1 + min(mass.inertia for mass in data.masses)
+        if inertia > 0:
+            found.append(start)
+        else:
+            refusals.append(_without_inertia(data, inertia))
+    if found:
+        return found
+    guess = None if data.known.scale else _of_ratios(data)
+    if guess is None:
+        raise refusals[-1]
+    return [guess]
+
+
+def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
+    said = ", ".join(f"{name} = {value:g}" for name, value in data.known.exact.items() if value)
+    told = f", of what was said to be known ({said})" if said else ""
+    return IdentifiabilityError(
+        f"no joint makes these angles from this input: its inertia would be {inertia:.3g}, not "
+        f"more than 0. Check the signs and units of input and angle{told}, whether input and angle "
+        "are of one recording, and whether the input moves the joint at all"
+    )
+
+
+def _from_sines(data: DataSet, terms: tuple[str, ...] | None) -> Start:
+    closed_form = HarmonicBalance(terms=_known(HarmonicBalance, terms), check=False)
+    found = closed_form(replace(data, known=usable(closed_form.method, data.known)))
+    zero = found.local.get(None, {}).get("zero")
+    zeros = data.equilibria if zero is None else dict.fromkeys(data.masses, zero)
+    return Start(parameters=found.parameters, zeros=zeros)
+
+
+def _from_any(data: DataSet, terms: tuple[str, ...] | None) -> Start:
+    """Fit the weak form.
+
+    Where a hand that decays comes to rest depends on friction: the offset of gravity that is seen
+    about the rest angles corrects them, but for those that are told.
+    """
+    zeros = data.equilibria
+    wanted, open_ = _known(WeakForm, terms), bool(data.unread)
+    if open_ and wanted is not None and "p3_offset" not in wanted:
+        wanted = (*wanted, "p3_offset")
+    closed_form = WeakForm(terms=wanted, check=False)
+    found = closed_form(replace(data, known=usable(closed_form.method, data.known))).parameters
+    if not open_:
+        return Start(parameters=found, zeros=zeros)
+    loaded = {mass: found.with_added_mass(mass) for mass in zeros}
+    turned = {mass: math.atan2(p.p3_offset, p.p3) for mass, p in loaded.items()}
+    corrected = {mass: zero - turned[mass] for mass, zero in zeros.items()}
+    return Start(parameters=replace(found, p3_offset=0.0), zeros=corrected)
+
+
+def _of_ratios(data: DataSet) -> Start | None:
+    """Return a guess of what the masses hardly tell: the scale of ratios found without them.
+
+    A small mass that is added to a large one changes the motion by less than noise does to a closed
+    form, not to a simulation. That finds the scale from anywhere, so the guess is any.
+    """
+    bare = {mass: replace(mass, mass=0.0, arm=0.0) for mass in data.masses}
+    zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
+    logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
+    try:
+        ratios = WeakForm(check=False).of_logs(logs, zeros, Knowledge.told({"p4": 1.0})).parameters
+    except ButterflyError:
+        return None
+    if not ratios.p1:
+        return None
+    scale = _HEAVIER * max(mass.inertia for mass in data.masses) / ratios.p1
+    guess = {name: scale * getattr(ratios, name) for name in GROWING}
+    return Start(parameters=replace(ratios, **guess), zeros=data.equilibria)
+
+
+def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    """Return the terms that a method offers."""
+    if terms is None:
+        return None
+    return tuple(name for name in terms if name in offered(method.method))
+
+
+class Descent(Protocol):
+    """What can descend."""
+
+    def descend(
+        self,
+        problem: FreeRunResiduals,
+        initial: NDArray[np.float64],
+        known: Equations | None = None,
+        most: int = ...,
+    ) -> Minimum[Equations]:
+        """Return where a descent ends."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Multistart:
+    """The best end of some descents."""
+
+    problem: FreeRunResiduals  # problem, end: its residuals and where it ended
+    end: Minimum[Equations]
+    findings: tuple[Finding, ...]  # what there is to say of the other ends
+
+    @classmethod
+    def of(cls, problems: Sequence[FreeRunResiduals], fit: Descent) -> Multistart:
+        """Descend from the first guess of each problem.
+
+        The first descent is made to its end; the others are, only where they come lower.
+        """
+        ends: list[_End] = []
+        refusals = []
+        for problem in problems:
+            try:
+                ends.append(_descended(problem, fit, ends))
+            except IdentifiabilityError as refusal:
+                refusals.append(refusal)
+        if not ends:
+            raise refusals[0]
+        (problem, end), *others = sorted(ends, key=_cost)
+        ratios = [_cost(each) / end.at.cost for each in others if each.end.converged]
+        elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
+        findings = tuple(
+            Finding(kind=FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1]
+        )
+        return cls(problem=problem, end=end, findings=findings)
+
+
+class _End(NamedTuple):
+    problem: FreeRunResiduals
+    end: Minimum[Equations]
+
+
+def _cost(each: _End) -> float:
+    return each.end.at.cost
+
+
+def _descended(problem: FreeRunResiduals, fit: Descent, before: Sequence[_End]) -> _End:
+    """Descend to the end, or so far that it shows that the end is no better than one before."""
+    if not before:
+        return _End(problem, fit.descend(problem, problem.initial))
+    least = min(map(_cost, before))
+    end = fit.descend(problem, problem.initial, most=_GLANCE)
+    if not end.converged and end.at.cost < least:
+        end = fit.descend(problem, end.point, end.at)
+    return _End(problem, end)

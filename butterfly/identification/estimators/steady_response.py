@@ -1,0 +1,307 @@
+"""Which sines have settled, about which angles they swing, and how the model itself responds.
+
+The mean torque of gravity at a swing of amplitude a about th0 is (p3 + X) J0(a) sin th0, and a
+constant torque is all that it can be in balance with. So the middles of the swings with different
+added masses, and of different amplitudes, tell the bias from the encoder's zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import j0
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.encoder_offset import offset_errors
+from butterfly.identification.estimators.harmonic_balance_regression import (
+    HarmonicBalanceFit,
+    Phasors,
+)
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import choose_terms, folds_of
+from butterfly.identification.normal_equations import SolvedEquations
+from butterfly.identification.simulation import Simulation
+from butterfly.model.known import Known
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.signals.frequency_response import ResponsePoint
+from butterfly.verdict import Level
+
+Samples = NDArray[np.float64]
+_EXACT = Known(value=0.0)
+_NAMES = ("zero", "bias")
+_NEGLIGIBLE = 1e-6  # rad
+_SETTLED = 0.1  # of what the middles leave over
+
+LARGEST_SINE = 1.6
+"""In rad, beyond which the steady response to a sine is no sine any more, even nearly."""
+_UNSETTLED = 0.5  # of the swing: what a sine, its harmonics and a transient leave over
+_CHANGED = 0.5  # of the swing: by how much it grows or falls within the window
+_ELSEWHERE = 0.8  # rad between the middle of a swing and the rest angle
+_MANY = 1 / 3  # share of the sines left out, from which on it is no detail
+
+SETTLED = 0.1
+"""Of the errors, by which one more correction would move a fit that has settled."""
+
+ROUGHLY = 2.0
+"""The same, of a fit that tells which terms help."""
+_ROUNDS, _ROUNDS_OF_BIAS = 3, 8  # of correcting phasors by what simulations leave over
+_ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not foretold
+_FEW = 0.5  # share of a mass's logs
+_LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RestAngles:
+    """Where n logs would rest."""
+
+    middles: Samples  # (n,) of the swings, encoder readings in rad
+    masses: tuple[AddedMass, ...]
+    # (n,) whether the zero is told, so that the middle tells of the bias alone
+    told: NDArray[np.bool_]
+    # (k, n) standard uncertainties in rad of k independent errors of the zeros that are told
+    uncertain: Samples
+    compliance: Samples  # (n,) by which a torque moves the middle, in rad/(N m)
+    zeros: Samples  # (n,) encoder readings in rad where the model's angle is 0
+    # in N m; None where the middles do not tell of one, and each mass has a zero of its own
+    bias: float | None = None
+    # (n,) measured less foretold middles in rad, where there is a bias
+    left: Samples = field(default_factory=lambda: np.empty(0))
+
+    @classmethod
+    def of(
+        cls,
+        points: Sequence[ResponsePoint],
+        parameters: LumpedParameters,
+        zeros: Mapping[AddedMass, float],
+        *,
+        asked: bool | None,
+        told: Sequence[Known | None] = (),
+    ) -> RestAngles:
+        """Read them off steady responses.
+
+        ``points``: the n responses; ``parameters``: of the bare hand, as far as they are known;
+        ``zeros``: rest angle in rad for each added mass; ``told``: what is told of the zeros of the
+        responses, in rad; nothing if not given; ``asked``: whether a bias is wanted; if None, it is
+        if it helps to foretell the middles with masses that were left out.
+        """
+        moments = np.array([p.added_mass.gravity_moment for p in points])
+        stiffness = (parameters.p3 + moments) * j0([p.amplitude for p in points])
+        usable = bool((stiffness > 0).all())
+        given = told or [None] * len(points)
+        own = cls(
+            middles=np.array([p.angle.offset for p in points]),
+            masses=tuple(p.added_mass for p in points),
+            told=np.array([zero is not None for zero in given]),
+            uncertain=offset_errors([zero or _EXACT for zero in given]),
+            compliance=1 / stiffness if usable else np.ones(moments.size),
+            zeros=np.array(
+                [
+                    zeros[p.added_mass] if zero is None else zero.value
+                    for p, zero in zip(points, given, strict=True)
+                ]
+            ),
+        )
+        turns = np.round((own.middles - own.zeros) / (2 * np.pi))
+        own = replace(own, middles=own.middles - 2 * np.pi * turns)
+        if asked is False or not usable:
+            return own
+        return own.with_bias(asked=asked is True)
+
+    def applied(self, parameters: LumpedParameters) -> LumpedParameters:
+        """Return parameters with the bias."""
+        return replace(parameters, bias=self._known)
+
+    def moved(self, simulated: Samples) -> RestAngles:
+        """Return them so that a model whose swings went about (n,) middles follows the logs."""
+        if self.bias is None:
+            return self
+        left = self.middles - simulated
+        zero, bias = _solved(self._rows, left)
+        return replace(
+            self,
+            zeros=self.zeros + zero * ~self.told,
+            bias=self._known + float(bias),
+            left=left - self._rows @ np.array([zero, bias]),
+        )
+
+    def near(self, other: RestAngles) -> bool:
+        """Whether a bias is where another has it, by little of its errors."""
+        if self.bias is None or other.bias is None:
+            return True
+        moved = self.compliance * (self.bias - other.bias) + self.zeros - other.zeros
+        return bool(np.abs(moved).max() <= max(_SETTLED * float(np.std(self.left)), _NEGLIGIBLE))
+
+    def of_part(self, kept: NDArray[np.bool_]) -> float:
+        """Return the bias that some logs tell, by a mask."""
+        return self._known + float(_solved(self._rows[kept], self.left[kept])[1])
+
+    @property
+    def shared_zero(self) -> dict[AddedMass | str | None, dict[str, float]]:
+        """The encoder's zero in rad that was found beside a bias, as an estimate holds it."""
+        found = self.zeros[~self.told]
+        return {None: {"zero": float(found[0])}} if found.size else {}
+
+    @property
+    def variance_by_zeros(self) -> float:
+        """What the errors of zeros that are told add to the bias's variance, in (N m)^2."""
+        moved = self.uncertain @ np.linalg.pinv(self._rows)[1]
+        return float(moved @ moved)
+
+    @property
+    def solved(self) -> SolvedEquations:
+        """The bias, with the zero eliminated, and the equations about it."""
+        freedom = max(self.left.size - len(self._names), 1)
+        scale = float(np.sqrt(np.sum(self.left**2) / freedom)) or 1.0
+        open_ = ~self.told
+        middle = self.compliance[open_].mean() if open_.any() else 0.0
+        row = self.compliance - middle * open_
+        return SolvedEquations(
+            names=("bias",),
+            values=np.array([self._known]),
+            jacobian=row[:, None] / scale,
+            residuals=-self.left / scale,
+            cluster=np.arange(self.left.size),
+            on_bound=np.zeros(1, dtype=bool),
+            lower=np.full(1, -np.inf),
+        )
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """What the middles tell: the encoder's zero where it is not told, and the bias."""
+        return _NAMES[1:] if self.told.all() else _NAMES
+
+    @property
+    def _known(self) -> float:
+        return self.bias or 0.0
+
+    @property
+    def _rows(self) -> Samples:
+        return np.column_stack([~self.told, self.compliance])
+
+    def with_bias(self, *, asked: bool) -> RestAngles:
+        """Return them with one zero and a bias, if that is asked for or foretells the middles."""
+        rows = self._rows
+        target = self.middles - self.zeros * self.told
+        values = _solved(rows, target)
+        count = self.zeros.size
+        kept = [_NAMES.index(name) for name in self._names]
+        nested = Nested.of(
+            rows[:, kept].reshape(count, 1, len(kept)),
+            (rows @ values - target).reshape(count, 1),
+            names=self._names,
+            values=values[kept],
+            lower=np.full(len(kept), -np.inf),
+            folds=folds_of(self.masses),
+        )
+        nested = replace(nested, negligible=_NEGLIGIBLE)
+        always = self._names[:-1]
+        chosen = choose_terms([nested], always=always, demanded=("bias",) if asked else ())
+        if "bias" not in chosen.terms:
+            return self
+        zeros = np.where(self.told, self.zeros, values[0])
+        left = target - rows @ values
+        return replace(self, zeros=zeros, bias=float(values[1]), left=left)
+
+
+def _solved(rows: Samples, target: Samples) -> Samples:
+    return np.asarray(np.linalg.lstsq(rows, target, rcond=None)[0], dtype=np.float64)
+
+
+def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
+    """Return the numbers of the logs whose response to a sine is steady, and what of the others.
+
+    Where the hand turns over, swings too wide, or never settles, its motion has no phasor. One that
+    swings about a place a whole turn off does so as well as at home.
+    """
+    sines = [k for k, point in enumerate(data.points) if point is not None]
+    steady = [k for k in sines if _is_steady(data, k)]
+    lost = [k for k in sines if k not in steady]
+    if not lost:
+        return steady, []
+    return steady, [
+        Finding(
+            kind=FindingKind.LEFT_OUT,
+            number=len(sines),
+            severity=Level.CARE if len(lost) >= _MANY * len(sines) else Level.NOTE,
+            logs=tuple(data.logs[k].name for k in lost),
+        )
+    ]
+
+
+def _is_steady(data: DataSet, number: int) -> bool:
+    point = data.points[number]
+    assert point is not None  # noqa: S101 - of a sine
+    log, swing = data.logs[number], point.amplitude
+    away = math.remainder(point.angle.offset - data.zero_of(log), 2 * math.pi)
+    widest = float(np.ptp(log.angle)) / 2
+    return (
+        0 < swing <= LARGEST_SINE
+        and widest <= math.pi / 2 + LARGEST_SINE
+        and not point.angle.residual_rms * math.sqrt(2) > _UNSETTLED * swing
+        and not abs(point.drift) > _CHANGED
+        and (abs(away) < _ELSEWHERE or not data.hangs)
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SteadyModel:
+    """What is simulated besides the parameters of a balance: sines, and the angles they go about.
+
+    The poles are those of the transients that were fitted to them.
+    """
+
+    simulations: Sequence[Simulation]
+    rest: RestAngles
+    poles: Sequence[complex | None]
+
+    def corrected(self, fit: HarmonicBalanceFit) -> tuple[HarmonicBalanceFit, SteadyModel]:
+        """Return the fit with what the model's own motion leaves over in its balance.
+
+        That is nothing where the model, or its motion in a log, is too far from the robot's.
+        """
+        parameters = self.rest.applied(fit.parameters)
+        masses = (each.log.added_mass for each in self.simulations)
+        if not parameters.p1 + min(mass.inertia for mass in masses) > 0:
+            return fit, self
+        logs = zip(self.simulations, self.rest.zeros.tolist(), self.poles, strict=True)
+        responses = (each.steady_response(parameters, *own) for each, *own in logs)
+        moved, middles = zip(*responses, strict=True)
+        phasors = _with_remainder(fit, np.array(moved))
+        rest = self.rest.moved(np.array(middles)) if np.isfinite(middles).all() else self.rest
+        return HarmonicBalanceFit.of(phasors), replace(self, rest=rest)
+
+    def settled(
+        self, fit: HarmonicBalanceFit, tolerance: float = SETTLED
+    ) -> tuple[HarmonicBalanceFit, SteadyModel]:
+        """Correct a fit until one more correction would move it by little of its errors."""
+        robot, last = self, 1.0
+        for _ in range(_ROUNDS if self.rest.bias is None else _ROUNDS_OF_BIAS):
+            before, rest = fit, robot.rest
+            fit, robot = robot.corrected(fit)
+            moved = fit.moved_to(before)
+            still = robot.rest.near(rest)
+            if (
+                still and moved * min(moved / last, 1.0) < tolerance
+            ):  # about what the next one moves
+                break
+            last = moved
+        return fit, robot
+
+
+def _with_remainder(fit: HarmonicBalanceFit, moved: NDArray[np.complex128]) -> Phasors:
+    measured = fit.phasors.angle
+    size = np.abs(moved) / np.abs(measured)
+    told = np.isfinite(size) & (size > 1 / _LIKE) & (size < _LIKE)
+    moved = np.where(told, moved, measured)
+    apart = np.where(told, np.abs(moved / measured - 1), 1.0)
+    odd = apart > max(_ODD * float(np.median(apart)), _ODD_AT_LEAST)
+    for mass in set(fit.phasors.masses):  # where most are odd, it is not the logs
+        own = np.array([each == mass for each in fit.phasors.masses])
+        odd[own] &= np.mean(odd[own]) < _FEW
+    doubt = np.where(odd, apart * np.abs(measured), 0.0) ** 2
+    return fit.phasors.corrected(fit.parameters, moved, told, doubt)

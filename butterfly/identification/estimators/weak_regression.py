@@ -1,0 +1,209 @@
+"""The weak form's regression, solved about a delay until that no longer moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import IdentifiabilityError
+from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.inference.covariance import split
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
+    NEGLIGIBLE,
+    SLACK_OF_STRETCHES,
+    stretches_of,
+)
+from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
+from butterfly.identification.prior import Prior
+from butterfly.identification.test_functions import Averaging
+from butterfly.model.known import Knowledge
+from butterfly.model.parameters import AddedMass
+from butterfly.verdict import Level
+
+_ROUNDS = 8  # about the delay
+_SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
+_LATEST = 0.25  # of the shortest log, for a delay
+_SETTLED = 1e-5  # s; less can go to and fro, as windows in which the joint sticks come and go
+
+
+class Windows(NamedTuple):
+    """A log's added mass, and what the log says over test functions."""
+
+    added: AddedMass
+    averaging: Averaging
+
+    def moving(self, delay: float) -> NDArray[np.bool_]:
+        """Whether the joint moves in each test function."""
+        return self.averaging.signals((), delay=delay).moving
+
+    def equations(
+        self,
+        names: tuple[str, ...],
+        delay: float,
+        slow: float,
+        known: Mapping[str, float],
+        use: NDArray[np.bool_] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
+
+        Of the test functions in which the joint moves, or of those that are to be used; what is
+        known exactly goes to the targets.
+        """
+        told = {name: known[name] for name in known if name not in _SETTINGS}
+        every = (*names, *told, "p1", "p3")
+        signals = self.averaging.signals(every, delay=delay, stribeck_velocity=slow)
+        used = signals.moving if use is None else use
+        mean = {name: signals.mean[name][used] for name in every}
+        inertia, gravity = mean["p1"], mean["p3"]
+        size = float(np.linalg.norm(inertia)) or 1.0
+        carried = self.added.inertia * inertia + self.added.gravity_moment * gravity
+        for name, value in told.items():
+            carried = carried + value * mean[name]
+        return np.column_stack([mean[name] for name in names]) / size, -carried / size
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class About:
+    """What the equations of windows are about."""
+
+    names: tuple[str, ...]  # of the parameters to be found
+    known: Knowledge  # what is known of the robot; what is known exactly is not among the names
+    slow: float  # Stribeck velocity in rad/s
+    delay: float  # from input to torque, in s
+    gain: float  # p4, as far as it is known
+    variance: float = 1.0  # of a row, beside which what is known with an uncertainty is weighed
+
+    def regression(
+        self, windows: Sequence[Windows], use: Sequence[NDArray[np.bool_] | None] | None = None
+    ) -> Regression:
+        """Put the windows of all logs together, each log weighing the same."""
+        pairs = zip(windows, use or [None] * len(windows), strict=True)
+        exact = self.known.exact
+        equations = [
+            each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
+        ]
+        rows, targets = zip(*equations, strict=True)
+        return Regression(
+            names=self.names,
+            rows=np.concatenate(rows),
+            target=np.concatenate(targets),
+            cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
+            about={"delay": self.delay},
+            gain=self.gain,
+            prior=Prior.of(self.names, self.known.parameters, self.variance),
+        )
+
+    def moved(self, values: NDArray[np.float64]) -> About:
+        """Return what equations about (n,) values of the names are about."""
+        found = self.known.exact | dict(zip(self.names, values.tolist(), strict=True))
+        return replace(self, delay=found["delay"], gain=found["p4"])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeakFit:
+    """A solution, and the equations about it."""
+
+    about: About  # what the equations are about
+    regression: Regression  # regression, solved: the equations, and the solution
+    solved: SolvedEquations
+
+    @classmethod
+    def of(
+        cls,
+        windows: Sequence[Windows],
+        names: tuple[str, ...],
+        slow: float,
+        known: Knowledge,
+        delay: float = 0.0,
+    ) -> WeakFit:
+        """Solve about a delay, and about the delay found, until it no longer moves.
+
+        What is known with an uncertainty is first left aside, so that the scatter of the rows
+        tells how much it weighs beside them.
+        """
+        exact = known.exact
+        about = About(
+            names=names,
+            known=known,
+            slow=slow,
+            delay=exact.get("delay", delay),
+            gain=exact.get("p4", 0.0),
+        )
+        if not known.uncertain:
+            return cls._solved(windows, about)
+        rough = cls._solved(windows, replace(about, variance=0.0))
+        return cls._solved(windows, replace(about, variance=rough.solved.realised_variance))
+
+    @classmethod
+    def _solved(cls, windows: Sequence[Windows], about: About) -> WeakFit:
+        settled = False
+        for _ in range(_ROUNDS):
+            regression = about.regression(windows)
+            solution = regression.solve()
+            before, about = about, about.moved(solution.values)
+            _refuse_late(about.delay, windows)
+            settled = bool(abs(about.delay - before.delay) < _SETTLED)
+            if settled:
+                break
+        rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
+        solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
+        return cls(about=about, regression=regression, solved=solved)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values by name, what is known exactly among them."""
+        found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
+        return self.about.known.exact | found
+
+    def solved_by(self, regression: Regression, through: Regression, solution: Solution) -> WeakFit:
+        """Return a fit of some equations through instruments, whose rows stand for its own."""
+        solved = replace(
+            SolvedEquations.of(regression, solution),
+            jacobian=through.jacobian(solution.values),
+            ending=self.solved.ending,
+            findings=self.solved.findings,
+        )
+        return replace(self, regression=through, solved=solved)
+
+    def nested(
+        self,
+        windows: Sequence[Windows],
+        names: tuple[str, ...],
+        slow: float,
+        folds: NDArray[np.intp],
+    ) -> Nested:
+        """Return the equations with other terms, or another Stribeck velocity, about this end."""
+        regression = replace(self.about, names=names, slow=slow).regression(windows)
+        stretches = stretches_of(len(windows))
+        cluster = split(regression.cluster, stretches)
+        values = np.array([self.values.get(name, 0.0) for name in names])
+        jacobian, residuals = regression.jacobian(values), regression.residuals(values)
+        ends = np.cumsum(np.bincount(cluster, minlength=len(windows) * stretches))[:-1]
+        parts = list(zip(np.split(jacobian, ends), np.split(residuals, ends), strict=True))
+        return Nested(
+            names=names,
+            values=values,
+            lower=regression.lower,
+            curvature=np.array([rows.T @ rows for rows, _ in parts]),
+            gradient=np.array([rows.T @ left for rows, left in parts]),
+            cost=np.array([float(left @ left) for _, left in parts]),
+            folds=folds if stretches == 1 else np.arange(len(parts)),
+            negligible=NEGLIGIBLE,
+            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
+            prior=regression.prior,
+        )
+
+
+def _refuse_late(delay: float, windows: Sequence[Windows]) -> None:
+    """Refuse a delay of which a log would hardly see the end."""
+    shortest = min(each.averaging.duration for each in windows)
+    if not abs(delay) < _LATEST * shortest:
+        raise IdentifiabilityError(
+            f"no joint's equation balances these logs: it would take a delay of {delay:.3g} s; "
+            "check signs and units, and what is said to be known"
+        )

@@ -1,0 +1,200 @@
+"""The whole job on one data set: fit, judge, simulate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit, judge_held_out
+from butterfly.identification.diagnostics.physics import judge_input, judge_knowledge, judge_physics
+from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
+from butterfly.identification.diagnostics.unit_errors.search import (
+    find_unit_errors,
+    find_unit_errors_of_clock,
+    find_unit_errors_of_refused,
+)
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator, Suitable
+from butterfly.identification.free_run import FreeRun
+from butterfly.identification.identification import Identification, origin_of
+from butterfly.identification.other_parameters import try_parameters
+from butterfly.model.parameters import LumpedParameters
+from butterfly.progress import Track, untracked
+
+_UNWARNED = np.errstate(over="ignore", invalid="ignore", divide="ignore")
+"""What a trial of values leads to that no joint has: it is as bad as it is, and is told by that."""
+
+
+def identify(
+    data: DataSet,
+    estimator: Estimator | None = None,
+    *,
+    against: Mapping[str, LumpedParameters] = MappingProxyType({}),
+    track: Track = untracked,
+) -> Identification:
+    """Identify the robot that made the logs of a data set.
+
+    Parameters
+    ----------
+    data
+        The logs.
+    estimator
+        The one that suits the logs if not given.
+    against
+        Other parameters to simulate the logs with, by name; a p4 that is NaN is fitted.
+    track
+        Shows progress.
+
+    Raises
+    ------
+    InputError
+        If the estimator cannot use the logs.
+    IdentifiabilityError
+        If the logs cannot determine the parameters.
+    """
+    estimator = (estimator or Suitable()).suited(data)
+    (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
+    run = simulated(data, found, against=against, track=track)
+    fits, held = run.fit_of_logs, np.array(list(run.held_out.values()))
+    (sure,) = [
+        judge(data, estimator, each, fits, held) for each in track([run.estimate], "Judging")
+    ]
+    return replace(run, estimate=sure, made_by=estimator, estimator=estimator.label)
+
+
+def held_out_fits(data: DataSet, estimate: Estimate) -> dict[str, float]:
+    """Return FIT in per cent of each log that is held out, by its name."""
+    if data.test_logs is None:
+        return {}
+    fits = data.test_logs.simulations.fits(estimate)
+    return dict(zip((log.name for log in data.test_logs.logs), fits.tolist(), strict=True))
+
+
+def judged(data: DataSet, estimator: Estimator) -> Estimate:
+    """Estimate, and say all that `identify` says of an estimate (see there for what is raised)."""
+    estimator = estimator.suited(data)
+    found = data.simulations.settled(estimated(data, estimator))
+    return judge(data, estimator, found, data.simulations.fits(found))
+
+
+@_UNWARNED
+def judge(
+    data: DataSet,
+    estimator: Estimator,
+    found: Estimate,
+    fits: NDArray[np.float64],
+    held: NDArray[np.float64] | None = None,
+) -> Estimate:
+    """Add to an estimate what physics, its free runs, the input and slips say of it.
+
+    Parameters
+    ----------
+    data
+        The n logs.
+    estimator
+        What the estimate is from.
+    found
+        The estimate.
+    fits
+        (n,) FIT in per cent of its free run of each log.
+    held
+        The same of the logs that are held out, if they are at hand.
+    """
+    # Where the hand passes the upright no free run of a whole log stays near: such logs count only
+    # if all do.
+    segmented = found.horizon is not None and math.isfinite(found.horizon)
+    counted = list(range(fits.size)) if segmented else data.counted
+    told = found.with_findings(
+        *judge_physics(found, data.masses),
+        *judge_fit(fits[counted], [data.logs[k].name for k in counted]),
+        *_of_held_out(data, found, fits[counted], held),
+        *judge_input(found, data.input_kind),
+        *judge_knowledge(found, data),
+    )
+    return told.with_unit_errors(*find_unit_errors(data, estimator, told))
+
+
+def _of_held_out(
+    data: DataSet, found: Estimate, seen: NDArray[np.float64], fits: NDArray[np.float64] | None
+) -> list[Finding]:
+    """Judge by the logs that were held out, but for those that pass the upright."""
+    if data.test_logs is None:
+        return []
+    counted = data.test_logs.counted
+    fits = data.test_logs.simulations.fits(found, counted) if fits is None else fits[counted]
+    return judge_held_out(fits, [data.test_logs.logs[k].name for k in counted], seen)
+
+
+@_UNWARNED
+def estimated(data: DataSet, estimator: Estimator) -> Estimate:
+    """Estimate, not judged yet; a refusal names the slip that explains it (see `identify`)."""
+    clock = find_unit_errors_of_clock(data, estimator)
+    if clock:
+        step = f"a mean step of {data.logs[0].mean_step:.3g} s"
+        raise with_unit_errors(InputError(data.name, "time", step, "seconds"), clock)
+    try:
+        found = replace(estimator(data), input_kind=data.input_kind, joint=data.joint)
+        _refuse_not_finite(found)
+    except ButterflyError as error:
+        raise with_unit_errors(error, find_unit_errors_of_refused(data, estimator)) from None
+    except np.linalg.LinAlgError as error:
+        refusal = IdentifiabilityError(f"the equations of these logs have no solution ({error})")
+        raise with_unit_errors(refusal, find_unit_errors_of_refused(data, estimator)) from None
+    return found
+
+
+def _refuse_not_finite(found: Estimate) -> None:
+    """Raise IdentifiabilityError for values that are none; a p4 is, where nothing drives."""
+    values = zip(found.names, found.values.tolist(), strict=True)
+    wrong = [name for name, value in values if not math.isfinite(value) and name != "p4"]
+    if wrong:
+        listed = ", ".join(wrong)
+        raise IdentifiabilityError(f"the equations of these logs lead to no numbers for {listed}")
+
+
+@_UNWARNED
+def simulated(
+    data: DataSet,
+    estimate: Estimate,
+    *,
+    against: Mapping[str, LumpedParameters] = MappingProxyType({}),
+    track: Track = untracked,
+) -> Identification:
+    """Simulate the logs of a data set with an estimate, and with other parameters (see `identify`).
+
+    Raises
+    ------
+    InputError
+        If a log cannot be used.
+    """
+    estimate = data.simulations.settled(estimate)
+    horizon = data.simulations.horizon(estimate)
+    runs = _runs(data, estimate, track)
+    others = [
+        try_parameters(name, parameters, data, horizon=horizon, track=track)
+        for name, parameters in against.items()
+    ]
+    held = () if data.test_logs is None else _runs(data.test_logs, estimate)
+    return Identification(
+        estimate=estimate,
+        estimator=estimate.method,
+        origin=origin_of(data),
+        fits={run.log.name: run.fit for run in runs},
+        held_out={run.log.name: run.fit for run in held},
+        logs=data,
+        runs=runs,
+        comparisons=tuple(others),
+    )
+
+
+def _runs(data: DataSet, estimate: Estimate, track: Track = untracked) -> tuple[FreeRun, ...]:
+    numbers = track(range(len(data.logs)), "Simulating logs")
+    return tuple(data.simulations.run(number, estimate) for number in numbers)

@@ -1,0 +1,109 @@
+"""A fit whose scale rests on one uncertain value: solved with it held, then given its share.
+
+Where all logs carry the same, the equations are homogeneous: p1..p4, the carried inertia and moment
+among them, times any number are as good. Noise in the regressors would make least squares prefer
+small numbers. So what tells the scale best is held, and its column is what homogeneity says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.normal_equations import SolvedEquations
+from butterfly.identification.prior import Prior
+from butterfly.model.known import Knowledge
+from butterfly.model.parameters import AddedMass
+from butterfly.model.terms import GROWING, PARAMETERS, TERMS
+
+Samples = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleParameter:
+    """What tells the scale of logs."""
+
+    # the parameter that is held; None where masses, or what is known exactly, tell the scale
+    name: str | None
+    known: Knowledge
+    added: AddedMass  # what all logs carry
+
+    @classmethod
+    def of(
+        cls, masses: Sequence[AddedMass], known: Knowledge, *, driven: bool = True
+    ) -> ScaleParameter:
+        """Find it for logs with some masses; of undriven ones p4 tells nothing."""
+        same = len({mass.inertia_and_moment for mass in masses}) == 1
+        telling = known if driven else known.within(known.parameters.keys() - {"p4"})
+        return cls(name=telling.reference if same else None, known=known, added=masses[0])
+
+    @property
+    def held(self) -> Knowledge:
+        """What is known, with the reference held."""
+        return self.known if self.name is None else self.known.holding(self.name)
+
+    def grown(self, values: Samples, names: Sequence[str]) -> Samples:
+        """Return (n,) values of a fit that held the reference, with its own in its place."""
+        if self.name is None:
+            return values
+        return np.insert(values, self._place(names), self.known.parameters[self.name].value)
+
+    def whole(self, solved: SolvedEquations) -> SolvedEquations:
+        """Return the end of a fit that held the reference, with it and its uncertainty."""
+        if self.name is None:
+            return solved
+        values, at = self.grown(solved.values, solved.names), self._place(solved.names)
+        names = (*solved.names[:at], self.name, *solved.names[at:])
+        turned = np.insert(np.eye(len(solved.names)), at, self._shares(solved), axis=1)
+        jacobian = solved.jacobian @ turned
+        lower = np.insert(solved.lower, at, TERMS[self.name].lower)
+        prior = Prior.of(names, self.known.parameters, solved.realised_variance)
+        assert prior is not None  # noqa: S101 - the reference is uncertain
+        moved = values
+        if prior.told.sum() > 1:
+            moved = np.maximum(values + _step(jacobian, solved.residuals, prior, values), lower)
+        return replace(
+            solved,
+            names=names,
+            values=moved,
+            jacobian=jacobian,
+            residuals=solved.residuals + jacobian @ (moved - values),
+            on_bound=np.insert(solved.on_bound, at, [False]),
+            lower=lower,
+            bread=None if solved.bread is None else self._bread(solved, turned) + prior.curvature,
+            prior=prior,
+        )
+
+    def _place(self, names: Sequence[str]) -> int:
+        assert self.name is not None  # noqa: S101 - asked of a reference only
+        return sum(each in names for each in PARAMETERS[: PARAMETERS.index(self.name)])
+
+    def _shares(self, solved: SolvedEquations) -> Samples:
+        """(n,) changes of the others that do to residuals what one of the reference does.
+
+        Residuals do not change if all torques grow alike.
+        """
+        assert self.name is not None  # noqa: S101 - asked of a reference only
+        carried = {"p1": self.added.inertia, "p3": self.added.gravity_moment}
+        pairs = zip(solved.names, solved.values.tolist(), strict=True)
+        grown = [own + carried.get(n, 0.0) if n in GROWING else 0.0 for n, own in pairs]
+        own = self.known.parameters[self.name].value + carried.get(self.name, 0.0)
+        return -np.array(grown) / own
+
+    @staticmethod
+    def _bread(solved: SolvedEquations, turned: Samples) -> Samples:
+        """Return the derivatives of the gradient of the logs alone, by the reference as well."""
+        assert solved.bread is not None  # noqa: S101 - asked where there is one
+        of_logs = solved.bread if solved.prior is None else solved.bread - solved.prior.curvature
+        return np.asarray(turned.T @ of_logs @ turned)
+
+
+def _step(jacobian: Samples, residuals: Samples, prior: Prior, values: Samples) -> Samples:
+    """Return the step to where rows and prior agree best."""
+    curvature = jacobian.T @ jacobian + prior.curvature
+    pull = jacobian.T @ residuals + prior.gradient(values)
+    scale = np.sqrt(np.diag(curvature))
+    return np.asarray(-np.linalg.solve(curvature / np.outer(scale, scale), pull / scale) / scale)

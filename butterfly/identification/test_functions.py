@@ -1,0 +1,284 @@
+"""What a log says of each term of the equation of motion, averaged over test functions.
+
+The test functions are bumps (1 - s^2)^4 that overlap. With a bump phi of compact support,
+int phi thdd = int phi'' th: nothing is differentiated that carries noise. Multiplied by phi the
+equation is the balance of momentum; multiplied by phi thd it is the balance of energy, whose terms
+are powers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import InputError
+from butterfly.logs.log import Log
+from butterfly.model.kinematics import Motion, Term
+from butterfly.model.parameters import compressed
+from butterfly.model.terms import TERMS, FrictionTerms
+from butterfly.signals import hold
+from butterfly.signals.local_polynomial import slope
+from butterfly.signals.spectrum import resample, uniform_grid
+
+SPACING = 0.5
+"""Of the test functions, in half-widths."""
+
+HALF_WIDTH = 0.25
+"""Longest half-width of the test functions in s; a sine's logs use at most a quarter period."""
+_VELOCITY_SHARE = 0.25  # half-width of the velocity's window over that of the test functions
+_VELOCITY_ORDER = 4  # of the polynomial whose slope it is
+_LARGEST_STICK = 0.05  # share of a window that may stand still
+_STANDSTILL = 0.02  # share of the rms velocity below which the joint may stick
+_DRIVEN = {"p4", *(row.name for row in TERMS.values() if row.of_gain)}  # what the input enters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bumps:
+    """Bumps of one width on a uniform clock of n samples, as many as have room."""
+
+    half_width: float  # in s
+    step: float  # of the clock in s
+    size: int  # n
+    margin: int  # samples that stay free of centres at either end; a half-width or more
+
+    @cached_property
+    def centres(self) -> NDArray[np.intp]:
+        """(m,) samples at which they are centred."""
+        return np.arange(self.margin, self.size - self.margin, self._stride)
+
+    def means(self, signal: NDArray[np.float64], order: int = 0) -> NDArray[np.float64]:
+        """(m,) integrals of an (n,) signal against the ``order``-th derivative of each.
+
+        Over the bump's area; in the signal's unit, over s to the power ``order``.
+        """
+        weights = self._weights[order]
+        stride, parts = weights.shape
+        rows = self.centres.size + parts - 1
+        first = self.margin - self._reach
+        pieces = signal[first : first + rows * stride]
+        if pieces.size < rows * stride:  # the last bump ends within its last part
+            pieces = np.concatenate([pieces, np.zeros(rows * stride - pieces.size)])
+        sums = pieces.reshape(rows, stride) @ weights
+        return np.asarray(sum(sums[k : rows - parts + 1 + k, k] for k in range(parts)))
+
+    @property
+    def _stride(self) -> int:
+        return max(1, round(SPACING * self.half_width / self.step))
+
+    @property
+    def _reach(self) -> int:
+        """Samples inside a bump on either side of its centre."""
+        return math.ceil(self.half_width / self.step) - 1
+
+    @cached_property
+    def _weights(self) -> NDArray[np.float64]:
+        """(3, stride, parts) a bump and its derivatives over its area, cut where others begin.
+
+        So the signal is cut once, and every piece multiplied once for all bumps that share it.
+        """
+        s = np.arange(-self._reach, self._reach + 1) * self.step / self.half_width
+        inside = 1 - s**2
+        derivatives = np.array(
+            [
+                inside**4,
+                -8 * s * inside**3 / self.half_width,
+                (-8 * inside**3 + 48 * s**2 * inside**2) / self.half_width**2,
+            ]
+        )
+        parts = -(-s.size // self._stride)
+        weights = np.zeros((3, parts * self._stride))
+        weights[:, : s.size] = derivatives / derivatives[0].sum()
+        return np.ascontiguousarray(weights.reshape(3, parts, self._stride).swapaxes(1, 2))
+
+
+class Balance(StrEnum):
+    """By what the equation of motion is multiplied, besides the test function."""
+
+    MOMENTUM = "weak-form"
+    ENERGY = "energy-balance"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeakSignals:
+    """What a log says at the centres of its test functions."""
+
+    # time, angle, velocity: (n,) instants in s, angle from the hanging position in rad, velocity in
+    # rad/s
+    time: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    # by parameter: (n,) averages over each test function of what it multiplies in the equation, the
+    # motor's torque brought to the left: summed with the parameters' values they give 0
+    mean: dict[str, NDArray[np.float64]]
+    still: NDArray[np.float64]  # (n,) share of each test function in which the joint may stick
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(n,) whether the joint moves enough for friction to be a function of the motion."""
+        return np.asarray(self.still < _LARGEST_STICK)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AveragingSettings:
+    """What is known of a joint before its torques are averaged."""
+
+    zero: float  # encoder reading in rad where the model's angle is 0
+    delay: float = 0.0  # from input to torque, in s
+    # of the drive, in 1/unit of input; the column of "compression" is the derivative about it
+    compression: float = 0.0
+    # of these the periods of cogging and Stribeck's velocity
+    settings: FrictionTerms = field(default_factory=FrictionTerms)
+
+
+class Averaging:
+    """One log, ready to be averaged over test functions with one delay after another.
+
+    What was averaged is kept; another delay or compression makes anew what the input enters alone,
+    unless the delay moves the test functions.
+
+    ``log``: of any input; ``zero``: encoder reading in rad where the model's angle is 0;
+    ``half_width``: of the test functions in s; they stand half of it apart; ``settings``: of these
+    the periods of cogging and Stribeck's velocity; ``balance``: of momentum, or of energy.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        zero: float,
+        half_width: float,
+        settings: FrictionTerms,
+        balance: Balance = Balance.MOMENTUM,
+    ) -> None:
+        self._log, self._half_width = log, half_width
+        self._column_of = _momentum if balance is Balance.MOMENTUM else _energy
+        self._grid = uniform_grid(log.time)
+        self._step = float(self._grid[1] - self._grid[0])
+        angle = resample(log.time, log.angle, self._grid) - zero
+        velocity = _velocity(angle, half_width, self._step)
+        self._motion = Motion.of(settings, angle, velocity, weight=log.added_mass.weight)
+        speed = float(np.sqrt(np.mean(velocity**2)))
+        self._still = (np.abs(velocity) < _STANDSTILL * speed).astype(float)
+        self._places: dict[int, _Place] = {}
+
+    def signals(
+        self,
+        names: Iterable[str],
+        *,
+        delay: float = 0.0,
+        compression: float = 0.0,
+        stribeck_velocity: float | None = None,
+    ) -> WeakSignals:
+        """Average the terms of some parameters.
+
+        ``stribeck_velocity``: in rad/s, if not that of the settings.
+        """
+        place = self._place(delay)
+        slow = stribeck_velocity or self._motion.stribeck_velocity
+        own: dict[str, tuple[str | float, ...]] = {"stribeck": ("stribeck", slow)}
+        own |= {name: (name, delay, compression) for name in _DRIVEN}
+        keys = {name: own.get(name, (name,)) for name in names}
+        missing = [name for name, key in keys.items() if key not in place.mean]
+        motion = self._motion._replace(stribeck_velocity=slow)
+        if not _DRIVEN.isdisjoint(missing):
+            motion = self._driven(motion, delay, compression)
+        for name in missing:
+            place.mean[keys[name]] = place.bumps.means(*self._column_of(TERMS[name], motion))
+        centres = place.bumps.centres
+        return WeakSignals(
+            time=self._grid[centres],
+            angle=self._motion.angle[centres],
+            velocity=self._motion.velocity[centres],
+            mean={name: place.mean[key] for name, key in keys.items()},
+            still=place.still,
+        )
+
+    def _driven(self, motion: Motion, delay: float, compression: float) -> Motion:
+        log = self._log
+        inputs = compressed(log.input, compression)
+        delivered = hold.for_sums(log.time, inputs, self._grid - delay, log.intersample)
+        return motion._replace(input=delivered)
+
+    @property
+    def fastest(self) -> float:
+        """Largest speed of the log in rad/s."""
+        return float(np.abs(self._motion.velocity).max())
+
+    @property
+    def duration(self) -> float:
+        """Length of the log in s."""
+        return float(self._grid[-1] - self._grid[0])
+
+    def _place(self, delay: float) -> _Place:
+        """Place the test functions where the input is known a delay before."""
+        margin = math.ceil((self._half_width + abs(delay)) / self._step)
+        if margin not in self._places:
+            time = self._grid
+            if time.size < 2 * margin + 1:
+                longer = f"{2 * margin * self._step:.3g} s or more"
+                raise InputError(self._log.source, "time", f"{time[-1] - time[0]:.3g} s", longer)
+            bumps = Bumps(
+                half_width=self._half_width, step=self._step, size=time.size, margin=margin
+            )
+            self._places[margin] = _Place(bumps, bumps.means(self._still), {})
+        return self._places[margin]
+
+
+class _Place(NamedTuple):
+    """Test functions, the share of each that stands still, and means over them.
+
+    The means are kept by name; what the input enters by name, delay and compression.
+    """
+
+    bumps: Bumps
+    still: NDArray[np.float64]
+    mean: dict[tuple[str | float, ...], NDArray[np.float64]]
+
+
+def weak_signals(
+    log: Log,
+    names: Sequence[str],
+    known: AveragingSettings,
+    half_width: float,
+    balance: Balance = Balance.MOMENTUM,
+) -> WeakSignals:
+    """Average terms of the equation of motion over the test functions of one log, once.
+
+    ``log``, ``half_width``, ``balance``: as of `Averaging`; ``names``: which parameters' terms;
+    ``known``: what is known beforehand.
+    """
+    averaging = Averaging(log, known.zero, half_width, known.settings, balance)
+    return averaging.signals(names, delay=known.delay, compression=known.compression)
+
+
+def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:
+    reach = max(round(_VELOCITY_SHARE * half_width / step), _VELOCITY_ORDER // 2 + 1)
+    return slope(angle, min(reach, (angle.size - 1) // 2), _VELOCITY_ORDER, step)
+
+
+def _momentum(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
+    """Return what a parameter multiplies: an (n,) signal, and the order of the bump's derivative.
+
+    Derivatives of the angle go over to the bump, as does that of the input by which a delay acts.
+    """
+    if row.derivative:
+        return (-1) ** row.derivative * motion.angle, row.derivative
+    if row.basis is None:
+        return -motion.input, 1
+    return row.basis(motion), 0
+
+
+def _energy(row: Term, motion: Motion) -> tuple[NDArray[np.float64], int]:
+    """As `_momentum`, times the velocity; what is conserved is integrated by parts."""
+    if row.derivative == 2:  # noqa: PLR2004 - of the angle: the inertia
+        return -(motion.velocity**2) / 2, 1
+    if row.potential is not None:
+        return -row.potential(motion.angle, motion.periods), 1
+    assert row.basis is not None  # noqa: S101 - a delay is known in the balance of energy
+    return row.basis(motion) * motion.velocity, 0

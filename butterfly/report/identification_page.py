@@ -1,0 +1,319 @@
+"""The identification report: the answer first, then what it rests on."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.identification import Identification
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import JointKind, LumpedParameters
+from butterfly.report.estimate_figures import (
+    correlation_map,
+    frequency_response_figure,
+    parameter_figure,
+    ranked_figure,
+)
+from butterfly.report.figures import middle
+from butterfly.report.format import counted, fit_text
+from butterfly.report.inspection import STATES, conditions_text
+from butterfly.report.log_figures import (
+    correlation_figure,
+    correlation_series,
+    spectrum_figure,
+    spectrum_series,
+    time_figure,
+    time_series,
+)
+from butterfly.report.page import (
+    Chip,
+    Fact,
+    Named,
+    Page,
+    Section,
+    Table,
+    write_page,
+)
+from butterfly.report.parameter_table import ParameterRow, parameter_rows
+from butterfly.report.physical import (
+    HEADERS,
+    TITLE,
+    physical_rows,
+    physical_sentences,
+)
+from butterfly.report.residual import (
+    misfit_sentences,
+    misfit_table,
+)
+
+_RESPONSE = (
+    "Points: measured, with two standard errors. Lines: the model at the swing that was measured, "
+    "by its describing functions. Below, what is left between the two."
+)
+_RESPONSE_UNASKED = (
+    "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
+    "of a sine, so there is nothing measured to set beside them."
+)
+_MANY = 10  # times, from which whole ones are told
+_COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
+
+
+def write_report(
+    identification: Identification,
+    path: Path,
+    truth: LumpedParameters | None = None,
+    *,
+    figures: bool = False,
+) -> None:
+    """Write the report of an identification: one HTML file, and its numbers as JSON beside it.
+
+    Figures, if wanted, go beside it as PNG and SVG; truth is where it is known.
+    """
+    write_page(identification_page(identification, truth), path, figures=figures)
+
+
+def identification_page(
+    identification: Identification, truth: LumpedParameters | None = None
+) -> Page:
+    """Put together the report of an identification (see `write_report`)."""
+    data, misfit = identification.data, identification.misfit
+    told = identification.told(truth)
+    rows = parameter_rows(identification.estimate.table(truth))
+    runs, bands = identification.free_runs, [log.band for log in misfit.logs]
+    chosen = middle(identification.fit_of_logs)
+    states = [health.condition for health in data.health]
+    sections = [
+        Section(
+            title="Frequency response",
+            text=_RESPONSE if data.sines else _RESPONSE_UNASKED,
+            figures={"frequency-response": frequency_response_figure(identification)},
+        ),
+        Section(
+            title="Measured against simulated",
+            text="The model runs free: it is told the input, and of the angle the start alone.",
+            series={"time": time_series(runs, bands)},
+        ),
+        Section(
+            title="What the model leaves over",
+            text="Measured less simulated angle of the chosen log, after small changes of the "
+            "parameters: how like itself it is a while later, and how like the input before it. "
+            "Where encoder and noise explain it, both curves stay inside the bands; a curve that "
+            "leaves them is something that the model misses. Below, at which frequencies.",
+            series={
+                "left-over": correlation_series(misfit.logs),
+                "spectrum": spectrum_series(runs, misfit.logs),
+            },
+            tables=(misfit_table(misfit.logs, picks=range(len(runs))),),
+        ),
+        *_correlations(identification),
+        Section(
+            title="FIT log by log",
+            text=f"Health of the {conditions_text(states)} A click on a point chooses its log."
+            f"{_undrawn(identification)}",
+            figures={"fit": ranked_figure(identification)},
+            tables=(_logs_table(identification),),
+        ),
+        *_physical(identification),
+        *_resonances(identification),
+        *_against(identification, rows),
+        *_held_out(identification),
+    ]
+    return Page(
+        name=data.name,
+        description=data.description,
+        kind="identification",
+        verdict=told.verdict,
+        facts=_facts(identification),
+        lead=_lead(rows, data, with_truth=truth is not None),
+        summary=[*told.summary[1:], *misfit_sentences(misfit)],
+        sections=sections,
+        numbers=told.document(),
+        logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
+        chosen=chosen,
+        pictures={
+            "parameters": partial(parameter_figure, rows),
+            "time": partial(time_figure, runs[chosen], bands[chosen]),
+            "left-over": partial(correlation_figure, misfit.logs[chosen]),
+            "spectrum": partial(spectrum_figure, runs[chosen], misfit.logs[chosen]),
+        },
+    )
+
+
+def _facts(identification: Identification) -> list[Fact]:
+    fit, data = identification.fit, identification.data
+    masses = {mass for mass in data.masses if mass.mass}
+    added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
+    return [
+        Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
+        Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
+        *_left_over(identification.misfit.times),
+        Fact("logs", str(len(data.logs)), added if masses else ""),
+        Fact("method", identification.estimate.method),
+    ]
+
+
+def _undrawn(identification: Identification) -> str:
+    """Say how many logs have no FIT that could be drawn."""
+    count = int(np.sum(~np.isfinite(identification.fit_of_logs)))
+    return f" Not drawn: {counted(count, 'log')} from which the model runs away." if count else ""
+
+
+def _left_over(times: float) -> list[Fact]:
+    """Return how much the model leaves over, where that can be said."""
+    said = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
+    detail = "what the sensors explain"
+    return [Fact("left over", said, detail)] if math.isfinite(times) else []
+
+
+def _lead(rows: list[ParameterRow], data: DataSet, *, with_truth: bool) -> Section:
+    """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
+    checked = any(row.left_out for row in rows)
+    told = checked and not with_truth  # in numbers too, where there is room
+    headers = ["", "value", "unit", "", "95 % interval", "half of it"]
+    headers += ["true", "deviation"] if with_truth else []
+    headers += ["std error", *(["one mass left out"] if told else [])]
+    table = Table(
+        name="parameters",
+        words=(2,),
+        headers=tuple(headers),
+        rows=[
+            (
+                *(Named(row.symbol, row.meaning), row.value, row.unit, row.whisker),
+                *(row.interval, row.width),
+                *((row.true, row.deviation) if with_truth else ()),
+                *(row.error, *((row.left_out,) if told else ())),
+            )
+            for row in rows
+        ],
+        caption=(
+            "Each row has a scale of its own. Blue: 95 % interval, the estimate its dark mark"
+            f"{'; orange: the truth' if with_truth else ''}; dashed: zero."
+            if any(row.whisker.drawn for row in rows)
+            else ""
+        )
+        + (
+            " Grey, below: the estimates without the logs of one added mass, which the interval is "
+            "widened to hold: where it is wide, the model misses something that depends on the "
+            "mass."
+            if checked
+            else ""
+        ),
+    )
+    further = ", with the further terms below" if len(rows) > len(_COMPARED) + 1 else ""
+    weight = " + p₃ sin θ" if data.hangs else ""
+    bare = "the bare hand" if data.joint is JointKind.HINGE else "the bare slide, θ its way"
+    text = f"p₁ θ̈ + p₂ θ̇{weight} + T_c sgn θ̇ = p₄ u(t − delay), for {bare}{further}."
+    return Section(title="Parameters", text=text, tables=(table,))
+
+
+def _correlations(identification: Identification) -> list[Section]:
+    drawn = correlation_map(identification.estimate)
+    if drawn is None:
+        return []
+    text = (
+        "How the errors of the parameters go together. Near +1 or −1 these logs tell hardly more "
+        "than a combination of the two: add a run that tells them apart."
+    )
+    return [Section(title="Which parameters hang together", text=text, figures={"map": drawn})]
+
+
+def _logs_table(identification: Identification) -> Table:
+    """Tabulate the logs, those that the model follows worst first, and their health."""
+    data, rows = identification.data, []
+    order = np.argsort(identification.fit_of_logs).tolist()
+    for number in order:
+        point, health = data.points[number], data.health[number]
+        run, state = identification.free_runs[number], health.condition
+        steady = ("–", "–", "–")
+        if point is not None:
+            shares = f"{100 * point.drift:+z.1f}", f"{100 * point.angle.distortion:.1f}"
+            steady = (f"{point.amplitude:.3f}", *shares)
+        rows.append(
+            (
+                *(run.log.label, f"{fit_text(run.fit)}", Chip(STATES[state], state)),
+                "; ".join(health.findings) or "–",
+                *steady,
+                *(f"{health.samples}", f"{1e3 * health.step:.2f}", f"{1e3 * health.jitter:.2f}"),
+                run.log.name.rsplit("/", maxsplit=1)[-1],
+            )
+        )
+    headers = (
+        *("log", "FIT in %", "health", "what was found"),
+        *(f"swing in {data.joint.way}", "drift in %", "harmonics in %"),
+        *("samples", "step in ms", "jitter in ms", "file"),
+    )
+    caption = (
+        "Health: ok; note, which needs nothing done; care. Swing: amplitude of the fundamental in "
+        "the steady window. Drift: its change from the window's first to its second half."
+    )
+    return Table(
+        name="logs", headers=headers, rows=rows, words=(3, 10), caption=caption, picks=order
+    )
+
+
+def _physical(identification: Identification) -> list[Section]:
+    found = identification.separated()
+    text = "\n".join(physical_sentences(found))
+    tables: tuple[Table, ...] = ()
+    if rows := physical_rows(found):
+        caption = (
+            "What follows from the parameters, and what they are made of as far as what is known "
+            "of motor and hand tells it."
+        )
+        tables = (Table(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption),)
+    return [Section(title=TITLE, text=text, tables=tables)] if text or tables else []
+
+
+def _resonances(identification: Identification) -> list[Section]:
+    """Tabulate where each added mass swings by itself; without gravity none does."""
+    if not identification.data.hangs:
+        return []
+    estimate, data = identification.estimate, identification.data
+    thesis = bool(estimate.resonances)
+    rows = []
+    for mass, angle in data.equilibria.items():
+        loaded = estimate.parameters.with_added_mass(mass)
+        row = [str(mass), f"{resonance_frequency(loaded):#.4g}"]
+        row += [f"{estimate.resonances.get(mass, np.nan):#.4g}"] if thesis else []
+        rows.append((*row, f"{angle:z.4f}"))
+    headers = ["added mass", "resonance in rad/s, of small swings"]
+    headers += ["resonance in rad/s, by the thesis"] if thesis else []
+    table = Table(headers=(*headers, "rest angle in rad"), rows=rows)
+    return [Section(title="Resonances", tables=(table,))]
+
+
+def _against(identification: Identification, rows: list[ParameterRow]) -> list[Section]:
+    if not identification.comparisons:
+        return []
+    found = identification.estimate
+    names = [name for name in found.names if name not in found.unestimated]
+    own = dict(zip(names, (row.value for row in rows), strict=False))
+    fit = identification.fit
+    lines = [
+        (
+            "this identification",
+            *(own.get(key, "–") for key in _COMPARED),
+            *map(fit_text, (fit.median, fit.mean, fit.worst)),
+        )
+    ]
+    for other in identification.comparisons:
+        values = [f"{getattr(other.parameters, key):.5g}" for key in _COMPARED]
+        values[3] += " (fitted)" if other.gain_fitted else ""
+        fits = (other.summary.median, other.summary.mean, other.summary.worst)
+        lines.append((other.name, *values, *map(fit_text, fits)))
+    headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
+    table = Table(name="against", headers=headers, rows=lines)
+    return [Section(title="Against other parameters", tables=(table,))]
+
+
+def _held_out(identification: Identification) -> list[Section]:
+    if not identification.held_out:
+        return []
+    rows = [(name, fit_text(value)) for name, value in identification.held_out.items()]
+    caption = "Logs that were not used for the fit, simulated with its values."
+    table = Table(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
+    return [Section(title="Held out", tables=(table,))]

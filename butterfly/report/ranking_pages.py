@@ -1,0 +1,149 @@
+"""Pages of what was ranked by prediction: estimators (a leaderboard), and choices of terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from plotly.graph_objects import Figure, Scatter
+
+from butterfly.comparison.leaderboard import Entry
+from butterfly.document import Told
+from butterfly.identification.data import DataSet
+from butterfly.identification.free_run import FitSummary
+from butterfly.identification.validate import Structure
+from butterfly.report.figures import look
+from butterfly.report.format import fit_text
+from butterfly.report.numbers.comparison_numbers import told_leaderboard
+from butterfly.report.page import Chip, Page, Section, Table
+
+_HEADERS: tuple[str, ...] = (
+    *("estimator", "verdict", "left out: median", "left out: worst"),
+    *("in sample: median", "in sample: worst"),
+    *("seconds", "p₁", "p₂", "p₃", "p₄", "T_c", "remark"),
+)
+_ROW = 52  # pixels of an estimator
+_LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
+
+
+def leaderboard_page(entries: Sequence[Entry]) -> Page:
+    """Put together the page of estimators over data sets, the best of each first."""
+    sets = list(dict.fromkeys(entry.data for entry in entries))
+    sections, told = [], told_leaderboard(entries)
+    for number, name in enumerate(sets):
+        own = [entry for entry in entries if entry.data == name]
+        figure = {f"fit-{number}": _leaderboard_figure(own)}
+        sections.append(
+            Section(title=f"{name}: FIT in %", tables=(_leaderboard_table(own),), figures=figure)
+        )
+    return Page(
+        name="leaderboard",
+        description="Estimators over data sets: " + ", ".join(sets),
+        kind="leaderboard",
+        summary=told.summary[1:],
+        sections=sections,
+        numbers=told.document(),
+        verdict=told.verdict,
+    )
+
+
+def _leaderboard_table(entries: Sequence[Entry]) -> Table:
+    names = ("p1", "p2", "p3", "p4", "coulomb")
+    rows = []
+    for entry in entries:
+        values = ["–"] * len(names)
+        chip: str | Chip = "–"
+        if entry.estimate is not None:
+            found = entry.estimate
+            chip = Chip(found.level.verdict, found.level)
+            estimated = {*found.names, *found.held} - {*found.unestimated}
+            values = [
+                f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
+                for name in names
+            ]
+        fits = [*_fit(entry.held_out), *_fit(entry.in_sample)]
+        rest = (f"{entry.seconds:.2f}", *values, entry.error or "–")
+        rows.append((entry.method, chip, *fits, *rest))
+    last = len(_HEADERS) - 1
+    shown = slice(None if any(entry.error for entry in entries) else last)
+    return Table(headers=_HEADERS[shown], rows=[row[shown] for row in rows], words=(1, last))
+
+
+def _fit(fit: FitSummary | None) -> tuple[str, str]:
+    return ("–", "–") if fit is None else (fit_text(fit.median), fit_text(fit.worst))
+
+
+def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
+    """Draw what each estimator lacks of a FIT of 100 %, so that good ones are told apart."""
+    figure = Figure()
+    kinds = (("left out", "held_out", "top", 9), ("in sample", "in_sample", "bottom", 15))
+    for number, (name, field, place, size) in enumerate(kinds):
+        fits = {each.method: getattr(each, field) for each in reversed(entries)}
+        medians = {method: fit.median for method, fit in fits.items() if fit is not None}
+        finite = {method: fit for method, fit in medians.items() if math.isfinite(fit)}
+        colour, symbol = look(number)
+        trace = Scatter(
+            x=[max(100 - fit, _LEAST) for fit in finite.values()],
+            y=list(finite),
+            text=[f"{fit_text(fit)} %" for fit in finite.values()],
+            textposition=f"{place} center",
+            mode="markers+text",
+            name=f"{name}, median FIT",
+            marker={"color": colour, "symbol": symbol + "-open" * number, "size": size},
+            hovertemplate="%{y}: %{text}",
+        )
+        figure.add_trace(trace)
+    figure.update_xaxes(title="100 − median FIT in %: further left is better", type="log")
+    methods = [each.method for each in entries]
+    ends = [-0.6, len(methods) - 0.4]
+    figure.update_yaxes(categoryorder="array", categoryarray=methods[::-1], range=ends)
+    figure.update_layout(height=_ROW * len(methods) + 110)
+    return figure
+
+
+def structures_table(passed: Sequence[Structure]) -> Table:
+    """Make a table with a row for each structure, FIT in per cent."""
+    splits = tuple(passed[0].held_out)
+    kinds = ("in sample", *(f"{split} left out" for split in splits))
+    rows = []
+    for structure in passed:
+        fits = [structure.in_sample, *(structure.held_out[split] for split in splits)]
+        cells = [fit_text(value) for fit in fits for value in (fit.median, fit.mean)]
+        rows.append((", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells))
+    fit_headers = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
+    return Table(headers=("terms", *fit_headers), rows=rows)
+
+
+def selection_page(data: DataSet, passed: Sequence[Structure], told: Told) -> Page:
+    """Put together the page of the structures passed through, the last being the chosen one."""
+    return Page(
+        name=data.name,
+        description=data.description,
+        kind="choice of terms",
+        summary=told.summary[1:],
+        lead=Section(
+            title="FIT by what is fitted",
+            text="Median FIT in %, in sample and of what was left out, which decides.",
+            figures={"fit": _structures_figure(passed)},
+        ),
+        sections=[
+            Section(title="FIT in %, in sample and left out", tables=(structures_table(passed),))
+        ],
+        numbers=told.document(),
+        verdict=told.verdict,
+    )
+
+
+def _structures_figure(passed: Sequence[Structure]) -> Figure:
+    figure = Figure()
+    names = ["p1..p4, coulomb, delay", *(f"+ {each.terms[-1]}" for each in passed[1:])]
+    fits = {"in sample": [each.in_sample.median for each in passed]}
+    for split in passed[0].held_out:
+        fits[f"{split} left out"] = [each.held_out[split].median for each in passed]
+    for number, (name, values) in enumerate(fits.items()):
+        colour, symbol = look(number)
+        marker = {"color": colour, "symbol": symbol, "size": 9}
+        figure.add_trace(Scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker))
+    figure.update_yaxes(title="median FIT in %")
+    figure.update_layout(height=340)
+    return figure

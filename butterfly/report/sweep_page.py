@@ -1,0 +1,273 @@
+"""The report of a sweep: how well the parameters were recovered, against each field that varied."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.experiment.columns import MISSING
+from butterfly.experiment.record import OK, SweepRecord
+from butterfly.experiment.recovery import Estimates, column
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.model.terms import TERMS
+from butterfly.report.format import field_label, field_name
+from butterfly.report.numbers.record_numbers import told_sweep
+from butterfly.report.page import Fact, Link, Page, Section, Table
+from butterfly.report.sweep_figures import (
+    axis_figure,
+    heat_maps,
+    parallel_figure,
+    short,
+)
+from butterfly.verdict import VERDICTS
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+_LISTED = 100  # runs in a table of what went wrong
+
+
+def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
+    """Put together the report of a sweep.
+
+    `runs` and `estimates` are the tables of its result store.
+    """
+    table, fields = Estimates.of(estimates, sweep.fields), sweep.fields
+    status = column(runs, "status")
+    sections = [
+        Section(
+            title="Recovery of the parameters",
+            text="Deviation of the estimates from the truth over all runs, where it is not 0; "
+            "coverage is the share of 95 % intervals that hold the truth.",
+            tables=(_recovery_table(table),),
+        )
+    ]
+    if table["value"].size:
+        verdicts = [
+            (estimator, *map(str, counts.values())) for estimator, counts in table.verdicts.items()
+        ]
+        headers = ("estimator", *(each.verdict for each in VERDICTS))
+        section = Section(
+            title="Verdicts",
+            text="How many estimates may be used, by what their own data say, not by the truth.",
+            tables=(Table(headers=headers, rows=verdicts),),
+        )
+        sections.insert(0, section)
+    if len(table.estimators) > 1:
+        ranked = _ranking_table(table)
+        sections.insert(0, Section(title="Estimators, the best first", tables=(ranked,)))
+    sections += _against_fields(table.deviating, fields)
+    worst = _worst_table(table, fields, sweep.worst)
+    if worst.rows:
+        sections.append(Section(title="Worst runs", tables=(worst,)))
+    unconverged = _unconverged_table(table)
+    if unconverged.rows:
+        title = "Estimates that did not converge"
+        sections.append(Section(title=title, tables=(unconverged,)))
+    if not np.isin(status.astype(str), [OK, MISSING]).all():
+        sections.append(Section(title="Runs without a result", tables=(_failures(runs),)))
+    if "orbit_amplitude" in runs.column_names and runs["orbit_amplitude"].null_count < len(runs):
+        sections.append(Section(title="Orbits", tables=(_orbits(runs),)))
+    summary = _summary(table, status, fields)
+    numbers = {
+        "runs": int(status.size),
+        "ok": int((status == OK).sum()),
+        "verdicts": table.verdicts,
+        "unconverged": table.unconverged,
+        "recovery": [
+            {
+                "estimator": each.estimator,
+                "parameter": each.parameter,
+                "runs": each.runs,
+                "rms_deviation": each.rms,
+                "coverage": each.coverage,
+            }
+            for each in table.recovery()
+        ],
+    }
+    return Page(
+        name=sweep.name,
+        description=sweep.description,
+        kind="sweep",
+        facts=_facts(table, status),
+        summary=summary,
+        sections=sections,
+        numbers=told_sweep(sweep, summary, numbers).document(),
+    )
+
+
+def _against_fields(deviating: Estimates, fields: Sequence[str]) -> list[Section]:
+    """Show how estimates deviate by what was varied: all at once, one by one, in pairs."""
+    sections = []
+    together = parallel_figure(deviating, fields)
+    if together is not None:
+        text = "A line is an estimate, through what was varied and what came of it."
+        section = Section(title="All fields at once", text=text, figures={"together": together})
+        sections.append(section)
+    for number, field in enumerate(fields):
+        figure = axis_figure(deviating, field)
+        if figure is not None:
+            section = Section(
+                title=f"Against {field_name(field)}",
+                text="Median deviation, with the middle half of the runs.",
+                figures={f"axis-{number}": figure},
+            )
+            sections.append(section)
+    maps = heat_maps(deviating, fields)
+    if maps:
+        text = "Median of the parameters' mean absolute deviation in %, over the other fields."
+        sections.append(Section(title="Two fields at a time", text=text, figures=maps))
+    return sections
+
+
+def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
+    """Return the numbers that matter most, as far as there are any."""
+    facts = [Fact("runs with a result", f"{int((status == OK).sum())}", f"of {status.size}")]
+    size = np.abs(table.deviating["deviation"])
+    if size.size:
+        coverage = _percent(table.coverage)
+        facts += [
+            Fact("deviation from the truth", f"{100 * np.median(size):.2g} %", "median"),
+            Fact("95 % intervals hold the truth", coverage if coverage == "–" else f"{coverage} %"),
+            Fact("FIT of a run's logs", f"{np.median(table['fit_median']):.2f} %", "median"),
+        ]
+    return facts
+
+
+def _recovery_table(table: Estimates) -> Table:
+    rows = [
+        (
+            *(each.estimator, TERMS[each.parameter].symbol, str(each.runs)),
+            *(_percent(value, ".3g") for value in (each.median, each.rms, each.largest)),
+            _percent(each.coverage),
+        )
+        for each in table.recovery()
+    ]
+    headers = (
+        *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
+        *("largest in %", "coverage in %"),
+    )
+    return Table(headers=headers, rows=rows)
+
+
+def _ranking_table(table: Estimates) -> Table:
+    rows = []
+    for method in table.estimators:
+        group = table.where(estimator=method)
+        size = np.abs(group.deviating["deviation"])
+        middle = float(np.median(size)) if size.size else math.inf
+        rows.append((middle, method, float(np.median(group["fit_median"])), group.coverage))
+    return Table(
+        headers=("estimator", "median |deviation| in %", "median FIT in %", "coverage in %"),
+        rows=[
+            (method, _percent(size, ".3g"), f"{fit:.2f}", _percent(share))
+            for size, method, fit, share in sorted(rows, key=lambda row: row[:2])
+        ],
+        caption="FIT is in sample. Deviations are over all parameters that are not 0.",
+    )
+
+
+def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
+    """List the runs with the largest deviation of p1, p3 or p4."""
+    worst = table.worst()
+    order = np.argsort(-np.nan_to_num(np.abs(worst["deviation"])), kind="stable")
+    rows = [
+        (
+            _link(worst["number"][k], str(worst["key"][k])),
+            worst["estimator"][k],
+            f"{TERMS[str(worst['parameter'][k])].symbol} {100 * worst['deviation'][k]:+.3g}",
+            f"{worst['fit_median'][k]:.1f}",
+            *(short(worst[field][k]) for field in fields),
+        )
+        for k in order[:count].tolist()
+    ]
+    headers = ("run", "estimator", "deviation in %", "median FIT in %", *map(field_label, fields))
+    caption = (
+        "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
+        "it in words."
+    )
+    return Table(headers=headers, rows=rows, words=(1,), caption=caption)
+
+
+def _unconverged_table(table: Estimates) -> Table:
+    rest = table.take(table["ending"] != Ending.CONVERGED)
+    names = ("number", "key", "estimator", "ending", "findings")
+    found = dict.fromkeys(zip(*(rest[name].tolist() for name in names), strict=True))
+    return Table(
+        headers=("run", "estimator", "ending", "findings"),
+        rows=[(_link(*run[:2]), *run[2:]) for run in list(found)[:_LISTED]],
+        words=(1, 2, 3),
+        caption=f"{len(found)} in all.",
+    )
+
+
+def _link(number: float, key: str) -> Link:
+    """Return a link from a run's number to its record."""
+    return Link(f"{number:.0f}", f"runs/{key[:2]}/{key}.json")
+
+
+def _failures(runs: pa.Table) -> Table:
+    bad = [row for row in runs.to_pylist() if row["status"] not in {OK, MISSING}]
+    rows = [
+        (_link(row["number"], row["key"]), row["status"], row["error"]) for row in bad[:_LISTED]
+    ]
+    caption = f"{len(bad)} in all."
+    return Table(headers=("run", "status", "error"), rows=rows, words=(1, 2), caption=caption)
+
+
+def _orbits(runs: pa.Table) -> Table:
+    found = [row for row in runs.to_pylist() if row["orbit_amplitude"] is not None]
+    names = ("orbit_target", "orbit_amplitude", "orbit_error_generic", "orbit_error_recalibrated")
+    rows = [
+        (
+            str(row["number"]),
+            *(f"{math.degrees(row[name]):.4g}" for name in names),
+            str(row["orbit_rounds"]),
+        )
+        for row in found[:200]
+    ]
+    headers = ("run", "target in °", "reached in °", "generic, rms in °", "re-calibrated", "rounds")
+    return Table(headers=headers, rows=rows)
+
+
+def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> list[str]:
+    done = int((status == OK).sum())
+    varied = ", ".join(map(field_name, fields)) or "nothing but the seed"
+    sentences = [f"{status.size} runs, {done} of them with a result; varied: {varied}."]
+    missing = int((status == MISSING).sum())
+    if missing:
+        sentences.append(f"{missing} of them are still to be done.")
+    count = len(table.by_estimate("ending"))
+    if count:
+        counts, missed = table.verdicts.values(), table.unconverged
+        verdicts = (f"{sum(each[v.verdict] for each in counts)} {v.verdict}" for v in VERDICTS)
+        sentences.append(f"Verdicts on {count} estimates: {', '.join(verdicts)}.")
+        sentences.append(
+            f"{missed} of {count} estimates did not converge."
+            if missed
+            else "Every estimate converged."
+        )
+    size = np.abs(table.deviating["deviation"])
+    if size.size:
+        sentences.append(
+            f"Half of all estimates are within {100 * np.median(size):.3g} % of the truth, "
+            f"95 % of them within {100 * np.percentile(size, 95):.3g} %."
+        )
+        if math.isfinite(table.coverage):
+            share = f"{100 * table.coverage:.1f} %"
+            sentences.append(f"The 95 % intervals hold the truth in {share} of the cases.")
+        sentences.append(
+            "The models follow their logs with a median FIT of "
+            f"{np.median(table['fit_median']):.2f} %."
+        )
+    return sentences
+
+
+def _percent(share: float, digits: str = ".1f") -> str:
+    """Return a share in per cent; a dash for none."""
+    return f"{100 * share:{digits}}" if math.isfinite(share) else "–"

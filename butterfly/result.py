@@ -1,0 +1,225 @@
+"""What all results have in common: words, rows, JSON, a frame, a page."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from html import escape
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+from butterfly.document import SCHEMA_NUMBER, Told, write_document
+from butterfly.errors import ButterflyError
+from butterfly.verdict import Level, Verdict
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from plotly.graph_objects import Figure
+
+    from butterfly.report.page import Page
+
+_SIGNIFICANT = 4
+
+
+class TextTable(NamedTuple):
+    """A table as a command prints it; of empty headers, names and what belongs to them."""
+
+    title: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+class Result(ABC):
+    """A result that can be looked at, tabulated, saved and reported."""
+
+    kind: ClassVar[str]
+    """What it is, in files."""
+
+    schema_number: ClassVar[int] = SCHEMA_NUMBER
+    """Of its JSON; raised when an older program could no longer read it."""
+
+    title: str
+    """What it is, in a line."""
+
+    summary: tuple[str, ...]
+    """What it says, in plain English, the verdict first, then the most important."""
+
+    judged: Verdict | None
+    """The verdict on the estimate that it rests on; None of a result of an older program."""
+
+    @property
+    def standing(self) -> str | None:
+        """What may be done with the estimate that it rests on: good, use with care, do not use."""
+        return None if self.judged is None else self.judged.level.verdict
+
+    @property
+    def verdict(self) -> list[str]:
+        """How far to trust it, in words: first what may be done with it."""
+        return [] if self.judged is None else [self.judged.sentence]
+
+    @abstractmethod
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table that it is about, a row each, units in the names of its columns."""
+
+    @abstractmethod
+    def told(self) -> Told:
+        """Return what it says, for programs."""
+
+    def shown_rows(self) -> list[dict[str, str]]:
+        """Return `rows` as a person reads them."""
+        return [{name: shown(value) for name, value in row.items()} for row in self.rows()]
+
+    def paragraphs(self) -> list[str]:
+        """Return what a command prints above its tables, the verdict first if there is one."""
+        return list(self.summary)
+
+    def tables(self) -> list[TextTable]:
+        """Return the tables that a command prints below the summary."""
+        rows = self.shown_rows()
+        if not rows:
+            return []
+        return [TextTable(self.title, tuple(rows[0]), [tuple(row.values()) for row in rows])]
+
+    def shown_lines(self) -> list[str]:
+        """Return what `print` shows of the table, aligned; nothing where it would be long."""
+        return []
+
+    def kept(self, folder: Path) -> dict[str, Any]:  # noqa: ARG002 - for one that has logs
+        """Return what `save` writes to a file in a folder."""
+        return self.to_dict()
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain values that JSON can hold; None stands for what is unknown.
+
+        It is what the commands write with ``--json``, and holds no path of this machine.
+        """
+        return self.told().document()
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return `rows` as a pandas frame.
+
+        Raises
+        ------
+        ButterflyError
+            If pandas is not installed.
+        """
+        try:
+            import pandas as pd  # noqa: PLC0415 - an extra
+        except ImportError:
+            raise ButterflyError(
+                "to_dataframe needs pandas: pip install 'butterfly-testbed[pandas]'"
+            ) from None
+        return pd.DataFrame(self.rows())
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the result as JSON, which `butterfly.load` reads.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        write_document(self.kept(Path(path).resolve().parent), Path(path))
+
+    def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
+        """Write a page that opens offline, and its numbers as JSON beside it.
+
+        Parameters
+        ----------
+        path
+            The file.
+        figures
+            Whether to write the figures as PNG and SVG too.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be written.
+        """
+        from butterfly.report.page import write_page  # noqa: PLC0415 - a view
+
+        write_page(self.page(), Path(path), figures=figures)
+
+    def page(self) -> Page:
+        """Put together the page of `report`."""
+        from butterfly.report.page import Page, Section, Table  # noqa: PLC0415 - a view
+
+        rows, figures = self.shown_rows(), self.figures()
+        headers = tuple(rows[0]) if rows else ()
+        lines = [tuple(row.values()) for row in rows]
+        words = [k for k in range(len(headers)) if any(line[k][:1].isalpha() for line in lines)]
+        table = Table(headers=headers, rows=lines, words=tuple(words))
+        return Page(
+            name=self.title,
+            description="",
+            kind=self.kind,
+            summary=list(self.summary[1:] if self.judged else self.summary),
+            verdict=self.judged,
+            lead=Section(title="At a glance", figures=figures) if figures else None,
+            sections=[Section(title="In numbers", tables=(table,))],
+            numbers=self.to_dict(),
+        )
+
+    def __str__(self) -> str:
+        return "\n".join([self.title, *self.summary, *self.shown_lines()])
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.title}{self._unless_good()}>"
+
+    def _unless_good(self) -> str:
+        """Return what a line says of the verdict: nothing if it is good."""
+        return f", {self.standing}" if self.standing not in {None, Level.GOOD.verdict} else ""
+
+    def _repr_html_(self) -> str:
+        return html_of(self.title, self.shown_rows(), self.summary)
+
+
+def aligned(rows: Sequence[dict[str, str]]) -> list[str]:
+    """Return a table as lines of text, numbers at the right."""
+    table = [list(rows[0]), *(list(row.values()) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return [
+        "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
+        for line in table
+    ]
+
+
+def html_of(title: str, rows: Sequence[dict[str, str]], sentences: Sequence[str]) -> str:
+    """Return a table and sentences as HTML, as notebooks show it."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in (rows[0] if rows else ()))
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row.values()) + "</tr>"
+        for row in rows
+    )
+    said = "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+    return (
+        f"<p><b>{escape(title)}</b></p>{said}<table><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table>"
+    )
+
+
+def shown(value: object) -> str:
+    """Return a cell as a person reads it."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    return f"{value:.{_SIGNIFICANT}g}" if isinstance(value, float) else str(value)
+
+
+def text(value: object) -> str:
+    """Return a text that was saved; anything else is a TypeError."""
+    if not isinstance(value, str):
+        raise TypeError(f"{type(value).__name__} instead of a text")
+    return value
+
+
+def texts(values: object) -> tuple[str, ...]:
+    """Return texts that were saved; anything else is a TypeError."""
+    if not isinstance(values, list):
+        raise TypeError(f"{type(values).__name__} instead of texts")
+    return tuple(map(text, values))

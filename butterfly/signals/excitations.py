@@ -1,0 +1,312 @@
+"""Inputs to drive a joint with, besides the plain sine (`butterfly.logs.log.Sine`)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.errors import InputError, require_number
+from butterfly.logs.log import Sine
+from butterfly.sizes import require_room
+
+_IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
+_POINTS = 16  # in a period of the highest harmonic
+_BYTES_PER_POINT = 40  # a signal, its spectrum, and copies
+_CLIPPINGS = 200  # rounds of crest optimisation; it has settled long before
+_CLIP = 0.9  # share of the peak at which a round clips
+_TAPS = {
+    2: (1,),
+    3: (2,),
+    4: (3,),
+    5: (3,),
+    6: (5,),
+    7: (6,),
+    8: (7, 6, 1),
+    9: (5,),
+    10: (7,),
+    11: (9,),
+    12: (11, 10, 4),
+    13: (12, 11, 8),
+    14: (13, 12, 2),
+    15: (14,),
+    16: (15, 13, 4),
+    17: (14,),
+    18: (11,),
+    19: (18, 17, 14),
+    20: (17,),
+}  # of shift registers by their length, up to a sequence of a million bits
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteppedSine:
+    """One sine after another, without a jump in phase.
+
+    Parameters
+    ----------
+    omegas, amplitudes
+        In rad/s and units of the input, one each for every step.
+    dwell
+        Length of each step in s; the last one goes on.
+    """
+
+    omegas: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    dwell: float
+
+    def __post_init__(self) -> None:
+        require_number("SteppedSine", positive=True, dwell=self.dwell)
+        if not self.omegas or len(self.omegas) != len(self.amplitudes):
+            lengths = f"{len(self.omegas)} omegas and {len(self.amplitudes)} amplitudes"
+            raise InputError("SteppedSine", "amplitudes", lengths, "one amplitude for each omega")
+        for omega, amplitude in zip(self.omegas, self.amplitudes, strict=True):
+            require_number("SteppedSine", positive=True, omegas=omega, amplitudes=amplitude)
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        step = np.clip((time / self.dwell).astype(np.intp), 0, len(self.omegas) - 1)
+        omegas = np.array(self.omegas)
+        starts = np.concatenate([[0.0], np.cumsum(omegas[:-1] * self.dwell)])
+        phase = starts[step] + omegas[step] * (time - step * self.dwell)
+        return np.asarray(np.array(self.amplitudes)[step] * np.sin(phase))
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Harmonics of one base frequency: amplitudes 1, phases free."""
+
+    harmonics: tuple[int, ...]
+    phases: NDArray[np.float64]
+
+    def over_a_period(self, points: int) -> NDArray[np.float64]:
+        spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
+        spectrum[list(self.harmonics)] = 0.5 * points * np.exp(1j * self.phases)
+        return np.fft.irfft(spectrum, points)
+
+    def clipped(self, signal: NDArray[np.float64]) -> _Lines:
+        """Take the phases of their signal with its peaks cut off."""
+        peak = _CLIP * np.abs(signal).max()
+        spectrum = np.fft.rfft(np.clip(signal, -peak, peak))
+        return _Lines(self.harmonics, np.angle(spectrum[list(self.harmonics)]))
+
+
+@lru_cache(maxsize=32)
+def _of_low_crest(harmonics: tuple[int, ...], seed: int, points: int) -> tuple[_Lines, float]:
+    """Find phases of a low peak by clipping it (Van der Ouderaa et al., 1988), and that peak.
+
+    The runs of a sweep share them.
+    """
+    phases = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(harmonics))
+    lines = best = _Lines(harmonics, phases)
+    least = math.inf
+    for _ in range(_CLIPPINGS + 1):
+        signal = lines.over_a_period(points)
+        peak = float(np.abs(signal).max())
+        if peak < least:
+            best, least = lines, peak
+        lines = lines.clipped(signal)
+    return best, least
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multisine:
+    """Equal sines at harmonics of one base frequency, phases chosen for a low crest factor.
+
+    Parameters
+    ----------
+    base
+        Base frequency in rad/s; the period is 2 pi/base.
+    harmonics
+        Which multiples of it are present.
+    peak
+        Largest absolute value, in units of the input.
+    seed
+        Of the random phases from which the optimisation starts.
+    """
+
+    base: float
+    harmonics: tuple[int, ...]
+    peak: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_number("Multisine", positive=True, base=self.base, peak=self.peak)
+        if not self.harmonics or min(self.harmonics) < 1:
+            raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
+        if len(set(self.harmonics)) != len(self.harmonics):
+            raise InputError("Multisine", "harmonics", self.harmonics, "each harmonic once")
+        size = _BYTES_PER_POINT * self._points
+        require_room("Multisine", "harmonics", max(self.harmonics), size)
+        object.__setattr__(self, "harmonics", tuple(self.harmonics))
+
+    @property
+    def _points(self) -> int:
+        return _POINTS * max(self.harmonics)
+
+    def _of_low_crest(self) -> tuple[_Lines, float]:
+        return _of_low_crest(self.harmonics, self.seed, self._points)
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        lines, peak = self._of_low_crest()
+        omegas = self.base * np.array(self.harmonics)
+        values = np.empty(time.size)
+        for begin in range(0, time.size, _IN_CACHE):
+            rows = slice(begin, begin + _IN_CACHE)
+            angles = np.outer(time[rows], omegas)
+            angles += lines.phases
+            values[rows] = np.cos(angles, out=angles).sum(axis=1)
+        return self.peak / peak * values
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chirp:
+    """A sine whose frequency rises, or falls, in proportion to time, and then stays.
+
+    Parameters
+    ----------
+    start, stop
+        Frequencies in rad/s at time 0, and from ``duration`` on.
+    duration
+        Of the sweep in s.
+    amplitude
+        In units of the input.
+    """
+
+    start: float
+    stop: float
+    duration: float
+    amplitude: float
+
+    def __post_init__(self) -> None:
+        require_number(
+            "Chirp",
+            positive=True,
+            start=self.start,
+            stop=self.stop,
+            duration=self.duration,
+            amplitude=self.amplitude,
+        )
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        rise = (self.stop - self.start) / self.duration
+        swept = np.minimum(time, self.duration)
+        phase = (self.start + 0.5 * rise * swept) * swept + self.stop * (time - swept)
+        return np.asarray(self.amplitude * np.sin(phase))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prbs:
+    """A pseudo-random binary sequence of maximal length.
+
+    Parameters
+    ----------
+    amplitude
+        The input is plus or minus this.
+    bit
+        Shortest time between two switches in s.
+    register
+        Length of the shift register; the sequence repeats after 2^register - 1 bits.
+    """
+
+    amplitude: float
+    bit: float
+    register: int = 10
+
+    def __post_init__(self) -> None:
+        require_number("Prbs", positive=True, amplitude=self.amplitude, bit=self.bit)
+        if self.register not in _TAPS:  # of one bit it is constant
+            raise InputError("Prbs", "register", self.register, f"from 2 to {max(_TAPS)}")
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        bits = _maximal_sequence(self.register)
+        index = np.floor(time / self.bit * (1 + 1e-12)).astype(np.intp) % bits.size
+        return np.asarray(self.amplitude * (2.0 * bits[index] - 1.0))
+
+
+def _maximal_sequence(register: int) -> NDArray[np.bool_]:
+    """(2^register - 1,) bits of a shift register that starts full (Golomb, 1967).
+
+    Bit k + n is bit k plus the bits k + tap, modulo 2; the same holds with all distances doubled,
+    since a polynomial over two elements has the square p(x^2), so ever longer pieces are summed.
+    """
+    bits = np.ones(register, dtype=np.bool_)
+    while bits.size < 2**register - 1:
+        known, stretch = bits.size, bits.size // register
+        piece = stretch * (register - max(_TAPS[register]))
+        bits = np.resize(bits, 2 * known)  # bit k + n begins as bit k
+        for begin in range(known, 2 * known, piece):
+            end = min(begin + piece, 2 * known)
+            for tap in _TAPS[register]:
+                back = stretch * (register - tap)
+                bits[begin:end] ^= bits[begin - back : end - back]
+    return bits[: 2**register - 1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeDecay:
+    """No input: let go at an angle.
+
+    Parameters
+    ----------
+    angle
+        In rad.
+    """
+
+    angle: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.angle) and self.angle != 0):
+            raise InputError("FreeDecay", "angle", self.angle, "a finite angle other than 0")
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (n,) zeros."""
+        return np.zeros_like(time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Any input, as a table that is held from each instant to the next; 0 before the first.
+
+    Parameters
+    ----------
+    time, values
+        Instants in s, increasing, and the input from each on.
+    """
+
+    time: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.time or len(self.time) != len(self.values):
+            lengths = f"{len(self.time)} instants and {len(self.values)} values"
+            raise InputError("Table", "values", lengths, "one value for each instant")
+        if not np.isfinite([*self.time, *self.values]).all():
+            raise InputError("Table", "values", "a value that is not finite", "finite numbers")
+        if any(after <= before for before, after in pairwise(self.time)):
+            raise InputError("Table", "time", "instants out of order", "increasing instants")
+
+    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (n,) input at (n,) instants in s."""
+        instants, values = self._columns
+        index = np.searchsorted(instants, time, side="right") - 1
+        return np.where(index >= 0, values[np.maximum(index, 0)], 0.0)
+
+    @cached_property
+    def _columns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return np.array(self.time, dtype=np.float64), np.array(self.values, dtype=np.float64)
+
+
+Excitation = Sine | SteppedSine | Multisine | Chirp | Prbs | FreeDecay | Table
+"""Anything that can drive a sweep."""
+
+
+def initial_angle(excitation: Excitation) -> float:
+    """Return the angle in rad at which a run with ``excitation`` starts, at rest."""
+    return excitation.angle if isinstance(excitation, FreeDecay) else 0.0
