@@ -31,6 +31,7 @@ from .errors import IdentifiabilityError as IdentifiabilityError
 from .errors import InputError as InputError
 from .errors import UnusableError as UnusableError
 from .identification.data import DataSet as DataSet
+from .identification.estimators import Estimator as Estimator
 from .identification.identification import Identification as Identification
 from .logs.log import InputKind as InputKind
 from .logs.log import Intersample as Intersample
@@ -38,5 +39,6 @@ from .logs.log import Log as Log
 from .logs.log import Sine as Sine
 from .model.parameters import AddedMass as AddedMass
 from .model.parameters import LumpedParameters as LumpedParameters
+from .result import Result as Result
 
 __version__: str

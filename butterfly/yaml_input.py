@@ -62,12 +62,6 @@ class OneOf(StrictModel):
         return next(value for _, value in self if value is not None)
 
 
-def read_yaml(path: Path, schema: type[_Model]) -> _Model:
-    """Load a file and validate it; InputError if it is missing, no YAML, or not of the schema."""
-    document = load_yaml(path)
-    return validate([document], document.content, schema)
-
-
 def validate(
     documents: Sequence[Document],
     content: dict[str, Any],

@@ -111,8 +111,10 @@ class ODrive:
             raise self._error("sends no heartbeat")
         period = (self._stamp - begin) / heard
         if abs(period / self._period - 1.0) > 0.25:  # noqa: PLR2004 - a quarter off is another rate
-            told = f"{1e3 * self._period:g} ms (can.encoder_msg_rate_ms)"
-            raise self._error(f"sends an estimate every {1e3 * period:.3g} ms, not every {told}")
+            expected = f"{1e3 * self._period:g} ms (can.encoder_msg_rate_ms)"
+            raise self._error(
+                f"sends an estimate every {1e3 * period:.3g} ms, not every {expected}"
+            )
         try:
             self._send(Command.SET_CONTROLLER_MODE, "<II", TORQUE_CONTROL, PASSTHROUGH)
             self._send(Command.SET_INPUT_TORQUE, "<f", 0.0)

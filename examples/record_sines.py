@@ -55,7 +55,7 @@ def record(
     Parameters
     ----------
     motor
-        Real or simulated, told torques.
+        Real or simulated, driven with torques.
     sines
         In rad/s and N m.
     folder
@@ -73,10 +73,10 @@ def record(
     """
     folder.mkdir(parents=True, exist_ok=True)
     entries = []
-    with ControlLoop(motor, clock=Clock(step=period)) as bench:
+    with ControlLoop(motor, clock=Clock(step=period)) as loop:
         for sine in sines:
-            come_to_rest(bench)
-            log = driven(bench, sine, seconds, begin=motor.read().time)
+            come_to_rest(loop)
+            log = driven(loop, sine, seconds, begin=motor.read().time)
             motor.command(0.0)  # it would hold the last while the file is written
             entry = LogEntry(
                 file=f"{sine.omega:g}_rad_s.csv", omega=sine.omega, amplitude=sine.amplitude
@@ -91,7 +91,7 @@ def record(
     return folder / MANIFEST_NAME
 
 
-def come_to_rest(bench: ControlLoop) -> None:
+def come_to_rest(loop: ControlLoop) -> None:
     """Command nothing until the joint is at rest.
 
     Raises
@@ -100,18 +100,18 @@ def come_to_rest(bench: ControlLoop) -> None:
         If it is not within `PATIENCE`.
     """
     for _ in range(PATIENCE):
-        if np.ptp(bench.run(lambda _: 0.0, 1.0).angle) < STILL:
+        if np.ptp(loop.run(lambda _: 0.0, 1.0).angle) < STILL:
             return
     raise DriveError(f"the joint still moves after {PATIENCE} s without torque")
 
 
-def driven(bench: ControlLoop, sine: Sine, seconds: float, *, begin: float) -> Log:
+def driven(loop: ControlLoop, sine: Sine, seconds: float, *, begin: float) -> Log:
     """Return the log of a sine that begins at an instant of the motor's clock."""
 
     def law(reading: Reading) -> float:
         return sine.amplitude * math.sin(sine.omega * (reading.time - begin))
 
-    return bench.run(law, seconds, excitation=sine)
+    return loop.run(law, seconds, excitation=sine)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -130,36 +130,38 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--seconds", type=float, default=40.0, help="length of each log")
     add("--uncertainty", type=float, default=0.0, help="of the torque, as a share of it")
     add("--out", type=Path, default=Path("logs"), help="folder of the logs")
-    told = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        manifest = record_as(told)
+        manifest = record_as(options)
     except (DriveError, InputError) as error:
         sys.exit(f"Stopped: {error}")
     except can.CanError as error:
         sys.exit(
             f"No message gets through: {error}. If the axis is armed, its watchdog alone stops it"
         )
-    print(f"{manifest} names them: butterfly identify {told.out}")
+    print(f"{manifest} names them: butterfly identify {options.out}")
 
 
-def record_as(told: argparse.Namespace) -> Path:
+def record_as(options: argparse.Namespace) -> Path:
     """Record what the command line names; return the manifest's path."""
-    sines = [Sine(omega=omega, amplitude=told.amplitude) for omega in told.omegas]
-    gain = Known(value=1.0, uncertainty=told.uncertainty)
-    with bus_of(told) as bus:
-        motor = ODrive(bus, limit=told.limit, node=told.node, period=told.period, gear=told.gear)
-        timing = {"seconds": told.seconds, "period": told.period}
-        return record(motor, sines, told.out, **timing, gain=gain)
+    sines = [Sine(omega=omega, amplitude=options.amplitude) for omega in options.omegas]
+    gain = Known(value=1.0, uncertainty=options.uncertainty)
+    with bus_of(options) as bus:
+        motor = ODrive(
+            bus, limit=options.limit, node=options.node, period=options.period, gear=options.gear
+        )
+        timing = {"seconds": options.seconds, "period": options.period}
+        return record(motor, sines, options.out, **timing, gain=gain)
 
 
-def bus_of(told: argparse.Namespace) -> can.BusABC:
+def bus_of(options: argparse.Namespace) -> can.BusABC:
     """Open the bus that the command line names."""
-    if told.rehearse:
-        return rehearsal(node=told.node, period=told.period)
+    if options.rehearse:
+        return rehearsal(node=options.node, period=options.period)
     try:
-        return can.Bus(interface=told.interface, channel=told.channel)
+        return can.Bus(interface=options.interface, channel=options.channel)
     except (OSError, can.CanError) as error:
-        raise DriveError(f"no bus {told.channel} of {told.interface}: {error}") from None
+        raise DriveError(f"no bus {options.channel} of {options.interface}: {error}") from None
 
 
 if __name__ == "__main__":

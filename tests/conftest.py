@@ -11,7 +11,7 @@ import yaml
 from hypothesis import HealthCheck, settings
 
 import butterfly.plant
-from butterfly.cli import main, show_progress
+from butterfly.cli import main, progress
 from butterfly.experiment.simulation import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
@@ -47,7 +47,7 @@ def logs_folder() -> Path:
     """The thesis's 41 logs, wherever they are."""
     folder = found_folder() or _CHECKOUT.parent / "shared/data/butterfly_logs"
     if not folder.is_dir():
-        pytest.skip(f"the real logs are not there: no folder {folder} (`butterfly logs fetch`)")
+        pytest.skip(f"the real logs are not there: no folder {folder} (`butterfly fetch`)")
     return folder
 
 
@@ -82,7 +82,7 @@ def sine_log() -> Log:
 @pytest.fixture
 def butterfly(monkeypatch, capsys):
     """Run the command line; returns exit code, stdout and stderr, however slow the machine is."""
-    monkeypatch.setattr(show_progress, "EVERY", 1e4)
+    monkeypatch.setattr(progress, "EVERY", 1e4)
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["butterfly", *map(str, arguments)])

@@ -4,7 +4,7 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.output import ExitCode
 from butterfly.document import HEAD
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.model.terms import TERMS, FrictionTerms, offered

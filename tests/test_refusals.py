@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.output import ExitCode
 from butterfly.logs.csv import write_csv
 from butterfly.logs.log import Sine
 from butterfly.logs.mat import write_mat

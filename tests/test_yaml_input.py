@@ -14,7 +14,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
 from butterfly.files import shipped, shipped_experiments
-from butterfly.yaml_input import StrictModel, load_yaml, read_yaml
+from butterfly.yaml_input import StrictModel, load_yaml, validate
 from butterfly.yaml_output import yaml_text
 
 
@@ -227,6 +227,7 @@ class Drawing(StrictModel):
 def test_a_field_reads_as_the_document_has_it_without_the_kinds_of_unions(tmp_path, text, message):
     path = tmp_path / "a.yaml"
     path.write_text(text)
+    document = load_yaml(path)
     with pytest.raises(InputError) as caught:
-        read_yaml(path, Drawing)
+        validate([document], document.content, Drawing)
     assert str(caught.value).startswith(f"{tmp_path}/{message}")

@@ -15,7 +15,6 @@ from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read, read_experiment
-from butterfly.api.usable import require_possible
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import planned_logs
@@ -24,13 +23,14 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import Setting
-from butterfly.identification.given import given_estimate, judged_on, outdone
 from butterfly.identification.identification import Identification
+from butterfly.identification.parameters_by_hand import given_estimate, judged_on, outdone
 from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import require_possible
 
 
 def predict(

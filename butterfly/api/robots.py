@@ -9,7 +9,6 @@ from typing import Any
 
 from butterfly.api.answers import Inspection, RobotModel
 from butterfly.api.sources import RESULT, Named, is_data, manifest_of, read
-from butterfly.api.usable import require_possible
 from butterfly.api.verbs import identify, numbers_of_logs, saved_identification
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
@@ -26,8 +25,16 @@ from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
+from butterfly.report.finding_texts import require_possible
 from butterfly.report.format import field_unit
-from butterfly.report.inspection import Inspected, conditions_text, health_rows, hints, inspect_logs
+from butterfly.report.inspection import (
+    STATES,
+    Inspected,
+    conditions_text,
+    health_rows,
+    hints,
+    inspect_logs,
+)
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.numbers.model_numbers import told_model
 from butterfly.report.numbers.other_numbers import told_inspection
@@ -226,7 +233,7 @@ def _every_log(source: str, seen: Sequence[Inspected]) -> TextTable:
         numbers = ("–", "–", "–")
         if health is not None:
             numbers = (f"{health.samples}", f"{health.duration:.3f}", f"{1e3 * health.step:.3f}")
-        rows.append((each.name, str(each.condition), *numbers, each.findings))
+        rows.append((each.name, STATES[each.condition], *numbers, each.findings))
     return TextTable(source, ("log", "state", "samples", "s", "ms", "findings"), rows)
 
 

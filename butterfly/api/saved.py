@@ -10,9 +10,8 @@ from typing import Any
 from butterfly.api.changed import Changed
 from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
-from butterfly.api.separated import Separated
 from butterfly.api.sources import root_of
-from butterfly.api.tabulated import Compared, Designed, Validated
+from butterfly.api.tabulated import Compared, Designed, Separated, Validated
 from butterfly.errors import InputError
 from butterfly.identification.identification import Identification
 

@@ -7,12 +7,10 @@ import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
-from butterfly.experiment.schema import Experiment
-from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
@@ -33,6 +31,9 @@ from butterfly.logs.pieces import pieces_of
 from butterfly.model.known import NOTHING, Knowledge, known_of
 from butterfly.progress import Track, untracked
 from butterfly.yaml_input import load_yaml
+
+if TYPE_CHECKING:
+    from butterfly.experiment.schema import Experiment
 
 RESULT = ".json"
 """Ending of a saved result."""
@@ -406,6 +407,8 @@ def read_experiment(path: Named) -> Experiment:
     InputError
         On the first field that does not follow the schema, with file and line.
     """
+    from butterfly.experiment.source import read_experiment as experiment_in  # noqa: PLC0415 - slow to import
+
     if not str(path):
         raise InputError("read_experiment", "path", "an empty text", "a path or a name")
     return experiment_in(locate(Path(path)))

@@ -15,11 +15,13 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
+from butterfly.identification.physical import PhysicalParameters
 from butterfly.report.figures import PALETTE, look
 from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page
+from butterfly.report.physical import TITLE, physical_numbers, physical_sentences
 from butterfly.report.three_way_page import three_way_page
-from butterfly.result import Result, TextTable, text, texts
+from butterfly.result import Result, TextTable, aligned, text, texts
 from butterfly.verdict import Verdict
 
 
@@ -179,6 +181,29 @@ def page_tables(page: Page) -> tuple[TextTable, ...]:
         for section in page.sections
         for part in section.tables
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Separated(Tabulated):
+    """Physical parameters, and what is left open of them."""
+
+    kind: ClassVar[str] = "physical"
+
+    @classmethod
+    def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
+        """Wrap what is told of the robot of some data."""
+        return cls(
+            title=f"{TITLE} of {name!r}",
+            summary=(judged.sentence, *physical_sentences(parameters)),
+            table=tuple(
+                {"parameter": each} | row for each, row in physical_numbers(parameters).items()
+            ),
+            judged=judged,
+        )
+
+    def shown_lines(self) -> list[str]:
+        """Return the table as lines."""
+        return aligned(self.shown_rows()) if self.table else []
 
 
 @dataclass(frozen=True)

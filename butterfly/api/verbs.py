@@ -16,7 +16,6 @@ from butterfly.api.answers import Leaderboard, Residual, Selection
 from butterfly.api.saved import load
 from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
-from butterfly.api.usable import require_possible
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
@@ -32,14 +31,14 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import held_out_fits, judged
 from butterfly.identification.identify import identify as identify_data
-from butterfly.identification.other_parameters import told_parameters
 from butterfly.identification.parameter import unit_of
+from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hold_out, select_terms
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.finding_texts import estimate_verdict, require_possible
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
@@ -63,7 +62,7 @@ def identify(
     data: Data,
     method: Method = DEFAULT_METHOD,
     *,
-    against: Mapping[str, Identification | LumpedParameters | Mapping[str, float]] | None = None,
+    against: Mapping[str, Identification | LumpedParameters | Mapping[str, Any]] | None = None,
     holdout: Sequence[str] = (),
     track: Track = untracked,
     **options: Any,  # noqa: ANN401 - the fields of the estimator
@@ -455,7 +454,7 @@ def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - wh
     if not isinstance(given, Mapping):
         expected = "parameters by their names, such as {'p1': 0.003, ...}"
         raise InputError("against", name, given, expected)
-    return told_parameters(given, f"against {name}")
+    return read_parameters(given, f"against {name}")
 
 
 def _require_count(name: str, value: object, least: int) -> None:

@@ -2,109 +2,122 @@
 
 from __future__ import annotations
 
-import inspect
-import re
-from dataclasses import MISSING, fields
-from enum import Enum, StrEnum
+from dataclasses import dataclass, fields, make_dataclass
+from dataclasses import field as with_default
+from enum import Enum
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
 
-import typer
+from cyclopts import Parameter
+from docstring_parser import parse
 
-from butterfly.cli.options import parse_terms
-from butterfly.cli.signature import option, with_options
-from butterfly.experiment.methods import DEFAULT_METHOD, ESTIMATORS, kind_of, options_of
+from butterfly.cli.options import FIT_IN_DETAIL, THE_FIT, parse_names
+from butterfly.experiment.methods import (
+    DEFAULT_METHOD,
+    ESTIMATORS,
+    kind_of,
+    make_estimator,
+    options_of,
+)
+from butterfly.identification.estimators import Estimator
 from butterfly.model.terms import offered
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from butterfly.identification.estimators import Estimator
-
-_NAMES = {name.replace("-", "_").upper(): name for name in ESTIMATORS}
-
 _FEW = 2  # methods that are named beside an option of theirs
-
-_NAMES_BY_COMMAS = (tuple[str, ...], tuple[str, ...] | None)
-
-Method = StrEnum("Method", _NAMES)  # type: ignore[misc]
-"""Names of the estimators."""
-
-
-def takes_estimator(
-    default: str = DEFAULT_METHOD, *, leave_out: tuple[str, ...] = ()
-) -> Callable[..., Any]:
-    """Give a command ``--method`` and every estimator's options, for its argument ``estimator``.
-
-    Parameters
-    ----------
-    default
-        The estimator if none is named.
-    leave_out
-        Options that the command settles itself.
-    """
-
-    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        listing = "\n".join(f"- {name}: {each.summary}." for name, each in ESTIMATORS.items())
-        declared = Annotated[Method, typer.Option(help=listing)]
-        method = option("method", declared, Method(default))
-        chosen = [method, *_options(leave_out)]
-
-        def make(given: dict[str, Any]) -> Estimator:
-            return built(given.pop("method").value, given)
-
-        return with_options(command, "estimator", chosen, make)
-
-    return decorate
+_WORDS = {
+    **dict.fromkeys(("terms", "fixed", "per_mass", "per_log"), "NAMES"),
+    **dict.fromkeys(("cogging_periods", "decimation", "workers"), "N"),
+    **dict.fromkeys(("half_width", "horizon", "window"), "s"),
+}
 
 
-def built(method: str, told: dict[str, Any]) -> Estimator:
-    """Make the estimator of a name with what it was told; None means its default.
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """How to estimate: a method, and the options that were given."""
 
-    Raises
-    ------
-    InputError
-        If it has no such option, or a value makes no sense.
-    """
-    given = {name: _read(value) for name, value in told.items() if value is not None}
-    return kind_of(method, given, written=_written)(**given)
+    method: str = DEFAULT_METHOD
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The options that were given, names by commas apart."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
+        return {
+            name: parse_names(value.replace(" ", "")) if _WORDS.get(name) == "NAMES" else value
+            for name, value in values.items()
+            if value is not None
+        }
+
+    def estimator(self) -> Estimator:
+        """Return the estimator; an option that it has not is an InputError that names its own."""
+        kind_of(self.method, self.given, written=_flag)
+        return make_estimator(self.method, self.given)
+
+    def unless_default(self) -> Estimator | None:
+        """Return the estimator if anything was said of it: a saved result has one already."""
+        untold = self.method == DEFAULT_METHOD and not self.given
+        return None if untold else self.estimator()
 
 
-def _read(value: Any) -> Any:  # noqa: ANN401 - of any option
-    """Turn a listing by commas into names; a choice is a text, too, and stays."""
-    return parse_terms(value) if isinstance(value, str) and not isinstance(value, Enum) else value
-
-
-def _options(leave_out: tuple[str, ...]) -> list[inspect.Parameter]:
-    """Return a parameter for every option that some estimator has."""
+def _made(
+    name: str, *, default: str = DEFAULT_METHOD, leave_out: tuple[str, ...] = (), many: bool = False
+) -> type[FitOptions]:
+    """Return options with a field for every option that some estimator has."""
+    listing = "; ".join(f"{method}: {each.summary}" for method, each in ESTIMATORS.items())
+    several = "Several by commas are ranked, each with its defaults. " if many else ""
+    names = Parameter(
+        name=("--method", "-m"),
+        help=f"{several}{listing}.",
+        metavar="METHOD",
+        show_choices=False,
+    )
+    kind: Any = str if many else Literal[tuple(ESTIMATORS)]
+    method = (
+        "method",
+        Annotated[kind, Parameter(group=THE_FIT), names],
+        with_default(default=default),
+    )
     owners: dict[str, list[str]] = {}
-    first: dict[str, type[Estimator]] = {}
-    for method, kind in ESTIMATORS.items():
-        for name in options_of(kind):
-            if name not in leave_out:
-                owners.setdefault(name, []).append(method)
-                first.setdefault(name, kind)
-    return [_option(name, kind, owners[name]) for name, kind in first.items()]
+    for each, own in ESTIMATORS.items():
+        for option in options_of(own):
+            owners.setdefault(option, []).append(each)
+    options = [_option(option, own) for option, own in owners.items() if option not in leave_out]
+    made = make_dataclass(
+        name,
+        [method, *options],
+        bases=(FitOptions,),
+        namespace={"__module__": __name__},  # of a module of Python's own, cyclopts shows no fields
+        frozen=True,
+        kw_only=True,
+    )
+    return Parameter(name="*")(made)
 
 
-def _option(name: str, kind: type[Estimator], owners: list[str]) -> inspect.Parameter:
-    annotation = get_type_hints(kind)[name]
-    text = _first_sentence(described(kind)[name])
+def _option(name: str, owners: list[str]) -> tuple[str, Any, None]:
+    kind = ESTIMATORS[owners[0]]
+    (described,) = [each for each in parse(kind.__doc__ or "").params if each.arg_name == name]
+    text, _, _ = " ".join((described.description or "").split()).partition(". ")
+    text = text.rstrip(".") + "."
     if len(owners) <= _FEW:
         text += f" Of {' and '.join(owners)}."
     if name == "terms":
         text += f" By commas, an empty text for none: {_offers(owners)}."
-    text += f" Default: {_default_text(name, owners)}."
-    declared = typer.Option(help=text, show_default=False)
-    wanted = str if annotation in _NAMES_BY_COMMAS else annotation
-    return option(name, Annotated[wanted | None, declared], None)
+    group = THE_FIT if name == "terms" else FIT_IN_DETAIL
+    declared = Parameter(
+        help=f"{text} Default: {_default_text(name, owners)}.",
+        group=group,
+        metavar=_WORDS.get(name),
+        negative_bool="no-" if name == "check" else (),
+        show_default=False,
+        show_choices=False,
+    )
+    hint = get_type_hints(kind)[name]
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        hint = Literal[tuple(each.value for each in hint)]
+    elif _WORDS.get(name) == "NAMES":
+        hint = str
+    return name, Annotated[hint | None, declared], None
 
 
-def _first_sentence(text: str) -> str:
-    return re.split(r"(?<=\.) ", text, maxsplit=1)[0]
-
-
-def _offers(methods: Sequence[str]) -> str:
+def _offers(methods: list[str]) -> str:
     """List the terms that methods offer, and which methods do, where not all of them."""
     told = {method: offered(method) for method in methods if offered(method)}
     groups: dict[tuple[str, ...], list[str]] = {}
@@ -120,27 +133,24 @@ def _default_text(name: str, owners: list[str]) -> str:
     """Say what holds if the option is not given, where estimators differ for each."""
     defaults = {}
     for method in owners:
-        (own,) = [each for each in fields(ESTIMATORS[method]) if each.name == name]
-        assert own.default is not MISSING  # noqa: S101 - an estimator needs to be told nothing
-        defaults[method] = _default_words(own.default)
+        (value,) = [each.default for each in fields(ESTIMATORS[method]) if each.name == name]
+        if isinstance(value, tuple):
+            value = ",".join(value) or "none"
+        defaults[method] = "chosen from the data" if value is None else str(value)
     if len(set(defaults.values())) == 1:
         return next(iter(defaults.values()))
     return "; ".join(f"{method}: {value}" for method, value in defaults.items())
 
 
-def _default_words(value: Any) -> str:  # noqa: ANN401 - of any option
-    if value is None:
-        return "chosen from the data"
-    return ",".join(value) or "none" if isinstance(value, tuple) else str(value)
-
-
-def described(kind: type[Estimator]) -> dict[str, str]:
-    """Return what the docstring of an estimator says of each of its options."""
-    text = inspect.cleandoc(kind.__doc__ or "")
-    _, _, listing = text.partition("Parameters\n----------\n")
-    parts = re.split(r"^(\w+)\n", listing, flags=re.MULTILINE)[1:]
-    return {n: " ".join(t.split()) for n, t in zip(parts[::2], parts[1::2], strict=True)}
-
-
-def _written(name: str) -> str:
+def _flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
+
+
+if TYPE_CHECKING:
+    Fit: TypeAlias = FitOptions
+    SelectFit: TypeAlias = FitOptions
+    ValidateFit: TypeAlias = FitOptions
+else:
+    Fit = _made("Fit")
+    SelectFit = _made("SelectFit", default="output-error", leave_out=("terms",))
+    ValidateFit = _made("ValidateFit", many=True)

@@ -1,205 +1,166 @@
-"""Arguments and options that several commands take, and values as NAME=VALUE by commas."""
+"""Options that several commands take, and values as NAME=VALUE by commas."""
 
 from __future__ import annotations
 
+import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
-import typer
+from cyclopts import Group, Parameter
 
 from butterfly.errors import InputError
-from butterfly.logs.health import Repair
-from butterfly.logs.log import InputKind, Intersample
-from butterfly.model.parameters import JointKind
 
-ExperimentArgument = Annotated[
-    Path, typer.Argument(help="An experiment file (YAML), or a shipped one's name.")
-]
-DATA = "a manifest, a folder of logs, a log, a saved result or a shipped data set's name"
-"""What a user can name as data."""
+_ALL = "--help-all" in sys.argv
 
-DataArgument = Annotated[Path, typer.Argument(help=f"The data: {DATA}.")]
+THE_FIT = Group("The fit", sort_key=2)
+FIT_IN_DETAIL = Group("The fit in detail", sort_key=3, show=_ALL)
+THE_DATA = Group("The data", sort_key=4)
+DATA_IN_DETAIL = Group("The data in detail", sort_key=5, show=_ALL)
+WRITTEN = Group("What is written", sort_key=6)
 
-RootOption = Annotated[
-    Path | None,
-    typer.Option(help="Folder of the logs, if not the manifest's.", show_default=False),
-]
-ArmOption = Annotated[
-    float | None,
-    typer.Option(help="Pivot to added mass, where no manifest says.", show_default=False),
-]
-InputOption = Annotated[
-    InputKind,
-    typer.Option(
-        "--input", help="What the logs' input commands, voltage or torque, where no manifest says."
-    ),
-]
-IntersampleOption = Annotated[
-    Intersample,
-    typer.Option(
-        help="How the input goes between samples, where no manifest says: zero_order_hold or "
-        "first_order_hold."
-    ),
-]
-ColumnsOption = Annotated[
-    str | None,
-    typer.Option(
-        help="What holds time, input and angle (time=X, input=Y, angle=Z; by commas): columns or "
-        "variables, by name or number.",
-        show_default=False,
-    ),
-]
-UnitsOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Units, by commas (time=ms, angle=deg): also counts/4096, or a factor; a minus turns "
-        "the sign. Of arm, mass and omega, too.",
-        show_default=False,
-    ),
-]
-RepairOption = Annotated[
-    list[Repair] | None,
-    typer.Option(
-        help="Fault to repair: duplicate, backward, non_finite or unwrap; may be repeated.",
-        show_default=False,
-    ),
-]
+Data = Annotated[Path, Parameter(name="DATA")]
+"""A manifest, a folder of logs, a log, a saved result or a shipped data set's name."""
 
-JointOption = Annotated[
-    JointKind | None,
-    typer.Option(
-        help="How the joint moves, hinge or slide (its angle is a way in m, its p1 a mass); hinge "
-        "if no manifest says.",
-        show_default=False,
-    ),
-]
-GravityOption = Annotated[
-    float | None,
-    typer.Option(
-        min=0,
-        help="Across the joint's axis: 0 for one that turns about the vertical; 9.81 if no "
-        "manifest says.",
-        show_default=False,
-    ),
-]
-KnownOption = Annotated[
-    str | None,
-    typer.Option(
-        help="What is known of the robot, by commas: p4=1, or p3=0.05+-0.001 (a standard "
-        "uncertainty); or of motor and hand: resistance, torque_constant, hand_mass and others.",
-        show_default=False,
-    ),
-]
+Experiment = Annotated[Path, Parameter(name="EXPERIMENT")]
+"""An experiment file (YAML), or a shipped one's name."""
 
-FromOption = Annotated[
-    float | None,
-    typer.Option(
-        "--from",
-        help="First instant of the piece that is meant of a log, by its own clock.",
-        show_default=False,
-    ),
-]
-ToOption = Annotated[
-    float | None,
-    typer.Option("--to", help="Last instant of that piece.", show_default=False),
-]
-RestartsOption = Annotated[
-    bool,
-    typer.Option(
-        "--restarts",
-        help="Take a file whose clock falls back for several logs.",
-    ),
-]
-ZeroOption = Annotated[
-    str | None,
-    typer.Option(
-        help="What the encoder reads where the hand hangs, if not what a manifest or the logs "
-        "tell: 0.1, or 0.1+-0.01.",
-        show_default=False,
-    ),
-]
-
-ReportOption = Annotated[
-    Path | None, typer.Option(help="Write an HTML report to this file.", show_default=False)
-]
-FiguresOption = Annotated[
-    bool,
-    typer.Option("--figures", help="Write its figures as PNG and SVG too, beside it."),
-]
-PlotOption = Annotated[
-    Path | None, typer.Option(help="Write a plot (HTML) to this file.", show_default=False)
-]
-ResultsOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        help="Folder for results and report; results/NAME if not given.",
-        show_default=False,
-    ),
-]
-HandMassOption = Annotated[
-    float | None,
-    typer.Option(
-        "--hand-mass",
-        help="Mass of an identified hand; its motion does not depend on it. Chosen if not given.",
-    ),
-]
-LimitOption = Annotated[int, typer.Option("--limit", min=1, help="Rows to print, at most.")]
-LogOption = Annotated[
-    str | None,
-    typer.Option("--log", help="Numbers of the logs, from 0 on, by commas.", show_default="all"),
-]
+Out = Annotated[Path | None, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")]
+LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS")]
+Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES")]
+HandMass = Annotated[float | None, Parameter(metavar="kg")]
+Limit = Annotated[int, Parameter(metavar="N")]
+Page = Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE")]
+Split = Literal["auto", "mass", "frequency", "log", "time"]
 
 
-HoldoutOption = Annotated[
-    str | None,
-    typer.Option(
-        "--holdout",
-        help="Logs that no fit sees: names or glob patterns, by commas.",
-        show_default=False,
-    ),
-]
+@Parameter(name="*", group=WRITTEN)
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """The page of an answer.
 
-SPLITS = (
-    "What is left out together: one added mass (mass), some of the sines' frequencies (frequency), "
-    "some logs (log), a stretch of every log (time), or the first of these that suits (auto)."
-)
-"""What `butterfly.identification.splits.Split` offers."""
-
-
-def picked(numbers: str | None, count: int) -> list[int]:
-    """Read the numbers of logs (see `LogOption`); all of them if none are given.
-
-    Raises
-    ------
-    InputError
-        If one is no number of a log, of which there are ``count``.
+    Parameters
+    ----------
+    report
+        Write an HTML report to this file.
+    figures
+        Write its figures as PNG and SVG too, beside it.
     """
-    if numbers is None:
-        return list(range(count))
-    parts = [part.strip() for part in numbers.split(",")]
-    for part in parts:
-        if not (part.isdigit() and int(part) < count):
-            raise InputError("--log", "number", part, f"numbers from 0 to {count - 1}")
+
+    report: Annotated[Path | None, Parameter(name=("--report", "-r"), metavar="FILE")] = None
+    figures: bool = False
+
+    def __post_init__(self) -> None:
+        if self.figures and self.report is None:
+            raise InputError("butterfly", "--figures", "no report", "--report FILE beside it")
+        if self.report is not None and self.report.is_dir():
+            expected = "a file, as report.html in it"
+            raise InputError(self.report, "--report", "a folder", expected)
+
+
+NO_REPORT = Report()
+
+Fault = Literal["duplicate", "backward", "non_finite", "unwrap"]
+Pairs = Annotated[str | None, Parameter(metavar="PAIRS")]
+_Detail = Parameter(group=DATA_IN_DETAIL)
+
+
+@Parameter(name="*", group=THE_DATA)
+@dataclass(frozen=True, kw_only=True)
+class DataOptions:
+    """What is said of data, in place of a manifest or beside it.
+
+    Parameters
+    ----------
+    columns
+        What holds time, input and angle (time=X, input=Y, angle=Z): columns or variables, by name
+        or number.
+    units
+        Units (time=ms, angle=deg): also counts/4096, or a factor; a minus turns the sign. Of arm,
+        mass and omega, too.
+    input
+        What the logs' input commands, if no manifest says; voltage if nothing does.
+    arm
+        Pivot to added mass.
+    known
+        What is known of the robot: p4=1, or p3=0.05+-0.001 (a standard uncertainty); or of motor
+        and hand: resistance, torque_constant, hand_mass and others.
+    zero
+        What the encoder reads where the hand hangs: 0.1, or 0.1+-0.01.
+    root
+        Folder of the logs, if not the manifest's.
+    intersample
+        How the input goes between samples; zero_order_hold if nothing says.
+    repair
+        Fault to repair; may be repeated.
+    joint
+        How the joint moves (a slide's angle is a way in m, its p1 a mass); hinge if nothing says.
+    gravity
+        Across the joint's axis: 0 for one that turns about the vertical; 9.81 if nothing says.
+    begin
+        First instant of the piece that is meant of a log, by its own clock.
+    end
+        Last instant of that piece.
+    restarts
+        Take a file whose clock falls back for several logs.
+    """
+
+    columns: Pairs = None
+    units: Pairs = None
+    input: Literal["voltage", "torque"] | None = None
+    arm: Annotated[float | None, Parameter(metavar="m")] = None
+    known: Pairs = None
+    zero: Annotated[str | None, _Detail, Parameter(metavar="rad", allow_leading_hyphen=True)] = None
+    root: Annotated[Path | None, _Detail, Parameter(metavar="FOLDER")] = None
+    intersample: Annotated[Literal["zero_order_hold", "first_order_hold"] | None, _Detail] = None
+    repair: Annotated[tuple[Fault, ...], _Detail] = ()
+    joint: Annotated[Literal["hinge", "slide"] | None, _Detail] = None
+    gravity: Annotated[float | None, _Detail, Parameter(metavar="m/s²")] = None
+    begin: Annotated[
+        float | None, _Detail, Parameter(name="--from", metavar="s", allow_leading_hyphen=True)
+    ] = None
+    end: Annotated[
+        float | None, _Detail, Parameter(name="--to", metavar="s", allow_leading_hyphen=True)
+    ] = None
+    restarts: Annotated[bool, _Detail] = False
+
+    def description(self) -> dict[str, Any]:
+        """Return what was said, by the fields of a manifest."""
+        pairs = {
+            name: parse_pairs(text, f"--{name}")
+            for name in ("columns", "units", "known")
+            if (text := getattr(self, name)) is not None
+        }
+        said = {
+            "input": self.input,
+            "arm": self.arm,
+            "zero": self.zero,
+            "intersample": self.intersample,
+            "repair": self.repair or None,
+            "joint": self.joint,
+            "gravity": self.gravity,
+            "begin": self.begin,
+            "end": self.end,
+            "split": "restarts" if self.restarts else None,
+        }
+        return {**pairs, **{name: value for name, value in said.items() if value is not None}}
+
+
+SILENT = DataOptions()
+
+
+def parse_numbers(text: str | None) -> list[int] | None:
+    """Read the numbers of logs, from 0 on, by commas; None stays None."""
+    if text is None:
+        return None
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.removeprefix("-").isdigit() for part in parts):
+        raise InputError("--log", "number", text, "numbers from 0 on, separated by commas")
     return [int(part) for part in parts]
 
 
-def require_report(figures: bool, report: Path | None) -> None:
-    """Raise InputError where a report cannot be a file, or figures lack theirs: before the work."""
-    if figures and report is None:
-        raise InputError("butterfly", "--figures", "no report", "--report FILE beside it")
-    if report is not None and report.is_dir():
-        raise InputError(report, "--report", "a folder", "a file, as report.html in it")
-
-
 def parse_pairs(text: str, option: str) -> dict[str, str]:
-    """Split NAME=VALUE pairs.
-
-    Raises
-    ------
-    InputError
-        Naming ``option``, if a pair has no ``=``.
-    """
+    """Split NAME=VALUE pairs by commas; ``option`` is named where one has no ``=``."""
     pairs = [item.partition("=") for item in text.split(",")]
     if not all(separator for _, separator, _ in pairs):
         raise InputError(option, "value", text, "NAME=VALUE, separated by commas")
@@ -209,8 +170,3 @@ def parse_pairs(text: str, option: str) -> dict[str, str]:
 def parse_names(text: str | None) -> tuple[str, ...]:
     """Split names separated by commas; None gives none."""
     return tuple(filter(None, map(str.strip, (text or "").split(","))))
-
-
-def parse_terms(text: str | None) -> tuple[str, ...] | None:
-    """Split names separated by commas; None stays None, and an empty text gives none."""
-    return None if text is None else tuple(filter(None, text.replace(" ", "").split(",")))

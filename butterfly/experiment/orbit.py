@@ -3,45 +3,17 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from butterfly.errors import InputError
 from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import data_set_of, simulate, write_logs
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identify import judged
-from butterfly.logs.mat import write_mat
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
-
-
-def calibrate_orbit(experiment: Experiment, folder: Path, track: Track = untracked) -> OrbitStudy:
-    """Identify from small swings, hold the orbit, re-calibrate, and compare.
-
-    The logs are written to ``folder``: of the small swings into ``small``, of the rounds as
-    ``round0_run0.mat`` and so on.
-
-    Raises
-    ------
-    InputError
-        If the experiment has no ``control``, or its orbit does not exist.
-    IdentifiabilityError
-        If the logs cannot tell the parameters apart.
-    """
-    data = None
-    if experiment.control is not None and experiment.control.believed is None:
-        logs = list(simulate(experiment, track=track))
-        write_logs(experiment, logs, folder / "small")
-        data = data_set_of(experiment, logs, track)
-    study = hold_orbit(experiment, data, track=track)
-    for number, each in enumerate(study.calibration.rounds):
-        for run, log in enumerate(each.logs):
-            write_mat(log, folder / f"round{number}_run{run}.mat")
-    return study
 
 
 def hold_orbit(
@@ -51,7 +23,7 @@ def hold_orbit(
     *,
     track: Track = untracked,
 ) -> OrbitStudy:
-    """Hold the orbit and re-calibrate (see `calibrate_orbit`), without writing logs.
+    """Hold the orbit and re-calibrate as ``control`` says.
 
     Parameters
     ----------

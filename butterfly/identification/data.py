@@ -62,7 +62,7 @@ class DataSet:
     points
         The steady response of each log, None where the input is no sine.
     test_logs
-        Logs that are not to be used, only to be foretold; None if there are none.
+        Logs that are not to be used, only to be predicted; None if there are none.
     """
 
     name: str

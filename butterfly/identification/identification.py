@@ -21,8 +21,8 @@ from butterfly.identification.diagnostics.unit_errors.names import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun
-from butterfly.identification.other_parameters import OtherParameters
 from butterfly.identification.parameter import or_nan
+from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.api.identified_model import IdentifiedModel
-    from butterfly.api.separated import Separated
+    from butterfly.api.tabulated import Separated
     from butterfly.report.identification_plots import IdentificationPlots
 
 _HEADERS = (
@@ -122,9 +122,9 @@ class Identification(Result):
         """Return what it says, for programs, beside the truth where it is known."""
         from butterfly.report.numbers.estimate_numbers import (  # noqa: PLC0415 - a view
             estimate_numbers,
+            misfit_units,
             without_root,
         )
-        from butterfly.report.numbers.misfit_numbers import misfit_units  # noqa: PLC0415 - a view
         from butterfly.report.physical import physical_numbers  # noqa: PLC0415 - a view
 
         return Told(
@@ -148,8 +148,10 @@ class Identification(Result):
     def _of_logs(self) -> dict[str, Any]:
         """Return what is told that needs the logs, or was saved with them."""
         from butterfly.report.finding_texts import values_of  # noqa: PLC0415 - a view
-        from butterfly.report.numbers.estimate_numbers import lumped_numbers  # noqa: PLC0415 - a view
-        from butterfly.report.numbers.misfit_numbers import misfit_numbers  # noqa: PLC0415 - a view
+        from butterfly.report.numbers.estimate_numbers import (  # noqa: PLC0415 - a view
+            lumped_numbers,
+            misfit_numbers,
+        )
 
         chosen = chosen_options(self.made_by, self.estimate, self.estimator)
         if self.logs is None:
@@ -309,7 +311,7 @@ class Identification(Result):
             If no joint has them.
         """
         from butterfly.api.identified_model import IdentifiedModel  # noqa: PLC0415 - slow to import
-        from butterfly.api.usable import require_possible  # noqa: PLC0415
+        from butterfly.report.finding_texts import require_possible  # noqa: PLC0415
 
         require_possible(self.estimate)
         return IdentifiedModel(self.parameters, self._joint)
@@ -333,7 +335,7 @@ class Identification(Result):
         InputError
             If it is none of these, or was known before.
         """
-        from butterfly.api.separated import Separated  # noqa: PLC0415 - a view
+        from butterfly.api.tabulated import Separated  # noqa: PLC0415 - a view
 
         return Separated.of(self.separated(known), self.origin["name"], self.judged)
 

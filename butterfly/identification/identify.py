@@ -25,7 +25,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.identification import Identification, origin_of
-from butterfly.identification.other_parameters import try_parameters
+from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 

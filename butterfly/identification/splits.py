@@ -18,10 +18,8 @@ from butterfly.signals.window import MIN_PERIODS
 FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""
 
-ENOUGH_MASSES = 3
-"""Added masses, of which one can be left out whatever else is known."""
-
-_ENOUGH_LOGS = 3  # of which one can be left out
+ENOUGH = 3
+"""Added masses, or logs, of which one can be left out whatever else is known."""
 
 Samples = Mapping[int, slice]
 """Numbers of logs, and which samples of each are left out."""
@@ -105,15 +103,15 @@ def remedy(data: DataSet, *, besides: Split = Split.MASS) -> str:
 def _suited(data: DataSet, folds: int | None) -> tuple[Split, str]:
     """Return the split that asks most of an estimate and suits the logs, and why."""
     masses, omegas, count = len(data.masses), len(_frequencies(data)), len(data.logs)
-    if masses >= ENOUGH_MASSES and folds is None:
+    if masses >= ENOUGH and folds is None:
         return Split.MASS, f"there are {masses} added masses"
     few = f"{'one' if masses == 1 else masses} added mass{'es' if masses > 1 else ''} only"
-    if masses >= ENOUGH_MASSES:
+    if masses >= ENOUGH:
         few = "folds were asked for"
     sines = all(log.excitation for log in data.logs)
     if sines and omegas >= FOLDS and _works(data, Split.FREQUENCY, folds):
         return Split.FREQUENCY, f"{few}, but sines of {omegas} frequencies"
-    if count >= _ENOUGH_LOGS and _works(data, Split.LOG, folds):
+    if count >= ENOUGH and _works(data, Split.LOG, folds):
         return Split.LOG, f"{few}, but {count} logs"
     return Split.TIME, f"{few}, and too few logs to leave one out"
 

@@ -15,7 +15,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
 from butterfly.identification.inference.intervals import CONFIDENCE
-from butterfly.identification.splits import ENOUGH_MASSES, Division, Split, divide, remedy
+from butterfly.identification.splits import ENOUGH, Division, Split, divide, remedy
 from butterfly.progress import Track, untracked
 
 Fitter = Callable[[DataSet], Estimate]
@@ -76,7 +76,7 @@ def hold_out(
 def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
     """Say why the rest is too little, and which split leaves enough."""
     part = f"the logs with {name}" if split is Split.MASS else name
-    if split is Split.MASS and len(data.masses) == ENOUGH_MASSES - 1:
+    if split is Split.MASS and len(data.masses) == ENOUGH - 1:
         return (
             f"without {part} there is one added mass left of two, which tells p1..p4 but for a "
             "common factor unless one of them is known (known: {p4: ...}, say)"

@@ -404,7 +404,7 @@ def _expand_root(manifest_path: Path, root: str) -> Path:
         folder = thesis_logs.found_folder() if of_thesis else os.environ.get(match[1])
         if folder is None:
             expected = f"${match[1]} to name the folder of the logs (or --root)"
-            fetched = "the logs: run `butterfly logs fetch`; or " if of_thesis else ""
+            fetched = "the logs: run `butterfly fetch`; or " if of_thesis else ""
             raise InputError(manifest_path, "root", root, fetched + expected)
         return str(folder)
 

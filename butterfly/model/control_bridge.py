@@ -86,19 +86,14 @@ def linearised(
     )
 
 
-def transfer_function(
-    parameters: LumpedParameters, *, pade_order: int = 0
-) -> control.TransferFunction:
+def transfer_function(parameters: LumpedParameters) -> control.TransferFunction:
     """G(s) from command to angle about the hanging position (13), the armature's lag included.
 
-    Of the loaded hand; the delay by Padé of that order, left out for 0 or where it is negative.
+    Of the loaded hand; the delay is left out (`linearised` has it).
     """
     p = Linearisation.of(parameters)
     slow = np.polymul([p.time_constant, 1.0], [p.inertia, p.damping, p.stiffness])
-    plant = control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
-    if pade_order == 0 or p.delay <= 0:
-        return plant
-    return plant * control.tf(*control.pade(p.delay, pade_order))
+    return control.tf([p.gain], np.trim_zeros(np.polyadd(slow, [p.back_emf, 0.0]), "f"))
 
 
 def frequency_response_data(omega: ArrayLike, response: ArrayLike) -> control.FrequencyResponseData:

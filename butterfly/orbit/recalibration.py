@@ -161,7 +161,7 @@ def recalibrate(
     ----------
     logs
         Of runs next to the orbit, none of them quite on it: there the control only makes up for
-        friction, and nothing is told apart.
+        friction, and parameters cannot be distinguished.
     zero
         Encoder reading in rad of the hanging hand.
     options

@@ -48,23 +48,10 @@ def mjcf(
     *,
     scene: bool = False,
 ) -> str:
-    """Return the MJCF text of a robot, which loads in plain MuJoCo.
+    """Return the MJCF text of a robot, which loads in plain MuJoCo, and of what it carries.
 
-    Every number is written so that it reads back bit for bit.
-
-    Parameters
-    ----------
-    robot
-        The robot.
-    added
-        What it carries.
-    scene
-        Whether to add stand, scale, light, background and camera.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo alone cannot run the robot.
+    Every number is written so that it reads back bit for bit. A scene is stand, scale, light,
+    background and camera. A robot that MuJoCo alone cannot run is an InputError.
     """
     return _text(_built(robot, added, scene=scene, assisted=False))
 
@@ -74,10 +61,7 @@ def compile_model(
 ) -> mujoco.MjModel:
     """Compile the MuJoCo model of a robot, as `butterfly.plant.joints.MujocoJoint` runs it.
 
-    Parameters
-    ----------
-    robot, added, scene
-        See `mjcf`; `mount` changes what it carries. Without a scene nothing can be seen.
+    `mount` changes what it carries. Without a scene nothing can be seen.
     """
     root = _built(robot, added, scene=scene, assisted=True)
     if not scene:
@@ -119,7 +103,7 @@ def _built(robot: Robot, added: AddedMass, *, scene: bool, assisted: bool) -> El
             "bristle_stiffness",
             0,
             "more than 0: MuJoCo's friction sticks harder with bristles only, or by the actuators "
-            "that `butterfly model export` adds",
+            "that `butterfly export` adds",
         )
     root = _parse(shipped(MODEL))
     _set_gravity(root, robot.hand.tilt)

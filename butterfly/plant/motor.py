@@ -247,13 +247,7 @@ class ReplayMotor:
         return Reading(self._time, angle, math.nan)
 
     def wait(self, duration: float) -> None:
-        """Move on in the log.
-
-        Raises
-        ------
-        InputError
-            If the log ends before.
-        """
+        """Move on in the log, which must not end before."""
         self._time += duration
         if self._time > self.duration * (1 + 1e-9):
             raise InputError(self._log.source, "time", f"{self.duration:.6g} s", "a longer log")

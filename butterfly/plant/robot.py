@@ -81,6 +81,8 @@ class Robot:
         so; one that is given and too small is an InputError.
         """
         plain = LumpedParameters(**{key: float(value) for key, value in vars(parameters).items()})
+        if not plain.p1 > 0:
+            raise InputError("Hand", "p1", plain.p1, "more than 0 kg m², for a hand to be possible")
         least = least_mass(plain)
         if mass is None:
             mass = HAND_MASS if least < HAND_MASS else _AMPLE * least

@@ -74,7 +74,7 @@ def stand_alone(
     """
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
-    left_out += _not_said(resolution, compression)
+    left_out += _not_in_mujoco(resolution, compression)
     root = _parsed(mjcf(_sliding(robot), added, scene=True))
     next(root.iter("option")).set("timestep", repr(step))
     next(root.iter("flag")).set("refsafe", "disable")  # lets friction grip within a step
@@ -91,8 +91,8 @@ def stand_alone(
         }
     if robot.friction.sticks_harder:
         actuators.extend(_slips(friction))
-    for k, said in enumerate(_comments(step, delay, left_out)):
-        comment = ElementTree.Comment(f" {said} ")
+    for k, sentence in enumerate(_comments(step, delay, left_out)):
+        comment = ElementTree.Comment(f" {sentence} ")
         comment.tail = "\n  "
         root.insert(k, comment)
     text = ElementTree.tostring(root, encoding="unicode")
@@ -175,36 +175,36 @@ def _step_for(
     if delay >= _FELT:
         longest = min(longest, delay / _DELAYED)
     step = next((each for each in _STEPS if each <= longest * (1 + 1e-9)), _STEPS[-1])
-    said = []
+    sentences = []
     if strength * step > AIM * (1 + 1e-9):
-        said.append(
+        sentences.append(
             f"Friction this strong is up to some {strength * step:.1g} rad off at MuJoCo's step of "
             f"{1e3 * step:g} ms"
         )
     if delay < -_NO_DELAY:
-        said.append(
+        sentences.append(
             f"The delay of {1e3 * delay:.3g} ms is left out: no robot moves before it is told"
         )
     elif delay > _NO_DELAY and not _can_delay(delay, step):
-        said.append(
+        sentences.append(
             f"The delay of {1e3 * delay:.3g} ms is left out: MuJoCo has none shorter than one and "
             f"a half of its steps of {1e3 * step:g} ms"
         )
-    return step, tuple(said)
+    return step, tuple(sentences)
 
 
-def _not_said(resolution: float, compression: float) -> tuple[str, ...]:
-    said = []
+def _not_in_mujoco(resolution: float, compression: float) -> tuple[str, ...]:
+    sentences = []
     if resolution > 0:
-        said.append(
+        sentences.append(
             f"MuJoCo does not round commands: set ctrl to multiples of {resolution:g} yourself"
         )
     if compression > 0:
-        said.append(
+        sentences.append(
             "MuJoCo has no gain that falls with the command: set ctrl to "
             f"u/(1 + {compression:.6g} |u|) yourself"
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _comments(step: float, delay: float, left_out: tuple[str, ...]) -> list[str]:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
+from butterfly.errors import UnusableError
+from butterfly.identification.diagnostics.findings import (
+    Ending,
+    Finding,
+    FindingKind,
+    grade,
+    is_impossible,
+)
 from butterfly.identification.diagnostics.unit_errors.names import listed, unit_error_text
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.physical_formulas import SYMBOLS
@@ -33,6 +40,20 @@ def estimate_sentences(estimate: Estimate) -> list[str]:
 def estimate_verdict(estimate: Estimate) -> Verdict:
     """Say what may be done with an estimate, and why not more."""
     return _verdict(estimate.ending, estimate.findings, values_of(estimate))
+
+
+def require_possible(estimate: Estimate) -> Verdict:
+    """Return the verdict on an estimate from which simulations or a model are to be made.
+
+    Raises
+    ------
+    UnusableError
+        If no joint has its values; the verdict is the message.
+    """
+    verdict = estimate_verdict(estimate)
+    if any(is_impossible(each) for each in estimate.reasons):
+        raise UnusableError(verdict.sentence, verdict.reasons)
+    return verdict
 
 
 def values_of(estimate: Estimate) -> dict[str, float]:

@@ -58,6 +58,7 @@ _RESPONSE_UNASKED = (
     "Lines: the model, by its describing functions, at the median rms swing of the logs. No log is "
     "of a sine, so there is nothing measured to set beside them."
 )
+_EXPLAINED = "what the sensors explain"
 _MANY = 10  # times, from which whole ones are told
 _COMPARED = ("p1", "p2", "p3", "p4", "coulomb")
 
@@ -86,6 +87,7 @@ def identification_page(
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     chosen = middle(identification.fit_of_logs)
     states = [health.condition for health in data.health]
+    lost = int(np.sum(~np.isfinite(identification.fit_of_logs)))  # they have no FIT
     sections = [
         Section(
             title="Frequency response",
@@ -113,7 +115,7 @@ def identification_page(
         Section(
             title="FIT log by log",
             text=f"Health of the {conditions_text(states)} A click on a point chooses its log."
-            f"{_undrawn(identification)}",
+            + (f" Not drawn: {counted(lost, 'log')} from which the model runs away." * (lost > 0)),
             figures={"fit": ranked_figure(identification)},
             tables=(_logs_table(identification),),
         ),
@@ -147,35 +149,24 @@ def _facts(identification: Identification) -> list[Fact]:
     fit, data = identification.fit, identification.data
     masses = {mass for mass in data.masses if mass.mass}
     added = f"{len(data.masses)} added masses" if len(data.masses) > 1 else str(data.masses[0])
+    times = identification.misfit.times
+    left_over = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
     return [
         Fact("FIT, median of all logs", f"{fit_text(fit.median)} %", f"100 % is perfect{fit.over}"),
         Fact("FIT, worst log", f"{fit_text(fit.worst)} %"),
-        *_left_over(identification.misfit.times),
+        *([Fact("left over", left_over, _EXPLAINED)] if math.isfinite(times) else []),
         Fact("logs", str(len(data.logs)), added if masses else ""),
         Fact("method", identification.estimate.method),
     ]
 
 
-def _undrawn(identification: Identification) -> str:
-    """Say how many logs have no FIT that could be drawn."""
-    count = int(np.sum(~np.isfinite(identification.fit_of_logs)))
-    return f" Not drawn: {counted(count, 'log')} from which the model runs away." if count else ""
-
-
-def _left_over(times: float) -> list[Fact]:
-    """Return how much the model leaves over, where that can be said."""
-    said = f"{times:.1f} ×" if times < _MANY else f"{times:.0f} ×"
-    detail = "what the sensors explain"
-    return [Fact("left over", said, detail)] if math.isfinite(times) else []
-
-
 def _lead(rows: list[ParameterRow], data: DataSet, *, with_truth: bool) -> Section:
     """Return the forest plot: each parameter a row, its interval drawn and in numbers."""
     checked = any(row.left_out for row in rows)
-    told = checked and not with_truth  # in numbers too, where there is room
+    in_numbers = checked and not with_truth  # too, where there is room
     headers = ["", "value", "unit", "", "95 % interval", "half of it"]
     headers += ["true", "deviation"] if with_truth else []
-    headers += ["std error", *(["one mass left out"] if told else [])]
+    headers += ["std error", *(["one mass left out"] if in_numbers else [])]
     table = Table(
         name="parameters",
         words=(2,),
@@ -185,7 +176,7 @@ def _lead(rows: list[ParameterRow], data: DataSet, *, with_truth: bool) -> Secti
                 *(Named(row.symbol, row.meaning), row.value, row.unit, row.whisker),
                 *(row.interval, row.width),
                 *((row.true, row.deviation) if with_truth else ()),
-                *(row.error, *((row.left_out,) if told else ())),
+                *(row.error, *((row.left_out,) if in_numbers else ())),
             )
             for row in rows
         ],

@@ -9,7 +9,7 @@ from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator
-from butterfly.identification.other_parameters import best_gain
+from butterfly.identification.parameters_by_hand import best_gain
 from butterfly.thesis.scripts import DECIMATION, fit_thesis
 
 

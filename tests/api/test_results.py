@@ -36,7 +36,7 @@ def result(data):
 def test_a_zero_is_told_of_logs_and_of_whatever_is_read(quick_data, data):
     log = bf.Log(*(getattr(data.logs[0], name) for name in ("time", "input", "angle")), zero=0.2)
     for told in (bf.read(quick_data, zero=0.2), bf.read(data, zero=(0.2, 0.0)), bf.read(log)):
-        assert {each.value for each in told.zeros} == {0.2}
+        assert {each.value for each in told.offsets} == {0.2}
         assert told.unread == []
     with pytest.raises(bf.InputError, match="zero"):
         bf.read(data, zero="left")

@@ -6,7 +6,7 @@ from itertools import count
 
 from butterfly.identification.estimators import HarmonicBalance
 from butterfly.identification.free_run import Simulations
-from butterfly.identification.other_parameters import best_gain
+from butterfly.identification.parameters_by_hand import best_gain
 from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds
 

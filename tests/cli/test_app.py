@@ -1,91 +1,147 @@
-"""The program: its table of commands, its start, its end."""
+"""The program: its commands, its options, its start, its end."""
 
 import inspect
 import os
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from butterfly import __version__
-from butterfly.cli.command_table import (
-    COMMANDS,
-    LOGS_COMMANDS,
-    MODEL_COMMANDS,
-    PANELS,
-    RESULTS_COMMANDS,
-)
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.app import COMMANDS, FORMER_COMMANDS, PANELS, RESULTS, program
+from butterfly.cli.output import ExitCode
 from tests.cli.one_line import assert_one_line_error
+
+TWENTY = {
+    *("inspect", "manifest", "fetch", "identify", "select", "validate", "residual", "predict"),
+    *("compare", "design", "run", "simulate", "show", "export", "reproduce", "schema"),
+    *("results list", "results show", "results table", "results clean"),
+}
+OF_DATA = {"--root", "--arm", "--input", "--intersample", "--columns", "--units", "--known"}
+SHORT = {"-o": "--out", "-m": "--method", "-r": "--report", "-q": "--quiet"}
+
+
+def _options(call):
+    """Return the names of each option of a command."""
+    app = program(call.split())
+    for word in call.split():
+        app = app[word]
+    arguments = app.assemble_argument_collection(parse_docstring=True)
+    return [each.names for each in arguments if each.names and each.names[0].startswith("-")]
+
+
+def _function(call):
+    module, _, name = COMMANDS[call].path.partition(":")
+    return getattr(import_module(f"butterfly.cli.{module}"), name)
 
 
 def test_the_version_is_printed(butterfly):
     assert butterfly("--version") == (0, f"butterfly {__version__}\n", "")
 
 
-TABLES = {
-    "": COMMANDS,
-    "logs": LOGS_COMMANDS,
-    "model": MODEL_COMMANDS,
-    "results": RESULTS_COMMANDS,
-}
-CALLS = [(*group.split(), name) for group, commands in TABLES.items() for name in commands]
+def test_twenty_commands_have_two_hundred_options_at_most():
+    assert {*COMMANDS} == TWENTY
+    assert 100 < sum(len(_options(call)) for call in COMMANDS) <= 200
 
 
-@pytest.mark.parametrize("call", CALLS, ids=" ".join)
-def test_every_command_explains_itself(butterfly, call):
-    code, out, _ = butterfly(*call, "--help")
+def test_only_commands_that_describe_data_take_what_is_said_of_them():
+    for call in COMMANDS:
+        names = {name for option in _options(call) for name in option}
+        told = names >= OF_DATA
+        assert told == (call in {"inspect", "manifest", "identify"}), call
+        assert told or "--columns" not in names or call == "results table"
+
+
+def test_short_forms_mean_the_same_everywhere():
+    for call in COMMANDS:
+        for names in _options(call):
+            for short in (name for name in names if not name.startswith("--")):
+                assert SHORT[short] in names
+
+
+@pytest.mark.parametrize("call", COMMANDS)
+def test_every_command_explains_itself_in_any_width(answer, butterfly, monkeypatch, call):
+    summary = COMMANDS[call].summary
+    assert inspect.getdoc(_function(call)).splitlines()[0] == summary
+    code, out, _ = answer(*call.split(), "--help")
     assert code == 0
-    assert len(out) > 400
+    assert " ".join(summary.split()) in " ".join(out.replace("`", "").split()).replace("`", "")
+    assert max(map(len, out.splitlines())) <= 80
+    monkeypatch.setenv("COLUMNS", "60")
+    out = butterfly(*call.split(), "--help")[1]
+    assert max(map(len, out.splitlines())) <= 60
+    assert not re.search(r"\w…", out.replace("=…", ""))
 
 
-@pytest.mark.parametrize("call", CALLS, ids=" ".join)
-def test_the_table_says_of_a_command_what_its_docstring_says(call):
-    *group, name = call
-    command = TABLES["".join(group)][name]
-    assert inspect.getdoc(command.load()).splitlines()[0] == command.summary
-
-
-@pytest.mark.parametrize("group", TABLES)
-def test_help_lists_every_command_with_its_summary(butterfly, group, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "200")
-    _, out, _ = butterfly(*group.split(), "--help")
-    for name, command in TABLES[group].items():
-        assert re.search(rf"{name} +{re.escape(command.summary.replace('`', ''))}", out)
-
-
-def test_help_lists_commands_by_the_way_of_work(butterfly):
-    _, out, _ = butterfly("--help")
+def test_help_lists_every_command_by_the_way_of_work(answer):
+    out = answer("--help")[1]
     places = [out.index(f"─ {panel} ─") for panel in PANELS]
     assert places == sorted(places)
-    assert out.index("─ Identify ─") < out.index("│ identify ") < out.index("─ Judge ─")
+    for commands in PANELS.values():
+        for name in commands:
+            assert re.search(rf"│ {name} ", out)
+    out = answer("results", "--help")[1]
+    assert all(re.search(rf"│ {name} ", out) for name in RESULTS)
+
+
+def test_help_is_short_and_all_options_are_shown_on_request(answer):
+    short = answer("identify", "--help")[1]
+    assert len(short.splitlines()) <= 60
+    assert "--gravity" not in short
+    everything = _program("identify", "--help-all")[1]
+    for names in _options("identify"):
+        assert names[0] in everything
+
+
+@pytest.mark.parametrize("former", FORMER_COMMANDS)
+def test_a_former_command_ends_in_a_line_that_tells_the_present_one(butterfly, former):
+    result = butterfly(*former.split(), "data")
+    assert_one_line_error(result, former, f"expected {FORMER_COMMANDS[former]}")
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("call", "old", "new"),
     [
-        ("butterfly ide", {"identify"}),
-        ("butterfly identify --met", {"--method"}),
-        ("butterfly results sh", {"show"}),
-        ("butterfly results table --li", {"--limit"}),
+        (("compare", "data"), "--logs", "--log"),
+        (("compare", "data"), "--mass=0.3", "--hand-mass"),
+        (("design", "data"), "--count", "--limit"),
+        (("validate", "data"), "--methods", "--method"),
+        (("compare", "results/x/0", "results/x/1"), "--against", "RESULTS/RUN"),
+        (("design", "data"), "--units", "butterfly manifest"),
+        (("identify", "data"), "--wnidow", "--window"),
     ],
 )
-def test_shells_complete_commands_and_options(words, expected):
-    asked = {"_BUTTERFLY_COMPLETE": "complete_bash", "COMP_WORDS": words}
-    count = str(len(words.split()) - 1)
-    done = _run(env=os.environ | asked | {"COMP_CWORD": count}, command="butterfly")
-    assert set(done.stdout.split()) == expected
+def test_a_former_or_misspelt_option_tells_the_one_that_is_meant(butterfly, call, old, new):
+    assert_one_line_error(butterfly(*call, old, "1"), old.partition("=")[0], new)
 
 
 @pytest.mark.parametrize(
     ("call", "wanted"), [(("idenfity",), "identify"), (("results", "shwo"), "show")]
 )
 def test_a_slip_in_a_command_s_name_is_answered_with_the_right_one(butterfly, call, wanted):
-    code, _, err = butterfly(*call)
-    assert code == ExitCode.BAD_INPUT
-    assert f"Did you mean '{wanted}'" in err
+    assert_one_line_error(butterfly(*call), f'Did you mean "{wanted}"')
+
+
+@pytest.mark.parametrize(
+    ("call", "part"),
+    [
+        (("identify",), "DATA"),
+        (("identify", "data", "--window", "x"), "--window"),
+        (("identify", "data", "--method", "weekform"), "weak-form"),
+        (("schema", "--json", "-"), "a command that has an answer"),
+        (("design", "a", "b"), "b"),
+    ],
+)
+def test_what_is_typed_in_vain_is_one_line(butterfly, call, part):
+    assert_one_line_error(butterfly(*call), part)
+
+
+def test_shells_complete_commands_and_options():
+    script = program().generate_completion(shell="bash")  # noqa: S604 - its name
+    assert all(word in script for word in ("identify", "--holdout", "results", "--bootstrap"))
 
 
 SLOW = {"numpy", "scipy", "mujoco", "numba", "pyarrow", "plotly", "matplotlib"}
@@ -97,40 +153,24 @@ def _imported(*call):
         "import atexit, sys; from butterfly.cli import main; "
         "atexit.register(lambda: print(*{name.partition('.')[0] for name in sys.modules})); main()"
     )
-    command = [sys.executable, "-c", program, *call]
+    command = [sys.executable, "-c", program, *map(str, call)]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
     return set(ended.stdout.splitlines()[-1].split())
 
 
-def test_help_and_version_import_no_library_that_computes_or_draws():
-    assert not _imported("--help") & (SLOW | {"pydantic"})
-    # From here on typer itself imports pydantic.
-    assert not _imported("--version") & SLOW
-    assert not _imported("model", "--help") & SLOW
+@pytest.mark.parametrize("call", [("--help",), ("--version",), ("results", "--help")])
+def test_help_and_version_import_no_library_that_computes_or_draws(call):
+    assert not _imported(*call) & (SLOW | {"pydantic"})
 
 
-@pytest.mark.parametrize("command", ["inspect", "manifest"])
-def test_the_help_of_a_command_that_reads_logs_needs_no_simulator(command):
-    assert not _imported(command, "--help") & {"mujoco", "numba", "matplotlib"}
+@pytest.mark.parametrize("command", ["inspect", "manifest", "show", "export", "predict"])
+def test_the_help_of_a_command_without_estimator_computes_nothing(command):
+    assert not _imported(command, "--help") & SLOW
 
 
-def test_identifying_without_a_report_imports_no_simulator_and_nothing_that_draws(quick_data):
-    unused = {"mujoco", "control", "pyarrow", "plotly", "matplotlib", "jinja2"}
-    assert not _imported("identify", str(quick_data)) & unused
-
-
-TAKE_DATA = {
-    *("inspect", "identify", "validate", "select", "residual", "design", "compare", "leaderboard"),
-    *("predict", "model show", "model render", "model export"),
-}
-
-
-@pytest.mark.parametrize("call", CALLS, ids=" ".join)
-def test_every_command_that_takes_data_may_be_told_the_same_of_it(call):
-    *group, name = call
-    taken = inspect.signature(TABLES["".join(group)][name].load()).parameters
-    told = {"root", "arm", "input_kind", "intersample", "columns"}
-    assert (told <= taken.keys()) == (" ".join(call) in TAKE_DATA)
+def test_identifying_without_a_report_imports_no_simulator(quick_data):
+    unused = {"mujoco", "control", "pyarrow", "matplotlib"}
+    assert not _imported("identify", quick_data) & unused
 
 
 @pytest.mark.parametrize(
@@ -148,28 +188,23 @@ def test_a_missing_file_is_one_line_and_exit_code_2(butterfly, arguments):
     assert_one_line_error(butterfly(*arguments), arguments[1])
 
 
-def _installed(command):
-    """Path of a command of the environment that the tests run in."""
-    return Path(sys.executable).with_name(command)
-
-
-def _run(*call, stdout=subprocess.PIPE, command=None, **how):
-    words = [sys.executable, "-m", "butterfly"] if command is None else [_installed(command)]
-    words += map(str, call)
+def _program(*call, stdout=subprocess.PIPE, **how):
+    words = [sys.executable, "-m", "butterfly", *map(str, call)]
     pipes = {"stdout": stdout, "stderr": subprocess.PIPE}
-    return subprocess.run(words, **pipes, text=True, check=False, **how)  # noqa: S603 - our own
+    done = subprocess.run(words, **pipes, text=True, check=False, **how)  # noqa: S603 - our own
+    return done.returncode, done.stdout, done.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full to write to")
 def test_a_full_disk_is_one_line(quick_data):
     with Path("/dev/full").open("w") as full:
-        done = _run("inspect", quick_data, stdout=full)
-    assert done.returncode == ExitCode.BAD_INPUT
-    assert re.fullmatch(r"error: .*No space left on device\n", done.stderr)
+        code, _, err = _program("inspect", quick_data, stdout=full)
+    assert code == ExitCode.BAD_INPUT
+    assert re.fullmatch(r"error: .*No space left on device\n", err)
 
 
 def test_a_terminal_that_lacks_a_letter_shows_the_others(quick_data):
     encoding = os.environ | {"PYTHONIOENCODING": "ascii"}
-    done = _run("identify", quick_data, env=encoding)
-    assert (done.returncode, done.stderr) == (ExitCode.DONE, "")
-    assert "kg m?" in done.stdout
+    code, out, err = _program("identify", quick_data, env=encoding)
+    assert (code, err) == (ExitCode.DONE, "")
+    assert "kg m?" in out

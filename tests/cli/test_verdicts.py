@@ -5,7 +5,7 @@ import json
 import pytest
 import yaml
 
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.output import ExitCode
 from tests.cli.fitting import assert_tables_fit
 from tests.verdicts import follow_nothing, impossible_data
 
@@ -19,8 +19,7 @@ COMMANDS = {
     "residual": (),
     "design": ("--limit", 1),
     "compare": ("--log", "0"),
-    "leaderboard": ("--method", "harmonic-balance"),
-    "model show": (),
+    "validate of several": ("--method", "harmonic-balance,linear"),
     "predict": (),
 }
 
@@ -32,8 +31,11 @@ def _arguments(butterfly, command, data, folder, identified=None):
         saved = folder / "saved.json"
         butterfly("identify", identified or data, "--save", saved)
         told = (data, "--with", saved)
+    if command == "inspect":
+        told = (folder / "saved.json",)
+        butterfly("identify", identified or data, "--save", *told)
     told += ("--report", folder / "r.html") if command in REPORTED else ()
-    return (*command.split(), *told, *COMMANDS[command])
+    return (command.partition(" ")[0], *told, *COMMANDS.get(command, ()))
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +65,7 @@ def test_the_verdict_is_the_first_line_and_an_answer_not_to_be_used_ends_with_co
     assert "known within" not in out
 
 
-@pytest.mark.parametrize("command", ["design", "compare", "model show", "predict"])
+@pytest.mark.parametrize("command", ["design", "compare", "inspect", "predict"])
 def test_nothing_is_made_of_values_that_no_joint_has(
     butterfly, impossible, quick_data, tmp_path, command
 ):
@@ -79,7 +81,7 @@ def test_nothing_is_made_of_values_that_no_joint_has(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["identify", "compare", "leaderboard", "predict"])
+@pytest.mark.parametrize("command", ["identify", "compare", "validate of several", "predict"])
 def test_the_numbers_and_the_page_say_the_verdict(
     butterfly, quick_data, tmp_path, monkeypatch, command
 ):
@@ -129,7 +131,7 @@ def test_a_run_and_its_record_say_the_verdict(butterfly, quick, tmp_path, monkey
     assert code == ExitCode.DONE
     assert "harmonic-balance: Do not use: " in said
     assert said.index("Do not use: ") < said.index("95 % interval")
-    code, said, _ = butterfly("results", "compare", out, 0, 0)
+    code, said, _ = butterfly("compare", out / "0", out / "0")
     assert said.count("Do not use: ") == 2
     for table in ("runs", "estimates"):
         told = ("--table", table, "--columns", "verdict")
@@ -168,7 +170,7 @@ def test_what_a_method_does_not_estimate_is_no_value_of_it(butterfly, quick_data
     assert "<td>T_c</td>" not in page.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("command", ["residual", "design", "compare", "leaderboard", "select"])
+@pytest.mark.parametrize("command", ["residual", "design", "compare", "validate", "select"])
 def test_logs_are_held_out_of_every_fit(butterfly, quick_data, command):
     code, _, err = butterfly(command, quick_data, "--holdout", "nowhere*")
     assert code == 2

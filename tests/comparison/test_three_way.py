@@ -10,7 +10,7 @@ import pytest
 from butterfly.comparison.three_way import compare_three
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.identification.given import given_estimate
+from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint

@@ -4,8 +4,8 @@ import pyarrow as pa
 import pytest
 import yaml
 
-from butterfly.cli.exit_codes import ExitCode
-from butterfly.cli.picked_rows import without_formulas
+from butterfly.cli.output import ExitCode
+from butterfly.cli.sweeps import without_formulas
 from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.experiment.sweep_spec import SweepSpec

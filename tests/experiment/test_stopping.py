@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from butterfly.cli.exit_codes import ExitCode
+from butterfly.cli.output import ExitCode
 
 PROC = Path("/proc")
 WAIT = 60.0  # s, for what must happen at some time

@@ -139,7 +139,7 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
         assert (code, out.split().count("ok")) == (0, 3)
     exported = tmp_path / "e.csv"
     code, out, _ = butterfly(
-        *("results", "export", one, "--out", exported, "--filter", "parameter=p1"),
+        *("results", "table", one, "--out", exported, "--filter", "parameter=p1"),
         *("--columns", "number,value"),
     )
     assert code == 0
@@ -148,7 +148,7 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
     seed = ResultStore(one).sweep().runs[2].seed
     code, out, _ = butterfly("results", "table", one, "--filter", f"seed={seed}")
     assert (code, out.split().count("ok")) == (0, 1)
-    code, out, _ = butterfly("results", "compare", one, "0", "3")
+    code, out, _ = butterfly("compare", one / "0", one / "3")
     assert (code, "encoder noise" in out) == (0, True)
     code, out, _ = butterfly("results", "clean", one)
     assert (code, out.strip()) == (0, "0 removed.")
@@ -161,7 +161,7 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
         (("table", "ONE", "--table", "runz"), "'runs'"),
         (("table", "ONE", "--filter", "logs=x"), "a number"),
         (("show", "ONE", "9999"), "a number from 0 to 5"),
-        (("export", "ONE", "--out", "x.xls"), ".csv or .parquet"),
+        (("table", "ONE", "--out", "x.xls"), ".csv or .parquet"),
         (("show", "NOWHERE", "0"), "a folder of results"),
     ],
 )
@@ -187,7 +187,7 @@ def test_a_sweep_is_run_and_reported_from_the_command_line(butterfly, folder):
     told = butterfly("run", folder / "small.yaml", "--out", folder / "one", "--json", "-")[1]
     assert json.loads(told) == numbers
     assert plan_sweep(Source(folder / "one" / EXPERIMENT)).tasks == small_plan(folder).tasks
-    said = json.loads(butterfly("results", "compare", folder / "one", 0, 1, "--json", "-")[1])
+    said = json.loads(butterfly("compare", folder / "one/0", folder / "one/1", "--json", "-")[1])
     assert said["schema"] == "butterfly.runs"
     for run in said["runs"]:
         (estimate,) = run["estimates"]

@@ -294,7 +294,7 @@ def test_a_plant_may_be_lumped_and_simulated_by_either(tmp_path):
         ({}, "hand and drive, or lumped"),
         ({"lumped": {"p1": 1, "p2": 1, "p3": 1, "p4": 1}, "friction": {}}, "either lumped, or"),
         ({"lumped": {"p1": 3e-3, "p2": 1, "p3": 0.05, "p4": 1, "delay": 0.1}}, "under path"),
-        ({"lumped": {"p1": 1e-9, "p2": 1, "p3": 1, "p4": 1}}, "more than"),
+        ({"lumped": {"p1": 0.0, "p2": 1, "p3": 1, "p4": 1}}, "p1: got 0"),
     ],
 )
 def test_a_plant_that_cannot_be_is_refused(tmp_path, plant, message):

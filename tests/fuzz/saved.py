@@ -27,5 +27,5 @@ def escapes(content: bytes, path: Path) -> str:
     before, after = path.with_suffix(".before.json"), path.with_suffix(".after.json")
     before.write_bytes(sound())
     after.write_bytes(content)
-    looks = [("results", "compare", before, after), ("model", "show", after)]
+    looks = [("compare", before, after), ("inspect", after)]
     return next(filter(None, (escape_of_command(*words) for words in looks)), "")

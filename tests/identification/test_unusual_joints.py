@@ -12,8 +12,8 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import OutputError, WeakForm
-from butterfly.identification.given import given_estimate
 from butterfly.identification.inference.identifiability import Conditioning
+from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.model.known import Knowledge

@@ -59,7 +59,7 @@ def test_columns_are_mapped_in_every_format(tmp_path, sine_log, ending, names):
     log = sine_log.take(np.arange(100))
     write_log(log, tmp_path / f"log{ending}")
     columns = {"time": names[0], "input": 1, "angle": names[1]}
-    read = read_log(tmp_path / f"log{ending}", columns, Units.told({"angle": "deg"}), **KIND)
+    read = read_log(tmp_path / f"log{ending}", columns, Units.of({"angle": "deg"}), **KIND)
     np.testing.assert_array_equal(read.input, log.input)
     np.testing.assert_allclose(read.angle, np.radians(log.velocity))
 

@@ -183,7 +183,7 @@ def test_an_object_of_matlabs_is_refused_with_a_way_out(tmp_path):
 
 def test_the_columns_of_a_matrix_have_units(tmp_path):
     savemat(tmp_path / "a.mat", {"D": MATRIX})
-    log = read_mat(tmp_path / "a.mat", units=Units.told({"time": "ms", "angle": "-deg"}), **KIND)
+    log = read_mat(tmp_path / "a.mat", units=Units.of({"time": "ms", "angle": "-deg"}), **KIND)
     np.testing.assert_allclose(log.time, MATRIX[:, 0] / 1000)
     np.testing.assert_allclose(log.angle, -np.radians(MATRIX[:, 2]))
 

@@ -233,7 +233,7 @@ def test_a_data_set_finds_the_logs_where_the_variable_says_or_where_they_were_fe
     path.write_text(ROOT)
     monkeypatch.setattr(thesis_logs, "own_folder", lambda: own)
     monkeypatch.delenv("BUTTERFLY_LOGS", raising=False)
-    with pytest.raises(InputError, match="run `butterfly logs fetch`"):
+    with pytest.raises(InputError, match="run `butterfly fetch`"):
         read_manifest(path)
     fetch(own, str(published))
     assert read_manifest(path).root == str(own)

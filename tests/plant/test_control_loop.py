@@ -16,7 +16,7 @@ from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, ReplayMotor, SimulatedMotor
 from butterfly.plant.robot import Robot
-from butterfly.plant.sensors import Clock, Encoder, filtered_difference
+from butterfly.plant.sensors import Clock, Encoder
 
 FINE = Encoder(steps=2**40)
 ADDED = AddedMass(mass=0.05, arm=0.104)
@@ -138,26 +138,6 @@ def test_an_error_in_the_law_stops_the_motor():
 def test_an_impossible_command_path_is_refused(parts):
     with pytest.raises(InputError):
         CommandPath(**parts)
-
-
-def test_the_filtered_difference_lags_a_ramp_by_its_time_constant():
-    time = np.cumsum(np.random.default_rng(0).uniform(0.5e-3, 1.5e-3, 4000))
-    velocity = filtered_difference(time, 3.0 * time, lag=0.006)
-    assert velocity[0] == 0
-    assert velocity[-1] == pytest.approx(3.0)
-    after = time[1:] - time[0]
-    np.testing.assert_allclose(velocity[1:], 3 * (1 - np.exp(-after / 0.006)), atol=1e-9)
-
-
-def test_the_filtered_difference_is_its_recursion_to_the_bit():
-    rng = np.random.default_rng(1)
-    time = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 500))
-    angle = rng.standard_normal(500)
-    expected = [0.0]
-    for step, change in zip(np.diff(time), np.diff(angle), strict=True):
-        keep = np.exp(-step / 0.006)
-        expected.append(keep * expected[-1] + (1 - keep) * (change / step))
-    np.testing.assert_array_equal(filtered_difference(time, angle), expected)
 
 
 class _FakeDrive(threading.Thread):

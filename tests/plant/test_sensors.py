@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.plant.sensors import BandLimitedNoise, Encoder, Faults
+from butterfly.plant.sensors import (
+    BandLimitedNoise,
+    Encoder,
+    Faults,
+    FilteredDifference,
+    filtered_difference,
+)
 
 
 def test_the_noise_is_held_white_and_of_the_power_asked_for():
@@ -60,3 +66,28 @@ def test_faults_lose_and_repeat_the_share_of_samples_asked_for(sine_log):
     assert np.isin(faulty.time, sine_log.time).all()
     assert np.all(np.diff(faulty.time) >= 0)
     assert Faults().apply(sine_log, np.random.default_rng(0)) is sine_log
+
+
+def test_the_filtered_difference_lags_a_ramp_by_its_time_constant():
+    time = np.cumsum(np.random.default_rng(0).uniform(0.5e-3, 1.5e-3, 4000))
+    velocity = filtered_difference(time, 3.0 * time, lag=0.006)
+    assert velocity[0] == 0
+    assert velocity[-1] == pytest.approx(3.0)
+    after = time[1:] - time[0]
+    np.testing.assert_allclose(velocity[1:], 3 * (1 - np.exp(-after / 0.006)), atol=1e-9)
+
+
+def test_the_filtered_difference_of_a_loop_is_that_of_its_log():
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, 500))
+    angle = rng.standard_normal(500)
+    loop = FilteredDifference(time_constant=0.006)
+    found = [loop.update(t, x, 0.0) for t, x in zip(time.tolist(), angle.tolist(), strict=True)]
+    np.testing.assert_allclose(filtered_difference(time, angle), found, rtol=1e-12, atol=1e-9)
+    assert loop.update(time[-1], 5.0, 0.0) == found[-1]  # a clock that stood still
+
+
+def test_a_time_constant_that_is_not_positive_is_refused():
+    for wrong in (0.0, -1.0):
+        with pytest.raises(InputError, match="time_constant"):
+            FilteredDifference(wrong)

@@ -27,6 +27,7 @@ FAMILIES = {
 KINDS = tuple(kinds.KINDS)
 SAMPLES = 7  # of a free run
 TABLES = ("rows", "left_out", "fit", "held_out", "misfit", "logs")  # of to_dict
+DERIVED = {"resonance", "damping_ratio", "decay_time", "speed_gain"}  # not told by 6a36961
 ORBIT = (
     *("target_rad", "amplitudes_rad", "free_run_rms_rad", "cross_orbit"),
     *("parameters", "covariance", "left_out", "condition"),
@@ -77,14 +78,16 @@ def write_kind(kind, number, seed, folder):
 def identification(found, data):
     """Return the facts of an identification."""
     estimate, told = found.estimate, found.to_dict()
-    misfit, seen = flat(told["misfit"])
+    seen = {key: each for key, each in told["misfit"].items() if key != "findings"}
+    misfit, seen = flat(seen)
+    parts = {name: each for name, each in told["physical"].items() if name not in DERIVED}
     facts = _facts(
         numbers=estimated(estimate)
         | {
             "fit": found.fits,
             "held_out": found.held_out,
             "known": flat(told["data"]["known"])[0],
-            "physical": flat(told["physical"])[0],
+            "physical": flat(parts)[0],
             "misfit": misfit,
             "prediction": free_runs(data, found),
         },

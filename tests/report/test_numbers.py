@@ -8,8 +8,7 @@ import numpy as np
 from butterfly.document import HEAD, Told, json_text, write_document
 from butterfly.identification.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.report.numbers.estimate_numbers import without_root
-from butterfly.report.numbers.misfit_numbers import misfit_units
+from butterfly.report.numbers.estimate_numbers import misfit_units, without_root
 from butterfly.verdict import Level, Verdict
 
 

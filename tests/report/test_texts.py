@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.experiment.recovery import Estimates
-from butterfly.report.page import Page, Section, Table, rendered, write_page
+from butterfly.report.page import Link, Page, Section, Table, rendered, write_page
 from butterfly.report.pictures import draw, write_pictures
 from butterfly.report.sweep_figures import axis_figure
 from butterfly.verdict import Level, Verdict
@@ -56,8 +56,9 @@ def test_a_dollar_is_no_formula_wherever_it_stands(trace, tmp_path):
 
 def test_a_page_runs_no_text(tmp_path):
     script = ODD[-1]
-    figure = Figure([Scatter(x=[script], y=[1], name=script)])
-    parts = {"text": script, "tables": (Table(headers=(script,), rows=[(script,)]),)}
+    figure = Figure([Scatter(x=[script], y=[1], name=f"</script>{script}")])
+    rows = [(script,), (Link(script, "runs/x.json"),)]
+    parts = {"text": script, "tables": (Table(headers=(script,), rows=rows, caption=script),)}
     section = Section(title=script, figures={"f": figure}, **parts)
     about = {"name": script, "description": script, "kind": "sweep", "numbers": {script: 1}}
     write_page(Page(**about, summary=[script], sections=[section]), tmp_path / "page.html")

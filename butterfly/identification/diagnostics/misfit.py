@@ -182,9 +182,9 @@ def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
     overall, named = summarise_residuals(
         [_balance(*pair) for pair in zip(logs, errors, strict=True)], _LEAST
     )
-    judged = map(_judged, logs, errors, sensors, named)
+    logs_misfit = map(_log_misfit, logs, errors, sensors, named)
     return Misfit(
-        logs=tuple(_failed(each) if isinstance(each, Run) else next(judged) for each in found),
+        logs=tuple(_failed(each) if isinstance(each, Run) else next(logs_misfit) for each in found),
         left_over=overall,
     )
 
@@ -217,7 +217,7 @@ def _balance(log: Errors, errors: Samples) -> ResidualEquations:
     )
 
 
-def _judged(
+def _log_misfit(
     log: Errors, errors: Samples, sensor: SensorErrors, left_over: ResidualSummary
 ) -> LogMisfit:
     """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""

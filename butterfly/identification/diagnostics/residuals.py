@@ -124,10 +124,10 @@ def summarise_residuals(
     noise = float(np.sqrt(np.average(np.square(noises), weights=sizes)))
     pieces = [piece for part in new for piece in np.array_split(part, _PIECES)]
     each = [
-        _judged(np.array_split(part, _PIECES), names, own, least)
+        _summarised(np.array_split(part, _PIECES), names, own, least)
         for part, own in zip(new, noises, strict=True)
     ]
-    return _judged(pieces, names, noise, least), each
+    return _summarised(pieces, names, noise, least), each
 
 
 def _less(known: Samples, columns: Samples) -> Samples:
@@ -138,7 +138,7 @@ def _less(known: Samples, columns: Samples) -> Samples:
     return np.asarray(columns - scaled @ change)
 
 
-def _judged(
+def _summarised(
     pieces: Sequence[Samples], names: Sequence[str], noise: float, least: float
 ) -> ResidualSummary:
     """Judge pieces of (n, 1 + j): what is left, and what j missing terms would change of it."""

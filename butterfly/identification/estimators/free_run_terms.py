@@ -1,4 +1,4 @@
-"""Which terms output error fits: those that help to foretell the free runs of logs left out."""
+"""Which terms output error fits: those that help to predict the free runs of logs left out."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class FreeRunTerms:
 
     @property
     def values(self) -> dict[str, float]:
-        """Values of the parameters of the robot that are fitted, as they are foretold."""
+        """Values of the parameters of the robot that are fitted, as they are predicted."""
         names = [self.labels[k] for k in self.kept.tolist() if k < self.problem.shared]
         scale = dict(zip(self.labels, self.problem.scale.tolist(), strict=True))
         return {name: self.choice.values[name] * scale[name] for name in names}

@@ -2,8 +2,8 @@
 
 Where residuals are many, parameters few and derivatives come with the residuals, the sums J^T J and
 J^T r are all that a step needs. Each is the least-squares step within the bounds of the parameters
-and a box about the point, whose size follows how well the last step was foretold (Nocedal & Wright,
-Numerical Optimization, 2nd ed. 2006, chapters 4 and 10).
+and a box about the point, whose size follows how well the last step was predicted (Nocedal &
+Wright, Numerical Optimization, 2nd ed. 2006, chapters 4 and 10).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _NEGLIGIBLE = 1e-8  # share of the cost, for which no step is worth while
 _STUCK = 1e-3  # share of the cost, more than which the end of a descent must not leave
 _SMALLEST_STEP = 1e-6  # of scaled parameters
 _FLAT = 1e-15  # share of the largest curvature, below which there is only rounding
-_POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the foretold decrease
+_POOR, _GOOD, _BETTER = 0.25, 0.75, 1.33  # shares of the predicted decrease
 _INSIDE = 0.99  # share of the box that a step stays within which the box does not cut short
 
 
@@ -98,19 +98,21 @@ def minimise(
     reach, kept, last = max(float(np.linalg.norm(point)), 1.0), 0.0, 0.0
     while evaluations < most:
         step = _step(at, np.maximum(lower - point, -reach), reach)
-        foretold, longest = _decrease(at, step), float(np.abs(step).max(initial=0.0))
+        predicted, longest = _decrease(at, step), float(np.abs(step).max(initial=0.0))
         there = np.maximum(point + step, lower)
         if longest < _INSIDE * reach:
             left = _UNSEEN * at.cost * last / at.count
-            trusted = _GOOD < kept < _BETTER and foretold <= _LAST * at.cost and foretold**2 < left
-            if trusted or foretold <= _NEGLIGIBLE * at.cost or longest < _SMALLEST_STEP:
+            trusted = (
+                _GOOD < kept < _BETTER and predicted <= _LAST * at.cost and predicted**2 < left
+            )
+            if trusted or predicted <= _NEGLIGIBLE * at.cost or longest < _SMALLEST_STEP:
                 end = at.moved(there - point)
                 return Minimum(point=there, at=end, converged=True, evaluations=evaluations)
         elif reach < _SMALLEST_STEP:
             break
         tried = expand(there)
         evaluations += 1
-        kept = (at.cost - tried.cost) / foretold if _is_finite(tried) else -np.inf
+        kept = (at.cost - tried.cost) / predicted if _is_finite(tried) else -np.inf
         if kept < _POOR:
             reach = _POOR * longest
         elif kept > _GOOD and longest > _INSIDE * reach:

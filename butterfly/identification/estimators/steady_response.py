@@ -50,7 +50,7 @@ SETTLED = 0.1
 ROUGHLY = 2.0
 """The same, of a fit that tells which terms help."""
 _ROUNDS, _ROUNDS_OF_BIAS = 3, 8  # of correcting phasors by what simulations leave over
-_ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not foretold
+_ODD, _ODD_AT_LEAST = 5.0, 0.1  # of the median log, and of a swing: a motion that is not predicted
 _FEW = 0.5  # share of a mass's logs
 _LIKE = 2.0  # largest ratio of measured and simulated swing of a log whose remainder is trusted
 
@@ -69,7 +69,7 @@ class RestAngles:
     zeros: Samples  # (n,) encoder readings in rad where the model's angle is 0
     # in N m; None where the middles do not tell of one, and each mass has a zero of its own
     bias: float | None = None
-    # (n,) measured less foretold middles in rad, where there is a bias
+    # (n,) measured less predicted middles in rad, where there is a bias
     left: Samples = field(default_factory=lambda: np.empty(0))
 
     @classmethod
@@ -87,7 +87,7 @@ class RestAngles:
         ``points``: the n responses; ``parameters``: of the bare hand, as far as they are known;
         ``zeros``: rest angle in rad for each added mass; ``told``: what is told of the zeros of the
         responses, in rad; nothing if not given; ``asked``: whether a bias is wanted; if None, it is
-        if it helps to foretell the middles with masses that were left out.
+        if it helps to predict the middles with masses that were left out.
         """
         moments = np.array([p.added_mass.gravity_moment for p in points])
         stiffness = (parameters.p3 + moments) * j0([p.amplitude for p in points])
@@ -184,7 +184,7 @@ class RestAngles:
         return np.column_stack([~self.told, self.compliance])
 
     def with_bias(self, *, asked: bool) -> RestAngles:
-        """Return them with one zero and a bias, if that is asked for or foretells the middles."""
+        """Return them with one zero and a bias, if that is asked for or predicts the middles."""
         rows = self._rows
         target = self.middles - self.zeros * self.told
         values = _solved(rows, target)

@@ -140,7 +140,7 @@ def _bound(port: int) -> socket.socket:
     except OSError as error:
         bound.close()
         found, expected = f"{port} ({error.strerror})", "a free one, or 0 to pick one"
-        raise InputError("butterfly view", "--port", found, expected) from None
+        raise InputError("butterfly show", "--port", found, expected) from None
     return bound
 
 

@@ -138,7 +138,7 @@ def watch(
 
 def _run_in_window(run: LiveRun, pace: RealTime) -> None:
     if not has_display():
-        raise RenderingError("no display for a viewer: use --web, or butterfly video")
+        raise RenderingError("no display for a viewer: use --web, or butterfly show --out FILM")
     from mujoco import viewer  # noqa: PLC0415 - needs the window system when it is imported
 
     with viewer.launch_passive(run.model, run.data) as handle:

@@ -15,8 +15,8 @@ from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.report.finding_texts import estimate_verdict, values_of
-from butterfly.report.numbers.estimate_numbers import estimate_numbers
-from butterfly.report.numbers.misfit_numbers import (
+from butterfly.report.numbers.estimate_numbers import (
+    estimate_numbers,
     left_over_numbers,
     misfit_numbers,
     misfit_units,

@@ -23,8 +23,9 @@ from butterfly.report.finding_texts import estimate_verdict, values_of
 from butterfly.report.format import fit_text
 from butterfly.report.numbers.estimate_numbers import (
     estimate_numbers,
+    misfit_numbers,
+    misfit_units,
 )
-from butterfly.report.numbers.misfit_numbers import misfit_numbers, misfit_units
 from butterfly.report.summary import best_experiment_text, chosen_terms_text, held_out_sentences
 
 _FIT_UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"}

@@ -112,7 +112,7 @@ def _status(port, path, patience=30.0, **headers):
 
 @contextmanager
 def _viewer(folder, *options):
-    words = [sys.executable, "-m", "butterfly", "view", "quickstart", "--web", *options]
+    words = [sys.executable, "-m", "butterfly", "show", "quickstart", "--web", *options]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     with subprocess.Popen(words, **pipes, text=True, cwd=folder) as viewer:  # noqa: S603 - our own
         try:
@@ -171,5 +171,5 @@ def test_a_port_that_is_taken_is_one_line(tmp_path):
         with _viewer(tmp_path, "--port", str(port)) as viewer:
             said, _ = viewer.communicate(timeout=60)
     assert re.fullmatch(
-        rf"error: butterfly view: --port: got {port} \(.*\); .*a free one.*\n", said
+        rf"error: butterfly show: --port: got {port} \(.*\); .*a free one.*\n", said
     )

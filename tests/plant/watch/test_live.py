@@ -1,4 +1,4 @@
-"""What `butterfly view` steps, without a window."""
+"""What `butterfly show` steps, without a window."""
 
 import sys
 from dataclasses import replace

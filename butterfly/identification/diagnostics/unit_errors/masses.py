@@ -19,8 +19,8 @@ from butterfly.identification.diagnostics.unit_errors.trial import (
     Trial,
     attempt_roughly,
     carrying,
-    judged,
     thinned,
+    trial_of,
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance
@@ -88,7 +88,7 @@ def mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
     numbers = [k for k, log in enumerate(data.logs) if log.name in unfollowed]
     if not 0 < len(numbers) <= _LOGS:
         return []
-    trial = judged(data, estimate)
+    trial = trial_of(data, estimate)
     if trial is NOTHING:
         return []
     found = []
@@ -113,7 +113,7 @@ def _fitting_mass(data: DataSet, estimate: Estimate, number: int) -> tuple[Added
 
     def misfit(mass: float) -> float:
         carried = carrying(alone, [replace(log.added_mass, mass=mass, arm=arm)])
-        return float(judged(carried, estimate).misfits[0])
+        return float(trial_of(carried, estimate).misfits[0])
 
     tried = [each.mass for each in data.masses] + list(largest.mass * np.linspace(0, 2, _MASSES))
     best = min(tried, key=misfit)
@@ -177,7 +177,7 @@ def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Correct
     assert found is not None  # noqa: S101 - there is a round
     wrong = disagreeing(found.corrections, masses)
     left = max((each.evidence for each in wrong), default=0.0)
-    trial = judged(carrying(data, masses), found)
+    trial = trial_of(carrying(data, masses), found)
     return _Corrected(suspect=suspect, mass=mass, trial=trial, left=left)
 
 

@@ -26,8 +26,8 @@ from butterfly.identification.diagnostics.unit_errors.trial import (
     Trial,
     attempt,
     fitting_counts,
-    judged,
     thinned,
+    trial_of,
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
@@ -100,7 +100,7 @@ def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Findi
 
 def _before(data: DataSet, estimator: Estimator, estimate: Estimate, quick: Estimator) -> Trial:
     """Return how well a joint explains the logs as they are: a poor method is no slip of theirs."""
-    found = judged(data, estimate)
+    found = trial_of(data, estimate)
     if isinstance(estimator, type(quick)):
         return found
     return min(found, attempt(lambda same: same, data, quick), key=lambda trial: trial.misfit)

@@ -82,12 +82,12 @@ def _attempted(
     try:
         with np.errstate(all="ignore"):
             undone = undo(data)
-            return judged(undone, estimate(undone))
+            return trial_of(undone, estimate(undone))
     except (ButterflyError, np.linalg.LinAlgError, ArithmeticError):
         return NOTHING
 
 
-def judged(data: DataSet, estimate: Estimate) -> Trial:
+def trial_of(data: DataSet, estimate: Estimate) -> Trial:
     """Simulate logs with an estimate, if a joint can be so.
 
     Logs are simulated whole, unless the estimate says otherwise: wrong units make any motion look

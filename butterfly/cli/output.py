@@ -1,0 +1,282 @@
+"""What commands print: sentences, tables, documents; all, the verdict alone, or a document alone.
+
+A pipe gets the same tables as a terminal of 80 columns (or of as many as ``COLUMNS`` says), but
+each sentence in one line, which `grep` finds whole.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from butterfly.result import Result
+    from butterfly.verdict import Verdict
+
+_PIPED = 80  # columns, where nobody says how many there are
+_READABLE = 100  # characters in a line of a sentence, however wide a terminal is
+_INDENT, _GAP = 2, 2  # spaces before a line of a table, and between columns
+_PROSE = 24  # characters beyond which a cell of words may be folded at its spaces
+_FEW_WORDS = 2  # of a cell that is never folded: an interval, say
+_NUMBER = re.compile(r"[^\w]*[\d.]+(e[-+]?\d+)?([^\w]|$)")
+_KEPT = re.compile(r"(?<=\d) (?=\S)|(?<=\bN) (?=m\b)|(?<=\bm) (?=s²?/rad)|(?<=\bkg) (?=m²)")
+_GLUE = "\N{NO-BREAK SPACE}"
+_STDOUT = Path("-")
+
+
+class ExitCode(IntEnum):
+    """How a command ends, as a number for whoever called it."""
+
+    DONE = 0
+    NO_RESULT = 1
+    BAD_INPUT = 2
+    NOT_TO_BE_USED = 3
+    STOPPED = 130
+    UNREAD = 141
+
+    @property
+    def meaning(self) -> str:
+        """What it says, in words."""
+        return _MEANINGS[self]
+
+    @classmethod
+    def of(cls, verdict: Verdict | None) -> ExitCode:
+        """Return how an answer ends that rests on an estimate of this verdict, or on none."""
+        return cls.DONE if verdict is None or verdict.level.usable else cls.NOT_TO_BE_USED
+
+
+_MEANINGS = {
+    ExitCode.DONE: "done",
+    ExitCode.NO_RESULT: "some runs of a sweep gave no result",
+    ExitCode.BAD_INPUT: "bad input",
+    ExitCode.NOT_TO_BE_USED: "an answer not to be used: it did not converge, or warns of itself",
+    ExitCode.STOPPED: "a sweep was stopped, by Ctrl-C or a signal to end; what is done is kept",
+    ExitCode.UNREAD: "whoever read standard output closed it, as `head` does",
+}
+
+
+@dataclass
+class Asked:
+    """What was asked of the command that runs: ``--quiet``, and where ``--json`` goes."""
+
+    quiet: bool = False
+    json: Path | None = None
+
+    @property
+    def document_alone(self) -> bool:
+        """Whether the document goes to standard output, and nothing else does."""
+        return self.json == _STDOUT
+
+    @property
+    def silent(self) -> bool:
+        """Whether sentences and tables are left out."""
+        return self.quiet or self.document_alone
+
+
+asked = Asked()
+
+
+def console() -> Console:
+    """Return what knows how wide a line may be, and lays out tables; brackets are brackets."""
+    from rich.console import Console  # noqa: PLC0415 - slow to import
+
+    made = Console(markup=False, emoji=False, highlight=False)
+    if not made.is_terminal:
+        said = os.environ.get("COLUMNS", "")
+        made.width = int(said) if said.isdigit() and int(said) > 0 else _PIPED
+    return made
+
+
+def say(sentence: str) -> None:
+    """Print a sentence: folded between words on a terminal, in one line elsewhere."""
+    if not asked.silent:
+        print(_folded(sentence))
+
+
+def warn(sentence: str) -> None:
+    """Print a warning on standard error."""
+    print(f"warning: {sentence}", file=sys.stderr)
+
+
+def say_verdict(sentence: str) -> None:
+    """Print the verdict, which is what remains of an answer that is quiet."""
+    if not asked.document_alone:
+        print(_folded(sentence))
+
+
+def print_document(text: str) -> None:
+    """Print a document that was asked for, however quiet the command is."""
+    print(text, end="")
+
+
+def write_json(document: Mapping[str, Any]) -> None:
+    """Write an answer as JSON to where ``--json`` said, if it did."""
+    if asked.json is None:
+        return
+    from butterfly.document import (  # noqa: PLC0415 - slow to import
+        json_text,
+        write_document,
+    )
+
+    if asked.document_alone:
+        encoding = (getattr(sys.stdout, "encoding", None) or "").lower()
+        print_document(json_text(document, ascii_only=not encoding.startswith("utf")))
+    else:
+        write_document(document, asked.json)
+        say(f"Numbers: {asked.json}")
+
+
+def show(
+    result: Result,
+    *,
+    report: Path | None = None,
+    figures: bool = False,
+    save: Path | None = None,
+    rows: int | None = None,
+) -> ExitCode:
+    """Print a result, the verdict first, and write what was asked for; return how to end.
+
+    Of its tables so many ``rows`` are printed; all if not given.
+    """
+    verdict = None if result.judged is None else result.judged.sentence
+    if verdict is not None:
+        say_verdict(verdict)
+    for sentence in result.paragraphs():
+        if sentence != verdict:
+            say(sentence)
+    for table in () if asked.silent else result.tables():
+        show_table(table.title, table.headers, table.rows[:rows])
+    if report is not None:
+        result.report(report, figures=figures)
+        say(f"Report: {report}")
+    if asked.json is not None:
+        write_json(result.to_dict())
+    if save is not None:
+        result.save(save)
+        say(f"Saved: {save}")
+    return ExitCode.of(result.judged)
+
+
+def show_table(
+    title: str, headers: Sequence[str], rows: Sequence[Sequence[object]], *, lead: int = 1
+) -> None:
+    """Print a table; without headers, names and what belongs to them.
+
+    Headers and texts are folded, numbers never. What does not fit side by side stands in blocks,
+    which repeat the ``lead`` columns that name a row. Columns without any text are left out.
+    """
+    if asked.silent:
+        return
+    from rich.table import Table  # noqa: PLC0415 - slow to import
+
+    out = console()
+    columns = [
+        _Column(header, [str(row[k]) for row in rows], words=k < lead)
+        for k, header in enumerate(headers or [""] * len(rows[0]))
+    ]
+    print()
+    if title:
+        with out.capture() as captured:
+            out.print(title, style="bold", soft_wrap=True)
+        print(captured.get(), end="")
+    for block in _blocks(columns, lead, out.width):
+        if title:
+            print()
+        table = Table(box=None, show_header=bool(headers), padding=(0, _GAP, 0, 0), pad_edge=False)
+        for each in block:
+            table.add_column(
+                _glued(each.header),
+                width=each.width,
+                justify="left" if each.words else "right",
+                vertical="top",
+            )
+        for cells in zip(*(each.cells for each in block), strict=True):
+            table.add_row(*map(_glued, cells))
+        with out.capture() as captured:
+            out.print(table)
+        for line in captured.get().replace(_GLUE, " ").splitlines():
+            print(f"{' ' * _INDENT}{line}".rstrip())
+    print()
+
+
+@dataclass
+class _Column:
+    """A column of a table, and how wide it is: as wide as it can be, or as narrow as it may be."""
+
+    header: str
+    cells: list[str]
+    words: bool = False
+    width: int = 0
+    least: int = 0
+
+    def __post_init__(self) -> None:
+        from rich.cells import cell_len  # noqa: PLC0415 - slow to import
+
+        longest = max(map(cell_len, self.cells), default=0)
+        many = any(len(cell.split()) > _FEW_WORDS for cell in self.cells)
+        prose = longest > _PROSE and many
+        numbers = sum(_NUMBER.match(cell) is not None for cell in self.cells)
+        self.words = self.words or prose or 2 * numbers <= len([c for c in self.cells if c])
+        folded = max(_PROSE, _longest_word(self.cells)) if prose else longest
+        self.least = max(folded, _longest_word([self.header]))
+        self.width = max(longest, cell_len(self.header), self.least)
+
+    @property
+    def says(self) -> bool:
+        """Whether there is any text in it."""
+        return not {*self.cells} <= {"", "–"} or not self.cells
+
+
+def _longest_word(texts: Sequence[str]) -> int:
+    from rich.cells import cell_len  # noqa: PLC0415 - slow to import
+
+    return max((cell_len(word) for text in texts for word in _glued(text).split(" ")), default=0)
+
+
+def _blocks(columns: Sequence[_Column], lead: int, width: int) -> list[list[_Column]]:
+    """Return the columns that stand side by side, each as wide as there is room."""
+    first, rest = [*columns[:lead]], [each for each in columns[lead:] if each.says]
+    blocks = [[*first]]
+    for column in rest:
+        if len(blocks[-1]) > lead and _total([*blocks[-1], column], "least") > width:
+            blocks.append([*first])
+        blocks[-1].append(column)
+    for block in blocks:
+        while _total(block, "width") > width:
+            wide = max(block, key=lambda each: each.width - each.least)
+            if wide.width == wide.least:
+                break
+            wide.width -= 1
+    return blocks
+
+
+def _total(columns: Sequence[_Column], what: str) -> int:
+    widths: list[int] = [getattr(each, what) for each in columns]
+    return _INDENT + sum(widths) + _GAP * (len(columns) - 1)
+
+
+def _glued(text: str) -> str:
+    """Return a text that is not folded between a number and its unit, nor within that."""
+    return _KEPT.sub(_GLUE, text)
+
+
+def _folded(sentence: str) -> str:
+    out = console()
+    if not out.is_terminal:
+        return sentence
+    lines = textwrap.wrap(
+        _glued(sentence),
+        min(out.width, _READABLE),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return "\n".join(lines).replace(_GLUE, " ")

@@ -1,0 +1,181 @@
+"""Commands that show and export the robot of an experiment, or the twin of data."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from butterfly.cli.options import WRITTEN, HandMass, Out
+from butterfly.cli.output import ExitCode, say, say_verdict
+from butterfly.cli.progress import show_progress
+from butterfly.errors import InputError
+
+Source = Annotated[Path, Parameter(name="SOURCE")]
+AddedMass = Annotated[float, Parameter(metavar="kg")]
+Arm = Annotated[float | None, Parameter(metavar="m")]
+_FILMS = (".gif", ".mp4", ".webp")
+
+
+def show(
+    source: Source,
+    /,
+    *,
+    run: Annotated[int, Parameter(metavar="N", validator=Number(gte=0))] = 0,
+    web: bool = False,
+    port: Annotated[int, Parameter(metavar="N", validator=Number(gte=0, lte=65535))] = 0,
+    out: Out = None,
+    angle: Annotated[float | None, Parameter(metavar="rad", allow_leading_hyphen=True)] = None,
+    seconds: Annotated[float, Parameter(metavar="s", validator=Number(gte=0.1))] = 8.0,
+    fps: Annotated[int, Parameter(metavar="N", validator=Number(gte=1, lte=120))] = 25,
+    size: Annotated[int, Parameter(metavar="N", validator=Number(gte=16, lte=4096))] = 480,
+    hand_mass: HandMass = None,
+    added_mass: AddedMass = 0.0,
+    arm: Arm = None,
+) -> ExitCode:
+    """Watch a run in a window or a browser, or draw it.
+
+    Commands, clock and simulator are those of the log that `butterfly simulate` writes. With --out
+    a film of the run is drawn; or, for .png and .jpg, of a saved result or other data, and with
+    --angle, a picture of the robot. Drawing needs no display where EGL is installed.
+
+    Examples: butterfly show quickstart --web; butterfly show quickstart --run 5 --out hand.mp4;
+    butterfly show result.json --added-mass 0.05 --out hand.png
+
+    Parameters
+    ----------
+    source
+        An experiment file (YAML) or a shipped one's name; of a picture also a saved result, a
+        manifest or a folder of logs.
+    run
+        Which run of the experiment: added masses times inputs, from 0 on.
+    web
+        Serve the viewer to a browser on this machine only.
+    port
+        Of the browser's viewer; 0 picks a free one.
+    out
+        Draw to this file: .mp4 (extra video), .gif or .webp for a film, .png, .jpg or .webp for a
+        picture.
+    angle
+        Draw a picture of the hand at this angle; 0.5 if not given.
+    seconds
+        Length of a film; no longer than the experiment's runs.
+    fps
+        Frames per second of a film.
+    size
+        Width and height in pixels, even for .mp4.
+    hand_mass
+        Mass of an identified hand; its motion does not depend on it. Chosen if not given.
+    added_mass
+        What the hand of a picture carries, at --arm.
+    arm
+        Pivot to added mass; 0.104 if not given.
+    """
+    from butterfly.api.sources import is_data  # noqa: PLC0415 - slow to import
+    from butterfly.files import locate  # noqa: PLC0415
+
+    data = is_data(locate(source))
+    if out is None:
+        if data:
+            raise InputError(source, "--out", "nothing", "a picture: only experiments have a run")
+        _watch(source, run, web=web, port=port)
+    elif data or angle is not None or out.suffix.lower() not in _FILMS:
+        from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
+        from butterfly.plant.watch.picture import render  # noqa: PLC0415
+
+        named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
+        if named.verdict is not None:
+            say_verdict(named.verdict.sentence)
+        render(named.robot, named.carried, 0.5 if angle is None else angle, out, size)
+        say(f"Picture: {out}")
+        return ExitCode.of(named.verdict)
+    else:
+        _film(source, run, out, seconds, fps=fps, size=size)
+    return ExitCode.DONE
+
+
+def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
+    import butterfly as bf  # noqa: PLC0415 - as all of these
+    from butterfly.plant.watch.live import watch  # noqa: PLC0415 - slow to import
+
+    plan = bf.read_experiment(source)
+    _require_run(source, number, len(plan.runs()))
+    (added, excitation), seed = plan.runs()[number], plan.seeds()[number]
+    with suppress(KeyboardInterrupt):
+        watch(plan.plant.rig, added, excitation, plan.duration, seed, web=web, port=port)
+
+
+def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, size: int) -> None:
+    import butterfly as bf  # noqa: PLC0415 - as all of these
+    from butterfly.plant.rollout import simulate_runs  # noqa: PLC0415 - slow to import
+    from butterfly.plant.watch.picture import film  # noqa: PLC0415
+
+    plan = bf.read_experiment(source)
+    _require_run(source, number, len(plan.runs()))
+    run, seed = plan.runs()[number], plan.seeds()[number]
+    (log,) = simulate_runs(plan.plant.rig, [run], plan.duration, [seed])
+    shown = log.take(log.time <= log.time[0] + seconds)
+    film(
+        plan.plant.robot,
+        log.added_mass,
+        shown.time,
+        shown.angle,
+        out,
+        fps=fps,
+        size=size,
+        track=show_progress,
+    )
+    say(f"Film: {out}")
+
+
+def _require_run(source: Path, number: int, count: int) -> None:
+    if number >= count:
+        raise InputError(source, "--run", number, f"a number from 0 to {count - 1}")
+
+
+def export(
+    source: Source,
+    /,
+    *,
+    out: Annotated[Path, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="FILE")],
+    hand_mass: HandMass = None,
+    added_mass: AddedMass = 0.0,
+    arm: Arm = None,
+) -> ExitCode:
+    """Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.
+
+    It moves there as it does here, the command's delay included; what MuJoCo cannot do is said.
+
+    Example: butterfly export result.json --out twin.xml
+
+    Parameters
+    ----------
+    source
+        An experiment file or a shipped one's name; a saved result, whose values are taken; or other
+        data, which are identified.
+    out
+        MJCF file to write.
+    hand_mass
+        Mass of an identified hand; its motion does not depend on it. Chosen if not given.
+    added_mass
+        What the hand carries, at --arm.
+    arm
+        Pivot to added mass; 0.104 if not given.
+    """
+    from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
+    from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415
+
+    named = robot_of(source, hand_mass=hand_mass, added_mass=added_mass, arm=arm)
+    if named.verdict is not None:
+        say_verdict(named.verdict.sentence)
+    if named.note:
+        say(named.note)
+    written = stand_alone(named.robot, named.carried, **named.command)
+    written.write(out)
+    say(f"Model: {out}, with steps of {1e3 * written.step:g} ms")
+    for sentence in written.left_out:
+        say(sentence)
+    return ExitCode.of(named.verdict)

@@ -1,0 +1,252 @@
+"""Parameters given by hand: on the logs beside an identification, or in its place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from butterfly.errors import ButterflyError, InputError, nearest, require_number
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
+from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
+from butterfly.identification.diagnostics.physics import is_possible, judge_physics
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators.weak_form import WeakForm
+from butterfly.identification.free_run import FitSummary
+from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.known import Knowledge, Known
+from butterfly.model.linear import resonance_frequency
+from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
+from butterfly.model.terms import PARAMETERS
+from butterfly.progress import Track, untracked
+from butterfly.verdict import Level
+
+_DECADES = 1.0  # the best p4 is sought within a factor 10 of the first guess
+_TOO_FAST = 3.0  # times the fastest that samples can show
+_GRID = 41  # values of p4 tried before the best is sought
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherParameters:
+    """How well given parameters move like the robot.
+
+    Parameters
+    ----------
+    name
+        Where the parameters come from.
+    parameters
+        Of the bare hand.
+    gain_fitted
+        Whether p4 was chosen here, for the highest median FIT.
+    fits
+        (n,) FIT of each log in per cent.
+    horizon
+        Longest stretch in s that was simulated at a time.
+    """
+
+    name: str
+    parameters: LumpedParameters
+    gain_fitted: bool
+    fits: NDArray[np.float64]
+    horizon: float = math.inf
+
+    @property
+    def summary(self) -> FitSummary:
+        """Median, mean and worst FIT."""
+        return FitSummary.of(self.fits, self.horizon)
+
+
+def try_parameters(
+    name: str,
+    parameters: LumpedParameters,
+    data: DataSet,
+    *,
+    horizon: float = math.inf,
+    track: Track = untracked,
+) -> OtherParameters:
+    """Simulate every log, at most ``horizon`` s at a time; the best p4 replaces one that is NaN."""
+    gain_fitted = math.isnan(parameters.p4)
+    if gain_fitted:
+        gain = best_gain(parameters, data, source=name, track=track)
+        parameters = replace(parameters, p4=gain)
+    fits = data.simulations.fits_with(parameters, horizon)
+    return OtherParameters(
+        name=name, parameters=parameters, gain_fitted=gain_fitted, fits=fits, horizon=horizon
+    )
+
+
+def read_parameters(told: Mapping[str, object], source: str) -> LumpedParameters:
+    """Read p1, p3 and whatever else is not 0; p4 is NaN if it is not among them.
+
+    InputError names ``source`` and the part that is wrong.
+    """
+    known = LumpedParameters.__dataclass_fields__
+    values = {"p2": 0.0, "p4": math.nan}
+    for name, value in told.items():
+        if name not in known:
+            raise InputError(source, name, "an unknown parameter", nearest(name, known))
+        try:
+            values[name] = float(value)  # type: ignore[arg-type]  # what is none is refused
+        except (TypeError, ValueError):
+            raise InputError(source, name, value, "a number") from None
+    missing = {"p1", "p3"} - values.keys()
+    if missing:
+        raise InputError(source, min(missing), "nothing", "a value")
+    require_number(source, positive=True, unit="kg m²", p1=values["p1"])
+    return LumpedParameters(**values)
+
+
+def best_gain(
+    parameters: LumpedParameters,
+    data: DataSet,
+    *,
+    source: str = "parameters",
+    track: Track = untracked,
+) -> float:
+    """Return the p4 with the highest median FIT, the others fixed.
+
+    InputError if no log is a sine, whose gain tells where to look, or if the joint would swing
+    faster than any log could show.
+    """
+    if not data.sines:
+        expected = "a value: no log is a sine, which would tell the best one"
+        raise InputError(source, "p4", "nothing", expected)
+    fastest, seen = resonance_frequency(parameters), math.pi / data.logs[0].mean_step
+    if fastest > _TOO_FAST * seen:
+        expected = f"at most the {seen:.3g} rad/s that samples show, or p4 too"
+        raise InputError(source, "p3", f"a resonance of {fastest:.3g} rad/s", expected)
+    unit = replace(parameters, p4=1.0)
+    ratios = [
+        abs(
+            p.gain / quasi_linear_response(unit.with_added_mass(p.added_mass), p.omega, p.amplitude)
+        )
+        for p in data.sines
+    ]
+    guess = float(np.median(ratios))
+
+    def loss(decades: float) -> float:
+        trial = replace(parameters, p4=guess * 10**decades)
+        return -float(np.median(data.simulations.fits_with(trial)))
+
+    coarse = np.linspace(-_DECADES, _DECADES, _GRID)
+    start = coarse[np.argmin([loss(x) for x in track(coarse, "Finding the best p4")])]
+    width = coarse[1] - coarse[0]
+    fine = minimize_scalar(loss, bounds=(start - width, start + width), method="bounded")
+    return float(guess * 10**fine.x)
+
+
+METHOD = "given parameters"
+
+_FAR_MORE = 3.0  # times the misfit of values that the logs give themselves
+_NOTABLE = 10.0  # per cent of misfit below which logs are followed well by any measure
+_OF_FITS = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.UNFORETOLD}
+
+
+def given_estimate(
+    told: Mapping[str, object],
+    source: str,
+    *,
+    data: DataSet | None = None,
+    masses: Sequence[AddedMass] = (),
+) -> Estimate:
+    """Return given parameters as an estimate of which no uncertainty is known.
+
+    Parameters
+    ----------
+    told
+        p1 and p3, and whatever else is not 0 and not known of the data; ``zero`` is the encoder's
+        reading in rad where the model's angle is 0. Without p4 the one with the best FIT is taken.
+    source
+        For messages.
+    data
+        The logs that they are to foretell, if somebody recorded them.
+    masses
+        What the joint will carry.
+
+    Raises
+    ------
+    InputError
+        Naming the part that is wrong, or p4, where no log tells the best one.
+    """
+    values = ({} if data is None else data.known.exact) | dict(told)
+    zero = values.pop("zero", None)
+    parameters = read_parameters(values, source)
+    local: dict[AddedMass | str | None, dict[str, float]] = {}
+    if zero is not None:
+        local[None] = {"zero": _angle(zero, source)}
+        data = data and data.with_zero(Known(value=local[None]["zero"]))
+    if math.isnan(parameters.p4):
+        if data is None:
+            raise InputError(source, "p4", "nothing", "a value")
+        parameters = replace(parameters, p4=best_gain(parameters, data, source=source))
+    found = asdict(parameters)
+    count = len(PARAMETERS)
+    unknown = np.full(count, np.nan)
+    estimate = Estimate(
+        method=METHOD,
+        names=PARAMETERS,
+        values=np.array([found[name] for name in PARAMETERS]),
+        covariance=np.full((count, count), np.nan),
+        lower=unknown,
+        upper=unknown,
+        left_out={},
+        condition=math.nan,
+        on_bound=(),
+        ending=Ending.CONVERGED,
+        findings=(),
+        held={name: value for name, value in found.items() if name not in PARAMETERS},
+        local=local,
+        input_kind=None if data is None else data.input_kind,
+        joint=JointKind.HINGE if data is None else data.joint,
+    )
+    return estimate.with_findings(*judge_physics(estimate, masses))
+
+
+def judged_on(estimate: Estimate, fits: NDArray[np.float64], names: Sequence[str]) -> Estimate:
+    """Return an estimate judged by (n,) FIT in % of logs by name, not of those it was made from."""
+    rest = tuple(each for each in estimate.findings if each.kind not in _OF_FITS)
+    return replace(estimate, findings=(*rest, *judge_fit(fits, names)))
+
+
+def outdone(
+    data: DataSet, estimate: Estimate, fits: NDArray[np.float64], numbers: Sequence[int]
+) -> list[Finding]:
+    """Tell whether values that the logs give themselves follow them far better.
+
+    With the same p4, by the weak form, over the same stretches: an angle that is put back on its
+    way every second is followed well by many.
+
+    Parameters
+    ----------
+    data, estimate
+        The logs and the parameters.
+    fits
+        (n,) FIT in per cent with them.
+    numbers
+        Of the n logs.
+    """
+    known = Knowledge(parameters={"p4": Known(value=estimate.parameters.p4)})
+    try:
+        own = WeakForm(check=False)(replace(data.take(numbers), known=known))
+    except ButterflyError:
+        return []
+    if not is_possible(own, data.masses):
+        return []
+    own = replace(own, horizon=data.simulations.horizon(estimate))
+    reached = float(np.median(data.simulations.fits(own, numbers)))
+    left, given = 100 - reached, 100 - float(np.median(fits))
+    if given <= max(_FAR_MORE * left, _NOTABLE):
+        return []
+    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
+
+
+def _angle(value: object, source: str) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]  # what is none is refused
+    except (TypeError, ValueError):
+        raise InputError(source, "zero", value, "an angle in rad") from None

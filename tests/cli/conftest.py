@@ -1,0 +1,55 @@
+"""Commands run once per session: their answers are asked for by many tests."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+
+import pytest
+
+from butterfly.cli import main, progress
+
+
+@pytest.fixture(scope="session")
+def answer():
+    """Run a command, each at most once; returns exit code, stdout and stderr."""
+    answers = {}
+
+    def run(*arguments):
+        words = tuple(map(str, arguments))
+        if words not in answers:
+            out, err = io.StringIO(), io.StringIO()
+            with (
+                pytest.MonkeyPatch.context() as patch,
+                contextlib.redirect_stdout(out),
+                contextlib.redirect_stderr(err),
+            ):
+                patch.setattr(progress, "EVERY", 1e4)
+                patch.setattr(sys, "argv", ["butterfly", *words])
+                patch.setenv("COLUMNS", "80")
+                with pytest.raises(SystemExit) as ended:
+                    main()
+            answers[words] = ended.value.code or 0, out.getvalue(), err.getvalue()
+        return answers[words]
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def place(answer, quick_data, tmp_path_factory):
+    """A folder with what the commands work with: a saved identification, results of a run."""
+    folder = tmp_path_factory.mktemp("place")
+    identified = ("identify", quick_data, "--save", folder / "saved.json")
+    assert (
+        answer(*identified, "--report", folder / "r.html", "--json", folder / "told.json")[0] == 0
+    )
+    run = answer("run", quick_data.parent / "quick.yaml", "--out", folder / "results/one")
+    assert run[0] == 0, run
+    return folder
+
+
+@pytest.fixture(scope="session")
+def saved(place):
+    """A saved identification of `quick_data`."""
+    return place / "saved.json"

@@ -1,0 +1,276 @@
+"""The commands that estimate: identify, select, validate, residual, compare, design, predict."""
+
+import csv
+import json
+import re
+import shutil
+
+import pytest
+import yaml
+
+from butterfly.cli.output import ExitCode
+from butterfly.identification.estimators import harmonic_balance_regression
+from butterfly.logs.manifest import read_manifest
+from tests.cli.one_line import assert_one_line_error
+
+GIVEN = "p1=0.00325,p2=0.00145,p3=0.04905,p4=0.025,coulomb=3e-4"
+
+
+def test_simulated_logs_are_identified_like_any_folder(butterfly, quick_in_mujoco, tmp_path):
+    folder = tmp_path / "logs"
+    assert butterfly("simulate", quick_in_mujoco, "--out", folder)[0] == 0
+    code, out, _ = butterfly("identify", folder, "--against", "p1=0.004,p2=0.001,p3=0.05")
+    assert code == 0
+    assert "12 logs with 3 added masses" in out
+    assert "best p4" in out
+
+
+def test_a_folder_without_manifest_needs_an_arm_and_then_works(butterfly, quick_data, tmp_path):
+    folder = tmp_path / "named"
+    folder.mkdir()
+    entries = yaml.safe_load((quick_data / "manifest.yaml").read_text())["logs"]
+    for entry in entries:
+        grams, omega = f"{1e3 * entry['added_mass']:g}", f"{entry['omega']:g}".replace(".", "_")
+        digits = f"{entry['amplitude']:g}".replace(".", "")
+        shutil.copy(quick_data / entry["file"], folder / f"Data_{grams}__{omega}__{digits}.mat")
+    assert_one_line_error(butterfly("identify", folder), folder, "arm")
+    assert butterfly("identify", folder, "--arm", 0.104)[0] == 0
+    assert butterfly("manifest", folder, "--arm", 0.104)[0] == 0
+    assert butterfly("identify", folder)[0] == 0
+
+
+def test_several_files_are_one_data_set(butterfly, quick_data):
+    files = [quick_data / each.file for each in read_manifest(quick_data / "manifest.yaml").logs]
+    code, out, err = butterfly("identify", *files, "--method", "linear")
+    assert (code in {0, 3}, err) == (True, "")
+    assert "12 logs with 3 added masses" in out
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("p1=0.1,p2=0.1", "p3"),
+        ("p1=x,p2=1,p3=1", "got x"),
+        ("p1", "NAME=VALUE"),
+        ("p1=1,p2=1,p3=1,mass=2", "unknown parameter"),
+    ],
+)
+def test_a_slip_in_against_is_named(butterfly, quick_data, text, part):
+    assert_one_line_error(butterfly("identify", quick_data, "--against", text), part)
+
+
+def test_the_real_logs_are_identified_from_the_shipped_manifest(butterfly, logs_folder):
+    code, out, _ = butterfly("identify", "real-logs", "--root", logs_folder)
+    assert code == 0
+    assert "41 logs with 3 added masses" in out
+    assert "2.47" in out
+
+
+@pytest.mark.parametrize("method", ["harmonic-balance", "output-error", "weak-form", "linear"])
+def test_every_method_identifies_the_simulated_robot(answer, quick_data, method):
+    robust = ("--loss", "soft_l1") if method == "output-error" else ()
+    code, out, err = answer("identify", quick_data, "-m", method, *robust)
+    assert code == 0, err
+    assert method.replace("-", " ").split()[0] in out
+
+
+def test_an_estimate_that_did_not_settle_is_printed_and_ends_with_code_3(
+    butterfly, quick_data, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(harmonic_balance_regression, "_MAX_ITERATIONS", 1)
+    report = tmp_path / "report.html"
+    code, out, err = butterfly("identify", quick_data, "--report", report)
+    assert (code, err) == (ExitCode.NOT_TO_BE_USED, "")
+    assert "95 % interval" in out
+    assert "did not settle" in out
+    assert report.exists()
+
+
+def test_the_data_of_a_saved_result_are_data(answer, quick_data, saved):
+    assert answer("identify", saved)[1] == answer("identify", quick_data)[1]
+
+
+def test_a_saved_result_is_the_estimate(answer, saved, tmp_path):
+    """Values that no data would give are those that are compared, exported and looked at."""
+    content = json.loads(saved.read_text())
+    row = content["parameters"]["p3"]
+    row["value"] *= 1.5
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(content))
+    assert "0.07357" in answer("inspect", other)[1]
+    for command in ("residual", "compare"):
+        _, out, err = answer(command, other, "--json", "-")
+        assert json.loads(out)["parameters"]["p3"]["value"] == pytest.approx(row["value"]), err
+    out = tmp_path / "twin.xml"
+    assert answer("export", other, "--out", out)[0] == 0
+    assert answer("export", saved, "--out", tmp_path / "right.xml")[0] == 0
+    assert out.read_text() != (tmp_path / "right.xml").read_text()
+    result = answer("design", other, "--method", "linear")
+    assert_one_line_error(result, "none beside a result")
+
+
+def test_one_log_is_data_of_which_the_estimator_says_what_is_missing(butterfly, quick_data):
+    file = quick_data / read_manifest(quick_data / "manifest.yaml").logs[4].file
+    assert_one_line_error(butterfly("identify", file), "same added mass")
+
+
+def test_reports_are_checked_before_the_work(butterfly, quick_data, tmp_path):
+    for command in ("identify", "select", "compare"):
+        result = butterfly(command, quick_data, "--report", tmp_path)
+        assert_one_line_error(result, tmp_path, "--report", "a folder")
+        assert result[1] == ""
+    assert_one_line_error(butterfly("identify", quick_data, "--figures"), "--report FILE beside it")
+
+
+@pytest.mark.parametrize("split", ["mass", "frequency"])
+def test_unseen_masses_and_frequencies_are_predicted(answer, quick_data, split):
+    code, out, err = answer("validate", quick_data, "--split", split, "--bootstrap", 20)
+    assert code == 0, err
+    assert f"Left out by {split}: as asked." in out
+    assert "12 of 12" in out
+    assert re.search(r"^ +p1 .*kg m²$", out, re.MULTILINE)
+    assert "bootstrap over logs" in out
+
+
+def test_a_weighed_hand(answer, quick_data, tmp_path):
+    page = tmp_path / "r.html"
+    told = ("--known", "hand_mass=0.1+-0.001", "--report", page)
+    code, out, err = answer("identify", quick_data, *told)
+    assert code == 0, err
+    value, error = re.search(r"l_c, pivot to centre of +([\d.]+) +([\d.]+)", out).groups()
+    assert float(value) == pytest.approx(0.05, rel=0.01)
+    assert float(error) == pytest.approx(0.0005, rel=0.05)
+    assert 'id="physical"' in page.read_text(encoding="utf-8")
+    numbers = json.loads(page.with_suffix(".json").read_text(encoding="utf-8"))["physical"]
+    assert numbers["com_distance"]["value"] == pytest.approx(float(value), rel=1e-3)
+
+
+def test_terms_are_chosen(answer, quick_data):
+    code, out, err = answer(
+        "select", quick_data, "--method", "harmonic-balance", "--candidates", "drag,load"
+    )
+    assert code == 0, err
+    assert "Chosen: --terms" in out
+    assert_one_line_error(answer("validate", quick_data, "--terms", "drug"), "did you mean")
+
+
+def test_residuals_are_told_of_all_logs_and_drawn_of_one(answer, quick_data, tmp_path):
+    plot = tmp_path / "residual.html"
+    code, out, err = answer("residual", quick_data)
+    assert code == 0, err
+    assert "of 12 logs" in out
+    assert "torque left over" not in out
+    code, out, err = answer("residual", quick_data, "--log", 2, "--plot", plot)
+    assert code == 0, err
+    assert "the torque left over" in out
+    text = plot.read_text(encoding="utf-8")
+    assert "The torque left over" in text
+    assert "The errors of the free run" in text
+
+
+@pytest.mark.parametrize("numbers", ["0,99", "-1", "x"])
+@pytest.mark.parametrize("command", ["compare", "residual", "inspect"])
+def test_a_log_that_is_not_there_is_one_line(answer, quick_data, command, numbers):
+    assert_one_line_error(answer(command, quick_data, f"--log={numbers}"), "numbers from 0")
+
+
+def test_logs_are_held_out_by_name(answer, quick_data, tmp_path):
+    saved = tmp_path / "result.json"
+    code, out, err = answer("identify", quick_data, "--holdout", "run000*", "--save", saved)
+    assert (code, err) == (0, "")
+    assert "11 logs with 3 added masses" in out
+    assert re.search(r"Held out: run000\S*, not used for the fit, has a FIT of 9\d\.\d %", out)
+    content = json.loads(saved.read_text())
+    (held,) = content["held_out"]
+    assert held not in content["fits"]
+    assert content["data"]["manifest"]["holdout"] == [held]
+    code, out, err = answer("validate", saved, "--split", "log", "--folds", 3)
+    assert (code, err) == (0, "")
+    assert "held out by name" in out
+    assert "11 of 11" in out
+    assert_one_line_error(answer("identify", quick_data, "--holdout", "run99"), "run0")
+
+
+def test_both_simulators_are_compared_with_the_logs_and_reported(answer, quick_data, tmp_path):
+    report = tmp_path / "compare.html"
+    code, out, err = answer("compare", quick_data, "--log", "0,3", "--report", report)
+    assert code == 0, err
+    assert "MuJoCo" in out
+    assert "grey box" in out
+    assert f"Report: {report}" in out
+    assert "residual torque" in report.read_text(encoding="utf-8").lower()
+
+
+def test_two_identifications_are_compared(answer, quick_data, saved, tmp_path):
+    told, page = tmp_path / "c.json", tmp_path / "c.html"
+    code, out, err = answer("compare", saved, saved, "--json", told, "--report", page)
+    assert (code, err) == (0, "")
+    assert out.startswith("No change can be seen")
+    assert "of the logs are in both" in out
+    assert json.loads(told.read_text())["schema"] == "butterfly.change"
+    assert page.exists()
+    assert_one_line_error(answer("compare", saved, quick_data), "two runs of sweeps")
+
+
+def test_estimators_are_ranked_over_data_sets(answer, quick_data, saved, tmp_path):
+    report = tmp_path / "board.html"
+    told = ("--method", "harmonic-balance,linear", "--report", report)
+    code, out, err = answer("validate", quick_data, saved, *told)
+    assert code == 0, err
+    best = re.search(r"(\S+) predicts best what it has not seen", out)
+    assert best.group(1) == "harmonic-balance"
+    assert report.stat().st_size > 1e5
+    assert_one_line_error(answer("validate", quick_data, "-m", "linear,weekform"), "weak-form")
+    result = answer("validate", quick_data, "-m", "linear,thesis", "--terms", "drag")
+    assert_one_line_error(result, "--terms", "none beside several")
+
+
+def test_next_experiments_are_ranked(answer, quick_data):
+    code, out, err = answer("design", quick_data, "--limit", 3)
+    assert code == 0, err
+    assert re.search(r"^ +3  ", out, re.MULTILINE)
+    assert not re.search(r"^ +4  ", out, re.MULTILINE)
+
+
+def test_logs_are_predicted_with_bands_draws_and_a_page(answer, quick_data, saved, tmp_path):
+    code, out, err = answer("predict", quick_data, "--with", saved)
+    assert (code, err) == (0, "")
+    assert "median FIT" in out
+    assert "band" not in out
+    options = ("--bands", "--draws", 50, "--out", tmp_path / "d.csv")
+    code, out, err = answer(
+        "predict", quick_data, "--with", saved, *options, "--report", tmp_path / "p.html"
+    )
+    assert (code, err) == (0, "")
+    assert "inside the band of a new log" in out
+    assert "known within 10 %" in out
+    with (tmp_path / "d.csv").open(encoding="utf-8", newline="") as file:
+        assert len(list(csv.DictReader(file))) == 50
+    assert (tmp_path / "p.html").stat().st_size > 1e5
+    assert (tmp_path / "p.json").exists()
+
+
+def test_an_experiment_is_predicted(answer, quick_data, saved):
+    quick = quick_data.parent / "quick.yaml"
+    code, out, err = answer("predict", quick, "--with", saved, "--bands", "--draws", 40)
+    assert (code, err) == (0, "")
+    assert "nobody has recorded" in out
+    assert "FIT" not in out
+
+
+def test_slips_of_predictions_end_in_one_line(answer, quick_data, saved, tmp_path):
+    none = tmp_path / "none"
+    assert_one_line_error(answer("predict", quick_data, "--with", f"{none}.json"), "none")
+    assert_one_line_error(answer("predict", none, "--with", saved), "none")
+    told = ("predict", quick_data, "--with", GIVEN, "--out", tmp_path / "d.csv")
+    assert_one_line_error(answer(*told), "an identification to draw from")
+
+
+def test_given_parameters_are_applied_to_logs(answer, quick_data):
+    code, said, err = answer("predict", quick_data, "--with", GIVEN)
+    assert (code, err) == (0, "")
+    assert said.startswith("Good")
+    assert "They move like this robot" in said
+    code, said, _ = answer("predict", quick_data, "--with", GIVEN.replace("0.00325", "0.01"))
+    assert code == ExitCode.NOT_TO_BE_USED
+    assert said.startswith("Do not use: The model follows the logs")

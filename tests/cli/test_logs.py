@@ -1,0 +1,252 @@
+"""The commands that look at logs."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+
+from butterfly.logs.manifest import read_manifest
+from butterfly.logs.mat import write_mat
+from tests.cli.one_line import assert_one_line_error
+
+
+@pytest.fixture
+def log_file(sine_log, tmp_path):
+    write_mat(sine_log, tmp_path / "log.mat")
+    return tmp_path / "log.mat"
+
+
+def test_inspect_shows_health_and_draws(butterfly, log_file, tmp_path):
+    code, out, _ = butterfly("inspect", log_file, "--plot", tmp_path / "plot.html")
+    assert code == 0
+    assert "dominant frequency" in out
+    assert "40000" in out
+    assert (tmp_path / "plot.html").stat().st_size > 1e6
+
+
+def test_inspect_repairs_what_it_is_told_to(butterfly, log_file):
+    matrix = loadmat(log_file)["D"]
+    matrix[5, 2] = np.nan
+    savemat(log_file, {"D": matrix})
+    assert_one_line_error(butterfly("inspect", log_file), log_file, "angle", "sample 5")
+    code, out, _ = butterfly("inspect", log_file, "--repair", "non_finite")
+    assert code == 0
+    assert "1 sample not finite, dropped" in out
+
+
+@pytest.mark.parametrize(
+    ("change", "parts"),
+    [
+        (lambda d: d[:, :2], ("D", "shape (40000, 2)")),
+        (lambda d: d[::-1], ("time", "ascending")),
+        (lambda d: d * [0, 1, 1, 1] + [2, 0, 0, 0], ("time", "never advances")),
+        (lambda d: d * [1, 1, 0, 1], ("angle", "constant 0")),
+        (lambda d: d[:4], ("time", "4 samples")),
+    ],
+    ids=["shape", "unsorted", "stopped clock", "no motion", "too short"],
+)
+def test_a_bad_log_is_one_line_with_file_field_value_and_exit_code_2(
+    butterfly, log_file, change, parts
+):
+    savemat(log_file, {"D": change(loadmat(log_file)["D"])})
+    assert_one_line_error(butterfly("inspect", log_file), log_file, *parts)
+
+
+def test_several_logs_are_told_in_a_line_each(butterfly, quick_data):
+    code, out, err = butterfly("inspect", quick_data)
+    assert (code, err) == (0, "")
+    for entry in read_manifest(quick_data / "manifest.yaml").logs:
+        (line,) = [line for line in out.splitlines() if entry.file in line]
+        samples = len(loadmat(quick_data / entry.file)["D"])
+        assert line.split()[1:3] == ["ok", str(samples)]
+
+
+def test_of_several_logs_one_is_told_and_drawn_as_if_it_were_alone(butterfly, quick_data, tmp_path):
+    plot = tmp_path / "plot.html"
+    file = quick_data / read_manifest(quick_data / "manifest.yaml").logs[2].file
+    code, out, _ = butterfly("inspect", quick_data, "--log", 2, "--plot", plot)
+    assert code == 0
+    assert plot.stat().st_size > 1e6
+    assert butterfly("inspect", file)[1] in out
+    assert_one_line_error(butterfly("inspect", quick_data, "--plot", plot), "12 logs", "--log N")
+    assert_one_line_error(butterfly("inspect", quick_data, "--log", 12), "logs", "from 0 to 11")
+
+
+def test_a_log_that_cannot_be_used_does_not_hide_the_others(butterfly, quick_data, tmp_path):
+    folder = shutil.copytree(quick_data, tmp_path / "data")
+    bad, good, *_ = [entry.file for entry in read_manifest(folder / "manifest.yaml").logs]
+    matrix = loadmat(folder / bad)["D"]
+    matrix[5, 2] = np.nan
+    savemat(folder / bad, {"D": matrix})
+    code, out, err = butterfly("inspect", folder)
+    assert code == 2
+    assert "sample 5" in out
+    assert good in out
+    assert "1 that cannot be used" in err
+    assert butterfly("inspect", folder, "--repair", "non_finite")[0] == 0
+
+
+def test_a_csv_file_of_any_columns_is_inspected(butterfly, sine_log, tmp_path):
+    path = tmp_path / "log.csv"
+    table = np.column_stack([sine_log.time, sine_log.input, sine_log.angle])[::10]
+    np.savetxt(path, table, delimiter=",", header="t,volts,phi", comments="")
+    assert_one_line_error(butterfly("inspect", path), path)
+    code, out, _ = butterfly("inspect", path, "--columns", "time=t,input=volts,angle=phi")
+    assert code == 0
+    assert "4000" in out
+    assert "is a guess" in out  # of a log of which nothing says that it is a sine
+    assert "--zero" in out
+
+
+def test_inspect_says_where_the_hand_hangs_and_how_that_is_known(butterfly, log_file, quick_data):
+    assert "hangs at 0.0000 rad" in butterfly("inspect", quick_data)[1]
+    assert "(steady swing)" in butterfly("inspect", quick_data)[1]
+    out = butterfly("inspect", quick_data, "--zero", "0.1+-0.02")[1]
+    assert "hangs at 0.1000 ± 0.02 rad (told)" in out
+    assert_one_line_error(butterfly("inspect", log_file, "--zero", "left"), "zero", "left")
+
+
+def test_a_log_that_a_manifest_beside_it_does_not_list_is_read_all_the_same(
+    butterfly, quick_data, tmp_path
+):
+    folder = shutil.copytree(quick_data, tmp_path / "data")
+    first, second, *_ = [entry.file for entry in read_manifest(folder / "manifest.yaml").logs]
+    (folder / second).unlink()
+    (folder / first).rename(folder / "other.mat")
+    assert butterfly("inspect", folder / "other.mat")[0] == 0
+
+
+@pytest.fixture
+def loose(sine_log, tmp_path):
+    """A folder of logs without a manifest: degrees and ms, one wrapped, one a turn away."""
+    folder = tmp_path / "loose"
+    folder.mkdir()
+    time = sine_log.time[::10]
+    swing = sine_log.angle[::10]
+    angles = {
+        "a_good": swing,
+        "b_round": (8 * np.sin(0.7 * time) + np.pi) % (2 * np.pi) - np.pi,
+        "c_away": swing + 2 * np.pi,
+    }
+    for name, angle in angles.items():
+        table = np.column_stack([1e3 * time, sine_log.input[::10], np.degrees(angle)])
+        np.savetxt(folder / f"{name}.txt", table, delimiter=";", header="t;volts;phi", comments="")
+    return folder
+
+
+COLUMNS = ("--columns", "time=t,input=volts,angle=phi", "--units", "time=ms,angle=deg")
+
+
+def test_a_folder_of_any_logs_is_told_the_worst_first_with_what_to_do(butterfly, loose):
+    code, out, err = butterfly("inspect", loose, *COLUMNS)
+    assert code == 2
+    assert "1 that cannot be used" in err
+    rows = [line.split()[:3] for line in out.splitlines() if ".txt" in line]
+    assert rows == [
+        ["b_round.txt", "do", "not"],
+        ["c_away.txt", "note", "4000"],
+        ["a_good.txt", "ok", "4000"],
+    ]
+    assert "swings +1 turn from the others" in " ".join(out.split())
+    assert "--repair unwrap" in out
+    code, out, _ = butterfly("inspect", loose, *COLUMNS, "--repair", "unwrap")
+    assert code == 0
+    assert "by a turn undone; turns 2.5 times round" in " ".join(out.split())
+
+
+def test_what_is_found_is_written_as_json_or_printed(butterfly, loose, tmp_path):
+    path = tmp_path / "found.json"
+    butterfly("inspect", loose, *COLUMNS, "--json", path)
+    found = json.loads(path.read_text())["logs"]
+    _, out, _ = butterfly("inspect", loose, *COLUMNS, "--json", "-")
+    assert json.loads(out)["logs"] == found
+    conditions = {each["log"]: each["condition"] for each in found}
+    expected = {"b_round.txt": "do not use", "c_away.txt": "note", "a_good.txt": "ok"}
+    assert conditions == expected
+    assert found[0]["findings"][0]["hint"]
+    assert found[2]["step"] == pytest.approx(0.01)
+
+
+def test_a_manifest_is_drafted_of_any_logs_with_what_is_said_of_them(butterfly, loose):
+    code, out, _ = butterfly("manifest", loose, *COLUMNS, "--repair", "unwrap")
+    assert code == 0
+    assert "added_mass" in out
+    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
+    for key, what in (("input", "voltage or torque"), ("logs", "added_mass")):
+        assert re.search(rf"^# To settle: .*{what}.*\n{key}:", text, re.MULTILINE)
+        assert f"- {key}: what" in out
+    assert "Taken for voltage." in out
+    manifest = read_manifest(loose / "manifest.yaml")
+    assert manifest.units == {"time": "ms", "angle": "deg"}
+    assert "unwrap" in manifest.repair
+    assert butterfly("inspect", loose)[0] == 0
+
+
+def test_columns_of_other_names_are_asked_for_and_taken_in_their_order(butterfly, loose):
+    _, out, _ = butterfly("manifest", loose, "--units", "time=ms,angle=deg")
+    assert "- columns: which columns hold time, input and angle" in out
+    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
+    assert re.search(r"^# To settle: which columns.*\ncolumns:", text, re.MULTILINE)
+    assert read_manifest(loose / "manifest.yaml").columns == {"time": 0, "input": 1, "angle": 2}
+    assert butterfly("inspect", loose, "--repair", "unwrap")[0] == 0
+
+
+def test_a_manifest_that_is_there_is_not_written_over(butterfly, quick_data, tmp_path):
+    path = quick_data / "manifest.yaml"
+    before = path.read_bytes()
+    assert_one_line_error(butterfly("manifest", quick_data), path, "expected --out")
+    assert path.read_bytes() == before
+    assert butterfly("manifest", quick_data, "--out", tmp_path / "draft.yaml")[0] == 0
+
+
+def test_what_was_said_is_not_asked_again(butterfly, loose):
+    said = ("--input", "torque", "--intersample", "first_order_hold")
+    _, out, _ = butterfly("manifest", loose, *COLUMNS, *said)
+    assert "voltage" not in out
+    text = (loose / "manifest.yaml").read_text(encoding="utf-8")
+    assert text.count("# To settle: ") == 1
+    assert "input: torque\n" in text
+
+
+def test_one_log_says_how_its_file_was_read(butterfly, loose):
+    path = loose / "a_good.txt"
+    path.write_text(path.read_text() + "4000")
+    code, out, _ = butterfly("inspect", path, *COLUMNS)
+    assert code == 0
+    assert "semicolons between columns" in out
+    assert "1 last line cut off, dropped" in out
+    assert "rad (√2 rms), mean" in out
+
+
+def test_a_log_in_degrees_or_milliseconds_is_told_the_option_to_use(butterfly, loose):
+    said = "--columns", COLUMNS[1]
+    out = butterfly("inspect", loose / "a_good.txt", *said)[1]
+    assert "--units time=ms" in " ".join(out.split())
+    assert "--units angle=deg" in " ".join(
+        butterfly("inspect", loose / "c_away.txt", *said)[1].split()
+    )
+
+
+def test_an_unknown_unit_is_refused_with_those_that_are_known(butterfly, loose):
+    result = butterfly("inspect", loose, "--columns", COLUMNS[1], "--units", "angle=dge")
+    assert_one_line_error(result, "units.angle: got dge", "rad, mrad, deg, turns")
+
+
+def test_recordings_put_together_and_pieces_of_a_log_are_told_apart(butterfly, tmp_path):
+    time = np.arange(200) / 100
+    rows = [(t, np.sin(3 * t), 0.3 * np.sin(3 * t + k)) for k in range(2) for t in time]
+    path = tmp_path / "two.csv"
+    np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
+    assert_one_line_error(butterfly("inspect", path), path, "--restarts")
+    code, out, _ = butterfly("inspect", path, "--restarts")
+    assert code == 0
+    assert "two.csv (part 1)" in out
+    assert "two.csv (part 2)" in out
+    rows = rows[:200]
+    np.savetxt(path, rows, delimiter=",", header="time,input,angle", comments="")
+    code, out, _ = butterfly("inspect", path, "--from", "0.5", "--to", "1.5")
+    assert code == 0
+    assert "101" in out

@@ -1,0 +1,161 @@
+"""Tables and sentences fit the width they are given, and lose nothing by it."""
+
+import re
+
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from butterfly.cli import output
+from butterfly.cli.output import show_table
+from butterfly.cli.sweeps import matching, show_rows, shown_text
+from butterfly.experiment.sweep import run_sweep
+from tests.cli.fitting import assert_tables_fit
+from tests.experiment.setting import HereEngine, small_plan
+
+NUMBERS = st.floats(-1e6, 1e6).map(lambda value: f"{value:.6g}")
+NAMES = st.text("abcdefgh", min_size=1, max_size=12)
+
+
+@given(
+    st.lists(st.lists(NUMBERS, min_size=9, max_size=9), min_size=1, max_size=4),
+    st.lists(st.lists(NAMES, min_size=1, max_size=4).map(" ".join), min_size=10, max_size=10),
+    st.integers(40, 120),
+)
+def test_no_number_is_folded_cut_or_lost_and_no_line_is_too_long(numbers, headers, width):
+    rows = [(f"row{k}", *row) for k, row in enumerate(numbers)]
+    lines = _printed(width, "", headers, rows)
+    assert all(len(line) <= width for line in lines)
+    for row in rows:
+        told = [word for line in lines if row[0] in line for word in line.split()]
+        assert [word for word in told if word != row[0]] == list(row[1:])
+
+
+def _printed(width, *table, **how):
+    import contextlib  # noqa: PLC0415 - not of a fixture, which hypothesis refuses
+    import io  # noqa: PLC0415
+
+    out = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out):
+        patch.setenv("COLUMNS", str(width))
+        show_table(*table, **how)
+    return out.getvalue().splitlines()
+
+
+def test_a_table_that_fits_stands_as_it_is_without_columns_that_say_nothing():
+    lines = _printed(80, "", ("", "true", "no"), [("p1", "0.00325", "–"), ("p2", "1", "")])
+    assert [line for line in lines if line] == [
+        "         true",
+        "  p1  0.00325",
+        "  p2        1",
+    ]
+
+
+def test_a_table_too_wide_stands_in_blocks_that_each_name_their_rows():
+    headers = ("run", "method", *(f"value{k}" for k in range(12)))
+    rows = [(f"{run}", "weak-form", *["0.123456"] * 12) for run in range(3)]
+    second = [line for line in _printed(80, "t", headers, rows, lead=2) if line[2:3] == "1"]
+    assert len(second) > 1
+    assert all(line.split()[:2] == ["1", "weak-form"] for line in second)
+
+
+def test_a_text_is_folded_between_words_and_no_number_leaves_its_unit(monkeypatch):
+    text = "inertia 0.003 kg m², viscous 2 N m s/rad, a median FIT of 99.6 % over 24 logs"
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    for width in range(24, 80):
+        monkeypatch.setenv("COLUMNS", str(width))
+        lines = output._folded(text).split("\n")  # noqa: SLF001 - what `say` prints
+        assert " ".join(lines) == text
+        assert not any(re.search(r"\d$|kg$|N$", line) for line in lines[:-1])
+
+
+TABLE = pa.table(
+    {
+        "number": [0, 1],
+        "key": ["ab12", "cd34"],
+        "plant.encoder.noise": [0.0, 3e-4],
+        "plant.clock.step": [0.001, 0.001],
+        "status": ["ok", "ok"],
+        "deviation": [0.01, -0.02],
+        "fit_median": [99.1, 98.2],
+        "orbit_rounds": pa.array([None, None], pa.int64()),
+    }
+)
+
+
+def test_what_is_the_same_is_told_once_and_what_is_empty_or_long_not_at_all(capsys):
+    show_rows("runs", TABLE, 50, asked=False)
+    out = " ".join(capsys.readouterr().out.split())
+    assert "The same in all rows: clock step 0.001 s, status ok." in out
+    for told in ("0.0003", "Not shown: key; --columns"):
+        assert told in out
+    assert "ab12" not in out
+    assert "orbit" not in out
+    show_rows("runs", TABLE.select(["key", "status"]), 50, asked=True)
+    assert capsys.readouterr().out.split()[-4:] == ["ab12", "ok", "cd34", "ok"]
+
+
+def test_no_rows_are_said_to_be_none_and_one_is_told_as_pairs(capsys):
+    show_rows("runs", TABLE.slice(0, 0), 50, asked=False)
+    assert capsys.readouterr().out == "runs: no rows.\n"
+    show_rows("runs", TABLE, 1, asked=False)
+    told = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["status", "ok"] in told
+    assert ["encoder", "noise,", "rad", "0"] in told
+    assert ["deviation,", "share", "of", "true", "0.01"] in told
+    assert ["fit", "median,", "%", "99.1"] in told
+
+
+@pytest.mark.parametrize("name", ["plant.encoder.noise", "noise", "encoder.noise", "encoder noise"])
+def test_a_column_is_named_by_its_path_its_last_part_or_its_header(name):
+    assert matching(name, TABLE.column_names) == ["plant.encoder.noise"]
+    assert len(matching("mass", ["plant.hand.mass", "added_masses.1.mass"])) == 2
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(None, "–"), (True, "yes"), (0.1234567, "0.123457"), (3, "3")]
+)
+def test_a_cell_is_written_as_a_person_reads_it(value, text):
+    assert shown_text(value) == text
+
+
+PRINTED = {
+    "inspect": (),
+    "inspect one": ("--log", 1),
+    "identify": ("--method", "linear", "--against", "p1=0.003,p2=0.001,p3=0.05"),
+    "results list": (),
+    "results show": (0,),
+    "results table": (),
+    "results table of estimates": ("--table", "estimates"),
+    "results table with all columns": ("--columns", "key,seed,status,logs,noise"),
+}
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")
+
+
+@pytest.fixture(scope="module")
+def places(quick_data, tmp_path_factory):
+    """Where the data are, and the results of a sweep."""
+    folder = tmp_path_factory.mktemp("widths")
+    grid = {"plant.friction.coulomb": [1e-4, 2e-4], "plant.encoder.noise": [1e-4]}
+    run_sweep(small_plan(folder, sweep={"grid": grid}), folder / "one", HereEngine())
+    return quick_data, folder / "one"
+
+
+@pytest.mark.parametrize("call", [*PRINTED, "compare"])
+def test_output_fits_80_columns_and_says_on_a_terminal_what_it_says_piped(
+    answer, butterfly, places, monkeypatch, call
+):
+    words = call.split()[: 2 if call.startswith("results") else 1]
+    told = (*words, places["results" in call], *PRINTED.get(call, ()))
+    if call == "compare":
+        told = (call, places[True] / "0", places[True] / "1")
+    code, piped, err = answer(*told)
+    assert code in {0, 3}, err
+    assert_tables_fit(piped)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    shown = COLOURS.sub("", butterfly(*told)[1])
+    assert shown.split() == piped.split()
+    paths = [line for line in piped.splitlines() if "/" in line]  # nothing is to break a path
+    assert [line for line in shown.splitlines() if len(line) > 80 and line not in paths] == []

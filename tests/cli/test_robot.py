@@ -1,0 +1,175 @@
+"""The robot: watched, drawn, told and exported."""
+
+import gc
+import re
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+from scipy.io import loadmat
+
+from butterfly.model.parameters import AddedMass
+from butterfly.plant.robot import Robot
+from butterfly.plant.watch import picture
+from butterfly.plant.watch.picture import Painter, RenderingError
+from tests.cli.one_line import assert_one_line_error
+from tests.conftest import ROBOT
+
+
+@pytest.fixture
+def painted(monkeypatch):
+    """Angles that are drawn, in place of the pictures."""
+    angles = []
+
+    class Painter:
+        def __init__(self, _robot, _added, size):
+            self.size = size
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def frame(self, angle):
+            angles.append(angle)
+            return Image.new("RGB", (self.size, self.size), (len(angles), 0, 0))
+
+    monkeypatch.setattr(picture, "Painter", Painter)
+    return angles
+
+
+ROUGH = {
+    "simulator": "grey-box",
+    "clock": {"step": 0.002, "jitter": 0.0003},
+    "path": {"limit": 0.02, "delay": 0.003},
+    "faults": {"dropped": 0.01},
+}
+
+
+@pytest.mark.parametrize("changes", [{}, {"path": {"limit": 0.02}}, ROUGH])
+def test_a_film_draws_the_log_that_simulate_writes(
+    butterfly, quick_in_mujoco, tmp_path, painted, changes
+):
+    content = yaml.safe_load(quick_in_mujoco.read_text())
+    content.update(duration=4.0, seed=7)
+    content["plant"].update(changes)
+    experiment = tmp_path / "film.yaml"
+    experiment.write_text(yaml.safe_dump(content))
+    film = tmp_path / "hand.gif"
+    asked = ("--run", 5, "--seconds", 3, "--fps", 20, "--size", 32)
+    code, out, _ = butterfly("show", experiment, "--out", film, *asked)
+    assert (code, out) == (0, f"Film: {film}\n")
+    assert butterfly("simulate", experiment, "--out", tmp_path / "logs")[0] == 0
+    (path,) = (tmp_path / "logs").glob("run005_*.mat")
+    time, _, angle, _ = loadmat(path)["D"].T
+    instants = np.arange(time[0], time[time <= time[0] + 3][-1], 1 / 20)
+    np.testing.assert_array_equal(painted, np.interp(instants, time, angle))
+    assert np.ptp(painted) > 0.01
+    with Image.open(film) as picture:
+        assert picture.n_frames == len(painted)
+
+
+def _needs_drawing():
+    try:
+        Painter(Robot.of_lumped(ROBOT), AddedMass(), 32).__exit__()
+    except RenderingError as error:
+        pytest.skip(str(error))
+
+
+# imageio-ffmpeg leaves the pipes to its encoder to be closed by the garbage collector.
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+@pytest.mark.parametrize("ending", [".gif", ".mp4"])
+def test_a_run_is_filmed(butterfly, quick, tmp_path, ending):
+    _needs_drawing()
+    iio = pytest.importorskip("imageio.v3", reason="the extra 'video' is not installed")
+    film = tmp_path / f"hand{ending}"
+    asked = ("--run", 4, "--seconds", 1, "--fps", 8, "--size", 64)
+    code, out, err = butterfly("show", quick, "--out", film, *asked)
+    assert (code, out) == (0, f"Film: {film}\n"), err
+    frames = iio.imread(film)
+    gc.collect()
+    assert frames.shape == (8, 64, 64, 3)
+    assert frames[0].std() > 10
+    assert np.abs(frames[0].astype(float) - frames[-1]).max() > 30
+
+
+@pytest.mark.parametrize("source", ["quickstart", "saved"])
+def test_a_robot_is_drawn_and_turns_with_its_angle(butterfly, saved, tmp_path, source):
+    _needs_drawing()
+    pictures = []
+    named = saved if source == "saved" else source
+    for added, angle in ((0.0, 0.8), (0.05, 0.8), (0.05, 0.8), (0.05, -0.8)):
+        path = tmp_path / f"{len(pictures)}.png"
+        asked = ("--added-mass", added, "--angle", angle, "--size", 96)
+        code, out, err = butterfly("show", named, "--out", path, *asked)
+        assert code == 0, err
+        assert f"Picture: {path}\n" in out
+        with Image.open(path) as picture:
+            pictures.append(np.asarray(picture.convert("RGB")).astype(int))
+    bare, right, again, left = (np.argwhere(p[..., 0] - p[..., 2] > 60) for p in pictures)
+    assert bare.size == 0
+    assert right[:, 1].mean() > 48 > left[:, 1].mean()  # of the pivot
+    np.testing.assert_array_equal(right, again)
+    assert pictures[0].shape == (96, 96, 3)
+
+
+def test_data_have_no_run_to_be_watched(answer, saved):
+    assert_one_line_error(answer("show", saved), "--out")
+
+
+def test_the_robot_of_an_experiment_is_told_and_exported(answer, tmp_path):
+    code, out, _ = answer("inspect", "quickstart", "--added-mass", 0.05)
+    assert code == 0
+    assert "5.1306 rad/s" in out
+    assert "mass 0.1 kg, com_distance 0.05 m, inertia 0.003 kg m²" in out
+    assert re.search(r"p4 +0\.025 N m/V", out)
+    code, out, _ = answer("export", "quickstart", "--out", tmp_path / "q.xml")
+    assert code == 0
+    assert f"Model: {tmp_path / 'q.xml'}, with steps of 1 ms" in out
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "q.xml"))
+    assert model.dof_damping[0] == 2e-4
+
+
+@pytest.mark.parametrize("source", ["saved", "data"])
+def test_the_twin_is_exported_and_moves_as_identified(answer, saved, quick_data, tmp_path, source):
+    named = saved if source == "saved" else quick_data
+    code, out, _ = answer("export", named, "--out", tmp_path / "t.xml")
+    assert code == 0
+    assert "left out" not in out  # of the few microseconds that were found where there are none
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
+    data = mujoco.MjData(model)
+    data.qpos[0], data.ctrl[0] = 0.5, 1.0
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((1, 1))
+    mujoco.mj_fullM(model, data, inertia)
+    assert inertia[0, 0] == pytest.approx(0.00325, rel=0.02)
+    assert data.qfrc_bias[0] == pytest.approx(0.04905 * np.sin(0.5), rel=0.02)
+    assert data.qfrc_actuator[0] == pytest.approx(0.025, rel=0.02)
+
+
+def test_what_an_exported_model_cannot_do_is_said(butterfly, quick, tmp_path):
+    content = yaml.safe_load(quick.read_text())
+    content["plant"]["path"] = {"resolution": 0.01, "delay": 0.0021, "limit": 5.0}
+    quick.write_text(yaml.safe_dump(content))
+    code, out, _ = butterfly("export", quick, "--out", tmp_path / "t.xml")
+    assert code == 0
+    assert "MuJoCo does not round commands" in out
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
+    assert model.actuator("motor").ctrlrange[1] == 5.0
+    assert model.nhistory > 0
+
+
+def test_what_is_neither_experiment_nor_data_set_is_refused(answer, tmp_path):
+    path = tmp_path / "other.yaml"
+    path.write_text("colour: blue")
+    assert_one_line_error(answer("inspect", path), path, "colour")
+
+
+def test_a_run_that_does_not_exist_cannot_be_filmed(butterfly, tmp_path):
+    result = butterfly("show", "quickstart", "--run", 24, "--out", tmp_path / "x.gif")
+    assert_one_line_error(result, "--run", "got 24", "from 0 to 23")
