@@ -17,12 +17,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 256,
-    "lines of the package": 40_567,
-    "lines of tests": 28_535,
+    "files of the package": 235,
+    "lines of the package": 38_886,
+    "lines of tests": 28_093,
     "names of classes that exist twice": 7,
-    "modules in import circles": 13,
-    "tuned numbers of identification": 206,
+    "modules in import circles": 12,
+    "tuned numbers of identification": 205,
 }
 
 

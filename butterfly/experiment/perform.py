@@ -6,11 +6,12 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from butterfly.errors import ButterflyError, IdentifiabilityError
-from butterfly.experiment.orbit import hold_orbit
+from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
+from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.provenance import versions
 from butterfly.experiment.record import (
     FAILED,
@@ -26,13 +27,14 @@ from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulation import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
+from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
-from butterfly.identification.identify import identify
+from butterfly.identification.identify import identify, judged
 from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
-from butterfly.orbit.study import OrbitStudy
+from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
 from butterfly.signals.excitations import Table
 
@@ -107,6 +109,52 @@ def _ended(error: Exception | None) -> tuple[str, str]:
     if isinstance(error, ButterflyError):
         return REFUSED, str(error)
     return FAILED, f"{type(error).__name__}: {error}"
+
+
+def hold_orbit(
+    experiment: Experiment,
+    data: DataSet | None,
+    found: Estimate | None = None,
+    *,
+    track: Track = untracked,
+) -> OrbitStudy:
+    """Hold the orbit of ``control`` and re-calibrate, beginning with what small swings tell.
+
+    The small swings are ``data``, and what the first estimator ``found`` in them if it did, unless
+    the experiment says what is believed. InputError if there is no orbit.
+    """
+    control = experiment.control
+    if control is None:
+        raise InputError(experiment.name, "control", "nothing", "an orbit to hold (control: ...)")
+    believed, zero = control.believed, 0.0
+    small_swings = None
+    if believed is None:
+        if data is None:
+            raise InputError(experiment.name, "control.believed", "nothing", "parameters, or logs")
+        first = experiment.all_estimators[0]
+        small_swings = found or judged(data, first.unchecked())
+        believed = small_swings.parameters
+        zero = _zero(control, data)
+    rng = np.random.default_rng(experiment.orbit_seed)
+    return study_orbit(
+        partial(experiment.plant.rig.run, rng=rng),
+        believed,
+        zero,
+        control,
+        control.recalibration,
+        amplitudes=control.cross_check,
+        small_swings=small_swings,
+        rng=rng,
+        name=experiment.name,
+        description=experiment.description,
+        track=track,
+    )
+
+
+def _zero(control: ControlSpec, data: DataSet) -> float:
+    """Return the encoder reading in rad of the hand at rest, with its first mass if known."""
+    known = data.equilibria
+    return known.get(control.added_masses[0], float(np.mean(list(known.values()))))
 
 
 class _Run:

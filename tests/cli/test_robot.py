@@ -10,6 +10,9 @@ import yaml
 from PIL import Image
 from scipy.io import loadmat
 
+from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.source import read_experiment
+from butterfly.files import shipped
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.robot import Robot
 from butterfly.plant.watch import picture
@@ -150,6 +153,38 @@ def test_the_twin_is_exported_and_moves_as_identified(answer, saved, quick_data,
     assert inertia[0, 0] == pytest.approx(0.00325, rel=0.02)
     assert data.qfrc_bias[0] == pytest.approx(0.04905 * np.sin(0.5), rel=0.02)
     assert data.qfrc_actuator[0] == pytest.approx(0.025, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def heavy_data(tmp_path_factory):
+    """Logs of an ordinary joint: no hand of 0.3 kg has its p1 and p3."""
+    content = yaml.safe_load(shipped("experiments/quickstart.yaml").read_text())
+    lumped = {"p1": 0.012, "p2": 0.02, "p3": 0.62, "p4": 1.0}
+    sines = [{"omega": omega, "amplitude": 0.05} for omega in (4.0, 6.0, 7.5, 9.0)]
+    masses = [{"mass": 0.0}, {"mass": 0.1, "arm": 0.104}]
+    content |= {"duration": 12.0, "excitations": sines, "added_masses": masses}
+    content["plant"] = {"lumped": lumped, "simulator": "grey-box"}
+    folder = tmp_path_factory.mktemp("heavy")
+    (folder / "heavy.yaml").write_text(yaml.safe_dump(content))
+    experiment = read_experiment(folder / "heavy.yaml")
+    return write_logs(experiment, simulate(experiment), folder / "data").parent
+
+
+def test_a_hand_gets_a_mass_that_its_parameters_allow(butterfly, heavy_data, tmp_path):
+    code, out, err = butterfly("export", heavy_data, "--out", tmp_path / "t.xml")
+    assert code == 0, err
+    assert "(--hand-mass)" in out
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "t.xml"))
+    hand = model.body("hand").id
+    about = model.body_inertia[hand, 0] + model.body_mass[hand] * model.body_ipos[hand, 2] ** 2
+    assert about == pytest.approx(0.012, rel=0.02)
+
+
+def test_a_mass_that_the_parameters_do_not_allow_is_refused_by_its_option(
+    butterfly, heavy_data, tmp_path
+):
+    ran = butterfly("export", heavy_data, "--out", tmp_path / "t.xml", "--hand-mass", 0.3)
+    assert_one_line_error(ran, "--hand-mass", "0.33")
 
 
 def test_what_an_exported_model_cannot_do_is_said(butterfly, quick, tmp_path):

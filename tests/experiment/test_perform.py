@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from butterfly.errors import IdentifiabilityError, InputError
-from butterfly.experiment import orbit
+from butterfly.experiment import perform as performing
 from butterfly.experiment.perform import execute, perform
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.schema import Experiment
@@ -163,7 +163,7 @@ def test_the_orbit_draws_from_a_stream_of_its_own(monkeypatch):
         drawn.append(rng.random(8).tolist())
         raise InputError("orbit", "x", "y", "z")
 
-    monkeypatch.setattr(orbit, "study_orbit", stop)
+    monkeypatch.setattr(performing, "study_orbit", stop)
     control = {"target": {"amplitude": 0.9}, "starts": [0.9]}
     control["believed"] = {"p1": 0.003, "p2": 0.0012, "p3": 0.045, "p4": 9.0}
     experiment = Experiment.model_validate(SINGLE | {"control": control, "duration": 2.0})
