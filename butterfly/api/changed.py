@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, ClassVar
-
-from plotly.graph_objects import Figure, Scatter
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.api.sources import Named
 from butterfly.api.tabulated import Tabulated
@@ -24,9 +22,11 @@ from butterfly.report.change import (
     shown_changes,
     untested_sentences,
 )
-from butterfly.report.figures import GREY, PALETTE
 from butterfly.result import aligned
 from butterfly.verdict import Level
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -45,6 +45,10 @@ class Changed(Tabulated):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
+        from plotly.graph_objects import Figure, Scatter  # noqa: PLC0415 - slow to import
+
+        from butterfly.report.figures import GREY, PALETTE  # noqa: PLC0415 - slow to import
+
         rows = [row for row in self.table if known(row)]
         sizes = [abs(row["before"]) / 100 for row in rows]
         differences = [row["after"] - row["before"] for row in rows]

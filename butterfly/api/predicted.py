@@ -18,7 +18,6 @@ from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section
-from butterfly.report.prediction import band_figure, band_series, drawn_predictions, share_figure
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
@@ -104,12 +103,20 @@ class Predicted(Tabulated):
 
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
+        from butterfly.report.prediction import share_figure  # noqa: PLC0415 - slow to import
+
         if not self.predictions or not self.predictions[0].bands:
             return {"fits": self.plot.fits()} if self.measured else {}
         return {"inside": share_figure(self.predictions)} if self.measured else {}
 
     def page(self) -> Page:
         """Put together the page of `report`; only bands that were not loaded are drawn in time."""
+        from butterfly.report.prediction import (  # noqa: PLC0415 - slow to import
+            band_figure,
+            band_series,
+            drawn_predictions,
+        )
+
         plain = super().page()
         if not self.predictions or not self.predictions[0].bands:
             return plain

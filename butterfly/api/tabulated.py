@@ -5,24 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from plotly.graph_objects import Bar, Figure, Scatter
-
-from butterfly.comparison.three_way import ThreeWay
 from butterfly.document import HEAD, Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.physical import PhysicalParameters
-from butterfly.report.figures import PALETTE, look
-from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.page import Page
 from butterfly.report.physical import TITLE, physical_numbers, physical_sentences
-from butterfly.report.three_way_page import three_way_page
 from butterfly.result import Result, TextTable, aligned, text, texts
 from butterfly.verdict import Verdict
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+    from butterfly.comparison.three_way import ThreeWay
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -161,6 +160,11 @@ class Compared(Tabulated):
         found: Estimate,
     ) -> Compared:
         """Tabulate logs, each simulated twice with an estimate, and the misfit of the data set."""
+        from butterfly.report.numbers.comparison_numbers import (  # noqa: PLC0415 - slow to import
+            told_comparison,
+        )
+        from butterfly.report.three_way_page import three_way_page  # noqa: PLC0415 - slow to import
+
         told = told_comparison(data, estimator, compared, misfit, found)
         page = three_way_page(data, compared, misfit, told)
         return cls.of_told(told, live=page, printed=page_tables(page))
@@ -220,6 +224,10 @@ class TablePlots:
 
     def fits(self) -> Figure:
         """Draw every column of FITs, a point for each log."""
+        from plotly.graph_objects import Figure, Scatter  # noqa: PLC0415 - slow to import
+
+        from butterfly.report.figures import look  # noqa: PLC0415 - slow to import
+
         rows = self.result.rows()
         columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
         places = list(range(1, len(rows) + 1))
@@ -247,6 +255,10 @@ class TablePlots:
 
     def ranking(self, count: int = 12) -> Figure:
         """Draw the mean of what is left of the standard errors, for the first candidates."""
+        from plotly.graph_objects import Bar, Figure  # noqa: PLC0415 - slow to import
+
+        from butterfly.report.figures import PALETTE  # noqa: PLC0415 - slow to import
+
         rows = self.result.rows()[:count]
         bars = Bar(
             x=[str(rank) for rank in range(1, len(rows) + 1)],

@@ -16,8 +16,6 @@ from butterfly.api.answers import Leaderboard, Residual, Selection
 from butterfly.api.saved import load
 from butterfly.api.sources import RESULT, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
-from butterfly.comparison.leaderboard import leaderboard
-from butterfly.comparison.three_way import compare_three
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
@@ -39,15 +37,12 @@ from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import estimate_verdict, require_possible
-from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.numbers.table_numbers import (
     told_design,
     told_residual,
     told_selection,
     told_validation,
 )
-from butterfly.report.ranking_pages import leaderboard_page, selection_page, structures_table
-from butterfly.report.residual import HEADERS, misfit_sentences, misfit_table, residual_page
 from butterfly.result import TextTable
 
 Method = str | Estimator
@@ -127,6 +122,8 @@ def select(
     IdentifiabilityError
         If they cannot determine the parameters, or nothing can be left out.
     """
+    from butterfly.report.ranking_pages import selection_page, structures_table  # noqa: PLC0415 - slow to import
+
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
     logs = read(data).holding_out(holdout)
@@ -220,6 +217,10 @@ def rank(
     InputError
         If logs cannot be used, or there is no such method.
     """
+    from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
+    from butterfly.report.numbers.comparison_numbers import told_leaderboard  # noqa: PLC0415 - slow to import
+    from butterfly.report.ranking_pages import leaderboard_page  # noqa: PLC0415 - slow to import
+
     how = choice(Split, "validate", "split", split)
     estimators = [make_estimator(each, {}) for each in methods]
     if not estimators:
@@ -259,6 +260,13 @@ def residual(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
+    from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
+        HEADERS,
+        misfit_sentences,
+        misfit_table,
+        residual_page,
+    )
+
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)
     chosen = numbers_of_logs("residual", logs, len(whole.logs))
     misfit = judge_misfit(whole, found)
@@ -316,6 +324,8 @@ def compare(
     UnusableError
         If no joint has those that were found.
     """
+    from butterfly.comparison.three_way import compare_three  # noqa: PLC0415 - slow to import
+
     if not isinstance(mass, Real | None):
         raise InputError("compare", "mass", mass, "a number of kg")
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)

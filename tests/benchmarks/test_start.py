@@ -8,23 +8,12 @@ from tests.benchmarks.bars import at_most
 from tests.benchmarks.cpu_time import least_seconds_of_processes
 
 BARE = """
-from typing import Annotated
+from cyclopts import App
 
-import typer
-
-app = typer.Typer(add_completion=False, no_args_is_help=True)
+app = App(name="bare", version="bare 1.0")
 
 
-@app.callback(invoke_without_command=True)
-def _root(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
-) -> None:
-    if version:
-        typer.echo("bare 1.0")
-        raise typer.Exit
-
-
-@app.command()
+@app.command
 def nothing() -> None:
     "Do nothing."
 
@@ -35,13 +24,13 @@ app()
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")
 @pytest.mark.parametrize("option", ["--version", "--help"])
-def test_the_command_line_starts_in_little_more_than_a_bare_typer_program(option, tmp_path):
+def test_the_command_line_starts_in_little_more_than_a_bare_cyclopts_program(option, tmp_path):
     bare = tmp_path / "bare.py"
     bare.write_text(BARE, encoding="utf-8")
     least, own = least_seconds_of_processes((str(bare), option), ("-m", "butterfly", option))
     ratio = own / least
-    print(f"\nbutterfly {option}: {1e3 * own:.0f} ms, {ratio:.2f} times a bare typer program")
-    at_most(ratio, 1.5, f"butterfly {option}", "a bare typer program")
+    print(f"\nbutterfly {option}: {1e3 * own:.0f} ms, {ratio:.2f} times a bare cyclopts program")
+    at_most(ratio, 1.5, f"butterfly {option}", "a bare cyclopts program")
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the CPU time of single children")

@@ -158,7 +158,7 @@ def test_results_are_listed_shown_tabulated_exported_and_compared(butterfly, fol
     ("arguments", "part"),
     [
         (("table", "ONE", "--filter", "nois=1"), "an unknown column"),
-        (("table", "ONE", "--table", "runz"), "'runs'"),
+        (("table", "ONE", "--table", "runz"), '"runs"'),
         (("table", "ONE", "--filter", "logs=x"), "a number"),
         (("show", "ONE", "9999"), "a number from 0 to 5"),
         (("table", "ONE", "--out", "x.xls"), ".csv or .parquet"),

@@ -11,6 +11,7 @@ import pytest
 from butterfly.experiment.perform import perform
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
+from butterfly.identification.diagnostics.residual_torque import residual_torques
 from butterfly.identification.estimators import Linear
 from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
@@ -40,6 +41,7 @@ from butterfly.report.parameter_table import Whisker, interval, parameter_rows, 
 from butterfly.report.residual import (
     misfit_sentences,
     misfit_table,
+    residual_page,
 )
 from butterfly.report.summary import summary
 
@@ -357,3 +359,12 @@ def test_values_are_written_to_the_second_digit_of_their_error(value, error, tex
 def test_an_interval_without_limits_is_a_dash():
     assert interval(float("nan"), 1.0) == "–"
     assert interval(1.0, 2.0) == "[1.00, 2.00]"
+
+
+def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):
+    result, _ = simulated
+    torque = residual_torques(result.data, result.estimate).logs[0]
+    late = dataclasses.replace(torque, time=torque.time + 1.7e9)
+    page = residual_page(late, result.misfit.logs[0], result.verdict)
+    drawn = np.asarray(page.figures["torque"].data[0].x)
+    assert np.all(np.isin(drawn, late.time))
