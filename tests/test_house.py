@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 235,
     "lines of the package": 38_886,
-    "lines of tests": 28_093,
+    "lines of tests": 28_200,
     "names of classes that exist twice": 7,
     "modules in import circles": 12,
     "tuned numbers of identification": 205,
