@@ -23,29 +23,15 @@ HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "s
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Told:
-    """What an answer says.
+    """What an answer says."""
 
-    Parameters
-    ----------
-    kind
-        Of answer: its schema is called ``butterfly.KIND``.
-    title
-        What it is, in a line.
-    verdict
-        On the estimate that it rests on; None if it rests on none.
-    summary
-        What it says, in plain English, the verdict first.
-    content
-        The rest, as JSON can hold it but for numbers that are not finite.
-    units
-        Of quantities whose own key or column does not say it, by their keys, with dots between.
-    """
-
-    kind: str
-    title: str
-    verdict: Verdict | None = None
-    summary: tuple[str, ...] = ()
+    kind: str  # Of answer: its schema is called `butterfly.KIND`
+    title: str  # What it is, in a line
+    verdict: Verdict | None = None  # On the estimate that it rests on; None if it rests on none
+    summary: tuple[str, ...] = ()  # What it says, in plain English, the verdict first
+    # The rest, as JSON can hold it but for numbers that are not finite
     content: Mapping[str, Any] = field(default_factory=dict)
+    # Of quantities whose own key or column does not say it, by their keys, with dots between
     units: Mapping[str, str] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
@@ -71,12 +57,8 @@ class Told:
 def json_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:
     """Return a document as text.
 
-    Parameters
-    ----------
-    document
-        Without numbers that JSON does not have (see `finite`).
-    ascii_only
-        Whether to write other letters as escapes, for what cannot take them.
+    `document`: Without numbers that JSON does not have (see `finite`); `ascii_only`: Whether to
+    write other letters as escapes, for what cannot take them.
     """
     return json.dumps(document, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
 
@@ -84,10 +66,7 @@ def json_text(document: Mapping[str, Any], *, ascii_only: bool = False) -> str:
 def write_document(document: Mapping[str, Any], path: Path) -> None:
     """Write a document to a file.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     with replacing(path) as draft:
         draft.write_text(json_text(finite(document)), encoding="utf-8")

@@ -68,12 +68,7 @@ _LONGEST = 300  # characters of what a message repeats
 def shown(text: object, most: int = _LONGEST) -> str:
     """Return a text as a message shows it: in one line, no longer than need be, and harmless.
 
-    Parameters
-    ----------
-    text
-        Whatever a file may hold, controls of terminals included.
-    most
-        Characters of it.
+    `text`: Whatever a file may hold, controls of terminals included.
     """
     said = str(text)
     if len(said) > most:
@@ -82,19 +77,7 @@ def shown(text: object, most: int = _LONGEST) -> str:
 
 
 def require_number(source: str, *, positive: bool = False, unit: str = "", **values: float) -> None:
-    """Raise InputError unless each value is finite and not negative (or strictly positive).
-
-    Parameters
-    ----------
-    source
-        What the values belong to.
-    positive
-        Whether 0 is refused too.
-    unit
-        Named in the message, if given.
-    values
-        By field.
-    """
+    """Raise InputError unless each value is finite and not negative (or strictly positive)."""
     sign = "positive" if positive else "non-negative"
     for field, value in values.items():
         number = isinstance(value, Real)

@@ -42,23 +42,9 @@ def identify(
 ) -> Identification:
     """Identify the robot that made the logs of a data set.
 
-    Parameters
-    ----------
-    data
-        The logs.
-    estimator
-        The one that suits the logs if not given.
-    against
-        Other parameters to simulate the logs with, by name; a p4 that is NaN is fitted.
-    track
-        Shows progress.
-
-    Raises
-    ------
-    InputError
-        If the estimator cannot use the logs.
-    IdentifiabilityError
-        If the logs cannot determine the parameters.
+    `estimator`: The one that suits the logs if not given; `against`: Other parameters to simulate
+    the logs with, by name; a p4 that is NaN is fitted. Raises InputError if the estimator cannot
+    use the logs; IdentifiabilityError if the logs cannot determine the parameters.
     """
     estimator = (estimator or Suitable()).suited(data)
     (found,) = [estimated(data, each) for each in track([estimator], "Fitting")]
@@ -95,18 +81,8 @@ def judge(
 ) -> Estimate:
     """Add to an estimate what physics, its free runs, the input and slips say of it.
 
-    Parameters
-    ----------
-    data
-        The n logs.
-    estimator
-        What the estimate is from.
-    found
-        The estimate.
-    fits
-        (n,) FIT in per cent of its free run of each log.
-    held
-        The same of the logs that are held out, if they are at hand.
+    `fits`: (n,) FIT in per cent of its free run of each log; `held`: The same of the logs that are
+    held out, if they are at hand.
     """
     # Where the hand passes the upright no free run of a whole log stays near: such logs count only
     # if all do.
@@ -170,10 +146,7 @@ def simulated(
 ) -> Identification:
     """Simulate the logs of a data set with an estimate, and with other parameters (see `identify`).
 
-    Raises
-    ------
-    InputError
-        If a log cannot be used.
+    Raises InputError if a log cannot be used.
     """
     estimate = data.simulations.settled(estimate)
     horizon = data.simulations.horizon(estimate)

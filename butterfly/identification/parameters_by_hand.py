@@ -33,27 +33,13 @@ _GRID = 41  # values of p4 tried before the best is sought
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OtherParameters:
-    """How well given parameters move like the robot.
+    """How well given parameters move like the robot."""
 
-    Parameters
-    ----------
-    name
-        Where the parameters come from.
-    parameters
-        Of the bare hand.
-    gain_fitted
-        Whether p4 was chosen here, for the highest median FIT.
-    fits
-        (n,) FIT of each log in per cent.
-    horizon
-        Longest stretch in s that was simulated at a time.
-    """
-
-    name: str
-    parameters: LumpedParameters
-    gain_fitted: bool
-    fits: NDArray[np.float64]
-    horizon: float = math.inf
+    name: str  # Where the parameters come from
+    parameters: LumpedParameters  # Of the bare hand
+    gain_fitted: bool  # Whether p4 was chosen here, for the highest median FIT
+    fits: NDArray[np.float64]  # (n,) FIT of each log in per cent
+    horizon: float = math.inf  # Longest stretch in s that was simulated at a time
 
     @property
     def summary(self) -> FitSummary:
@@ -156,22 +142,10 @@ def given_estimate(
 ) -> Estimate:
     """Return given parameters as an estimate of which no uncertainty is known.
 
-    Parameters
-    ----------
-    told
-        p1 and p3, and whatever else is not 0 and not known of the data; ``zero`` is the encoder's
-        reading in rad where the model's angle is 0. Without p4 the one with the best FIT is taken.
-    source
-        For messages.
-    data
-        The logs that they are to foretell, if somebody recorded them.
-    masses
-        What the joint will carry.
-
-    Raises
-    ------
-    InputError
-        Naming the part that is wrong, or p4, where no log tells the best one.
+    `told`: p1 and p3, and whatever else is not 0 and not known of the data; ``zero`` is the
+    encoder's reading in rad where the model's angle is 0. Without p4 the one with the best FIT is
+    taken. `data`: The logs that they are to foretell, if somebody recorded them. Raises InputError:
+    naming the part that is wrong, or p4, where no log tells the best one.
     """
     values = ({} if data is None else data.known.exact) | dict(told)
     zero = values.pop("zero", None)
@@ -221,14 +195,7 @@ def outdone(
     With the same p4, by the weak form, over the same stretches: an angle that is put back on its
     way every second is followed well by many.
 
-    Parameters
-    ----------
-    data, estimate
-        The logs and the parameters.
-    fits
-        (n,) FIT in per cent with them.
-    numbers
-        Of the n logs.
+    `fits`: (n,) FIT in per cent with them.
     """
     known = Knowledge(parameters={"p4": Known(value=estimate.parameters.p4)})
     try:

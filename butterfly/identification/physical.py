@@ -29,28 +29,15 @@ _BETTER = 0.99  # of a told uncertainty; what is known no better than that was n
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicalParameter:
-    """One physical parameter.
+    """One physical parameter."""
 
-    Parameters
-    ----------
-    name
-        In `butterfly.identification.physical_formulas.SYMBOLS`.
-    value, standard_error
-        In its unit.
-    reach
-        Half-width of its 95 % interval.
-    unit
-        Of all three.
-    told
-        What was known of it before.
-    """
-
-    name: str
-    unit: str
+    name: str  # In `butterfly.identification.physical_formulas.SYMBOLS`
+    unit: str  # Of all three
+    # value, standard_error: In its unit
     value: float
     standard_error: float
-    reach: float
-    told: Known | None = None
+    reach: float  # Half-width of its 95 % interval
+    told: Known | None = None  # What was known of it before
 
     @property
     def below_zero(self) -> float:
@@ -76,37 +63,20 @@ class Lack(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Unseparated:
-    """Something that cannot be told.
+    """Something that cannot be told."""
 
-    Parameters
-    ----------
-    lack
-        What.
-    names
-        Of the knowledge that says nothing here.
-    most
-        What the back-EMF constant can be at most.
-    """
-
-    lack: Lack
-    names: tuple[str, ...] = ()
-    most: Known | None = None
+    lack: Lack  # What
+    names: tuple[str, ...] = ()  # Of the knowledge that says nothing here
+    most: Known | None = None  # What the back-EMF constant can be at most
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicalParameters:
-    """What is told, and what is not.
+    """What is told, and what is not."""
 
-    Parameters
-    ----------
-    found
-        The parameters that follow, or are known better than they were told.
-    unseparated
-        What is left open.
-    """
-
+    # The parameters that follow, or are known better than they were told
     found: tuple[PhysicalParameter, ...]
-    unseparated: tuple[Unseparated, ...]
+    unseparated: tuple[Unseparated, ...]  # What is left open
 
     def __getitem__(self, name: str) -> PhysicalParameter:
         """Return a parameter that was found."""
@@ -124,17 +94,9 @@ def physical_parameters(
     Standard errors are those of the estimate's covariance with what is told; half-widths those of
     its intervals, which are wider, with the same correlations.
 
-    Parameters
-    ----------
-    estimate
-        The lumped parameters. What ``estimate.known`` says of p4 has made them: R and k_t are then
-        not independent of it (see `Quantities.told_of`).
-    known
-        Of motor and hand.
-    input_kind
-        What the input commands.
-    carrier
-        Any added mass of the joint, for its kind and gravity.
+    `estimate`: The lumped parameters. What ``estimate.known`` says of p4 has made them: R and k_t
+    are then not independent of it (see `Quantities.told_of`). `carrier`: Any added mass of the
+    joint, for its kind and gravity.
     """
     joint = carrier.joint
     narrow, wide = (

@@ -48,32 +48,20 @@ _OF_PARTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """How a quantity follows from others.
+    """How a quantity follows from others."""
 
-    Parameters
-    ----------
-    name
-        Its name.
-    needs
-        What must be known: lumped parameters, physical ones, and ``gravity`` in m/s^2.
-    without
-        What must not be known: there is a better way then, or the formula does not hold.
-    symbol
-        How it is written, of what is no part of motor or hand: such are told where they are known
-        from 0.
-    input_kind, joint
-        Where it holds; everywhere if None.
-    formula
-        How.
-    """
-
-    name: str
+    name: str  # Its name
+    # What must be known: lumped parameters, physical ones, and `gravity` in m/s^2
     needs: tuple[str, ...]
+    # What must not be known: there is a better way then, or the formula does not hold
     without: tuple[str, ...] = ()
+    # How it is written, of what is no part of motor or hand: such are told where they are known
+    # from 0
     symbol: Symbol | None = None
+    # input_kind, joint: Where it holds; everywhere if None
     input_kind: InputKind | None = None
     joint: JointKind | None = JointKind.HINGE
-    formula: Formula
+    formula: Formula  # How
 
     def leads(self, names: Iterable[str], input_kind: InputKind, joint: JointKind) -> bool:
         """Whether what is known tells the parameter, which is not told itself."""

@@ -19,21 +19,11 @@ _STEP = 1e-20  # imaginary: a derivative without cancellation
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantities:
-    """Quantities that are known together.
+    """Quantities that are known together."""
 
-    Parameters
-    ----------
-    names
-        The n quantities.
-    values
-        (n,) in their units.
-    covariance
-        (n, n), in their units; zeros for one that is known exactly.
-    """
-
-    names: tuple[str, ...]
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    names: tuple[str, ...]  # The n quantities
+    values: NDArray[np.float64]  # (n,) in their units
+    covariance: NDArray[np.float64]  # (n, n), in their units; zeros for one that is known exactly
 
     @classmethod
     def told(cls, known: Mapping[str, Known]) -> Quantities:
@@ -78,14 +68,8 @@ class Quantities:
         whose remainder has the covariance K - L G K and is independent of the estimate. Where it
         was not, x is first informed by f(c0), whose covariance is G K G'.
 
-        Parameters
-        ----------
-        causes
-            As they were told, before any estimate.
-        formulas
-            f, by the names of those of these that follow.
-        new
-            Those of them whose estimate has not used that.
+        `formulas`: f, by the names of those of these that follow; `new`: Those of them whose
+        estimate has not used that.
         """
         fresh = [name for name in formulas if name in new]
         found = self._informed(causes, {name: formulas[name] for name in fresh})

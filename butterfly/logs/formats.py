@@ -58,10 +58,7 @@ def read_log(
 ) -> Log:
     """Read one file, by its ending; ``properties`` are fields of `Log` that it does not hold.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or is of none of the `FORMATS`.
+    Raises InputError if the file cannot be read, or is of none of the `FORMATS`.
     """
     return _format_of(path).read(path, columns, units, **{"name": path.name} | properties)
 

@@ -134,11 +134,8 @@ class Health:
 def examine(log: Log, repairs: Collection[Repair] = DEFAULT_REPAIRS) -> tuple[Log, Health]:
     """Return a log with increasing stamps and finite values, and what was found in it as recorded.
 
-    Raises
-    ------
-    InputError
-        If the log has a fault that ``repairs`` does not allow to be repaired, if its time does
-        not advance, if its angle never changes, or its sine's input.
+    Raises InputError if the log has a fault that ``repairs`` does not allow to be repaired, if its
+    time does not advance, if its angle never changes, or its sine's input.
     """
     finite = reduce(np.logical_and, map(np.isfinite, log.columns().values()))
     _refuse_unless_allowed(log, ~finite, Repair.NON_FINITE, repairs, "finite numbers")

@@ -337,10 +337,7 @@ def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> lis
 
     A name is that of a log, or of its file, with or without folder and ending.
 
-    Raises
-    ------
-    InputError
-        Naming ``source``, if a name is no log's.
+    Raises InputError: naming ``source``, if a name is no log's.
     """
     if isinstance(names, str) or not all(isinstance(name, str) for name in names):
         raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")

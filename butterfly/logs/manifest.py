@@ -302,10 +302,7 @@ def checked_options(given: Mapping[str, Any]) -> dict[str, Any]:
 
     None says nothing; one that says nothing is left out.
 
-    Raises
-    ------
-    InputError
-        Naming the field, its value and what was expected.
+    Raises InputError: naming the field, its value and what was expected.
     """
     some = {name: value for name, value in given.items() if value is not None}
     found = validate([], some, _options(), source="data")
@@ -325,10 +322,8 @@ def described(
     units and what is known are added. A zero is that of all logs. ``begin`` and ``end`` are left to
     `Manifest.piece`, for when it is clear which log is meant.
 
-    Raises
-    ------
-    InputError
-        Naming the file, or the source, with the field, its value and what was expected.
+    Raises InputError: naming the file, or the source, with the field, its value and what was
+    expected.
     """
     both = dict(content)
     for name in given.keys() - {"begin", "end", "zero"}:

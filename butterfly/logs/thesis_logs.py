@@ -60,11 +60,8 @@ def fetch(
     Each is put in place whole, once its SHA-256 is right. A server must answer, and send more once
     it has begun, within ``timeout`` s.
 
-    Raises
-    ------
-    InputError
-        If a log cannot be fetched or written, is another one at the source, or a file of its name
-        with other content is in the folder already. What has been fetched stays.
+    Raises InputError if a log cannot be fetched or written, is another one at the source, or a file
+    of its name with other content is in the folder already. What has been fetched stays.
     """
     if not source.startswith(_ADDRESSES) and not Path(source).is_dir():
         expected = f"an existing folder, or an address that begins with {' or '.join(_ADDRESSES)}"

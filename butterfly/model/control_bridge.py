@@ -38,23 +38,10 @@ def linearised(
     of order 4 to 1e-6 up to 1.4/delay rad/s, and to 1e-3 up to 3/delay, that is 140 and 300 rad/s
     for 10 ms.
 
-    Parameters
-    ----------
-    parameters
-        Of the hand without what it carries.
-    added_mass
-        What it carries.
-    angle
-        In rad, at which some constant input holds it.
-    pade_order
-        Of the approximation of the delay; 0 leaves it out. So is a negative delay, which an
-        estimate may come to and no causal system has. A system whose delay was left out is named
-        ``hand_without_delay``, others ``hand``.
-
-    Raises
-    ------
-    InputError
-        If there is no approximation of that order.
+    `angle`: In rad, at which some constant input holds it. `pade_order`: Of the approximation of
+    the delay; 0 leaves it out. So is a negative delay, which an estimate may come to and no causal
+    system has. A system whose delay was left out is named ``hand_without_delay``, others ``hand``.
+    Raises InputError if there is no approximation of that order.
     """
     loaded = parameters.with_added_mass(added_mass)
     p = Linearisation.of(loaded, angle)

@@ -14,21 +14,14 @@ from butterfly.model.parameters import LumpedParameters
 
 @dataclass(frozen=True, kw_only=True)
 class HeldSystem:
-    """The difference equation y[k+2] + a1 y[k+1] + a0 y[k] = b1 u[k+1] + b0 u[k] (46).
+    """The difference equation y[k+2] + a1 y[k+1] + a0 y[k] = b1 u[k+1] + b0 u[k] (46)."""
 
-    Parameters
-    ----------
-    a1, a0, b1, b0
-        Its coefficients (47)-(50); the last two in rad per unit of input.
-    step
-        Sampling period in s.
-    """
-
+    # a1, a0, b1, b0: Its coefficients (47)-(50); the last two in rad per unit of input
     a1: float
     a0: float
     b1: float
     b0: float
-    step: float
+    step: float  # Sampling period in s
 
     @classmethod
     def of(cls, parameters: LumpedParameters, step: float) -> HeldSystem:

@@ -74,57 +74,35 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Term:
-    """A row: one parameter and what it does.
+    """A row: one parameter and what it does."""
 
-    Parameters
-    ----------
-    name, symbol, unit, meaning
-        As in code, as printed, and in words; in the unit, "unit" is the input's.
-    lower
-        Least value that an estimate can have.
-    basis
-        Braking torque per unit of the parameter, where it is a function of the `Motion`.
-    derivative
-        2 for the inertia and 1 for viscous friction, whose basis is that derivative of the angle.
-    potential
-        Energy per unit of the parameter at an angle, with the periods of cogging in a turn; its
-        slope is the basis.
-    describing
-        Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and
-        the `Motion` that holds weight and settings.
-    dry
-        Whether it holds the joint at rest: a friction level times the sign of the velocity.
-    of_gain
-        Whether what enters the equation is p4 times the parameter.
-    sign_observable
-        Whether motion tells the sign.
-    state
-        What it makes a state of the joint, if anything.
-    size
-        Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and
-        the rate in rad/s of the motion.
-    looks_like
-        What a residual torque of this shape is called; empty for one that is not looked for.
-    follows
-        The term without which it says nothing.
-    offered
-        Names of the estimators that can estimate it when asked to.
-    """
-
+    # name, symbol, unit, meaning: As in code, as printed, and in words; in the unit, "unit" is the
+    # input's
     name: str
     symbol: str
     unit: str
     meaning: str
-    lower: float = -math.inf
+    lower: float = -math.inf  # Least value that an estimate can have
+    # Braking torque per unit of the parameter, where it is a function of the `Motion`
     basis: Callable[[Motion], Any] | None = None
+    # 2 for the inertia and 1 for viscous friction, whose basis is that derivative of the angle
     derivative: int = 0
+    # Energy per unit of the parameter at an angle, with the periods of cogging in a turn; its slope
+    # is the basis
     potential: Callable[[Any, float], Any] | None = None
+    # Torque over angle, per unit, for a sine: from frequencies in rad/s, amplitudes in rad and the
+    # `Motion` that holds weight and settings
     describing: Callable[[_Array, _Array, Motion], Any] | None = None
+    # Whether it holds the joint at rest: a friction level times the sign of the velocity
     dry: bool = False
-    of_gain: bool = False
-    sign_observable: bool = True
-    state: str = ""
+    of_gain: bool = False  # Whether what enters the equation is p4 times the parameter
+    sign_observable: bool = True  # Whether motion tells the sign
+    state: str = ""  # What it makes a state of the joint, if anything
+    # Typical size, for scaling, where there is no basis to tell it: from the speed in rad/s and the
+    # rate in rad/s of the motion
     size: Callable[[float, float], float] | None = None
+    # What a residual torque of this shape is called; empty for one that is not looked for
     looks_like: str = ""
-    follows: str = ""
+    follows: str = ""  # The term without which it says nothing
+    # Names of the estimators that can estimate it when asked to
     offered: frozenset[str] = frozenset()

@@ -19,26 +19,15 @@ class Linearisation:
     time_constant torque' + torque = p4 u(t - delay) - back_emf thd. Friction that holds the joint
     at rest (Coulomb, Stribeck, bristles) has no linearisation and is left out, as is the
     compression of the drive, which vanishes with the input.
-
-    Parameters
-    ----------
-    inertia
-        p1 in kg m^2.
-    damping, back_emf
-        In N m s/rad: outside of the motor, and of its back EMF.
-    stiffness
-        Slope of gravity, offset and cogging in N m/rad.
-    gain
-        p4 in N m per unit of input.
-    time_constant, delay
-        Of the armature, and of the input, in s.
     """
 
-    inertia: float
+    inertia: float  # p1 in kg m^2
+    # damping, back_emf: In N m s/rad: outside of the motor, and of its back EMF
     damping: float
     back_emf: float
-    stiffness: float
-    gain: float
+    stiffness: float  # Slope of gravity, offset and cogging in N m/rad
+    gain: float  # p4 in N m per unit of input
+    # time_constant, delay: Of the armature, and of the input, in s
     time_constant: float
     delay: float
 

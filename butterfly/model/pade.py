@@ -16,20 +16,13 @@ HIGHEST_ORDER = 10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DelayStates:
-    """x' = a x + b u, y = c x + feedthrough u, where y is u later.
+    """x' = a x + b u, y = c x + feedthrough u, where y is u later."""
 
-    Parameters
-    ----------
-    a, b, c
-        (n, n), (n,) and (n,).
-    feedthrough
-        1 or -1: every frequency comes through at its size.
-    """
-
+    # a, b, c: (n, n), (n,) and (n,)
     a: NDArray[np.float64]
     b: NDArray[np.float64]
     c: NDArray[np.float64]
-    feedthrough: float
+    feedthrough: float  # 1 or -1: every frequency comes through at its size
 
     @classmethod
     def of(cls, delay: float, order: int) -> DelayStates:

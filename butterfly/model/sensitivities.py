@@ -30,21 +30,12 @@ and the derivatives of the initial angle and velocity by it."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Columns:
-    """Which k columns the kernel carries, and how n parameters are made of them.
+    """Which k columns the kernel carries, and how n parameters are made of them."""
 
-    Parameters
-    ----------
-    column
-        (k,) numbers of the kernel's constants (see `butterfly.model.kernel.COLUMNS`) and drives.
-    initial
-        (4, k) derivatives of the initial state.
-    mixture
-        (k, n) derivatives of what the columns stand for by the parameters.
-    """
-
+    # (k,) numbers of the kernel's constants (see `butterfly.model.kernel.COLUMNS`) and drives
     column: NDArray[np.int64]
-    initial: Samples
-    mixture: Samples
+    initial: Samples  # (4, k) derivatives of the initial state
+    mixture: Samples  # (k, n) derivatives of what the columns stand for by the parameters
 
     @classmethod
     def of(
@@ -79,18 +70,10 @@ class Columns:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """What is read off a simulation: m sums over the state at both ends of single intervals.
+    """What is read off a simulation: m sums over the state at both ends of single intervals."""
 
-    Parameters
-    ----------
-    into
-        (n - 1,) number of the sum that an interval gives; -1 for none.
-    weights
-        (4, m) of angle and velocity at the start, and of those at the end.
-    """
-
-    into: NDArray[np.int64]
-    weights: Samples
+    into: NDArray[np.int64]  # (n - 1,) number of the sum that an interval gives; -1 for none
+    weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
 
     @classmethod
     def angles(cls, count: int) -> Readings:

@@ -38,33 +38,17 @@ MIN_COHERENCE = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResponsePoint:
-    """One log's steady response at the frequency of its input.
+    """One log's steady response at the frequency of its input."""
 
-    Parameters
-    ----------
-    added_mass
-        What the hand carried.
-    input
-        Complex amplitude of the input as the joint receives it, its hold included.
-    angle
-        Sine fit of the angle.
-    drift
-        Relative change of the angle's amplitude from the window's first to its second half.
-    label
-        Short name of the log.
-    pole
-        In 1/s, of a transient that still rings and was fitted too; None where there is none.
-    detuning
-        Relative distance of the input's frequency from the one that was told.
-    """
-
-    added_mass: AddedMass
-    input: complex
-    angle: SineFit
+    added_mass: AddedMass  # What the hand carried
+    input: complex  # Complex amplitude of the input as the joint receives it, its hold included
+    angle: SineFit  # Sine fit of the angle
+    # Relative change of the angle's amplitude from the window's first to its second half
     drift: float
-    label: str
+    label: str  # Short name of the log
+    # In 1/s, of a transient that still rings and was fitted too; None where there is none
     pole: complex | None = None
-    detuning: float = 0.0
+    detuning: float = 0.0  # Relative distance of the input's frequency from the one that was told
 
     @property
     def omega(self) -> float:

@@ -17,27 +17,13 @@ _TO_PHASOR = np.array([1.0, -1.0])  # which is (cos part) - j (sin part)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SineFit:
-    """x(t) = offset + Re sum_k phasors[k-1] e^(j k w t) + residual.
+    """x(t) = offset + Re sum_k phasors[k-1] e^(j k w t) + residual."""
 
-    Parameters
-    ----------
-    omega
-        Fundamental frequency in rad/s.
-    offset
-        Mean, in units of the signal.
-    phasors
-        (H,) complex amplitudes; ``phasors[0]`` is the fundamental.
-    covariance
-        (2, 2) of real and imaginary part of the fundamental.
-    residual_rms
-        Root mean square of what is left over.
-    """
-
-    omega: float
-    offset: float
-    phasors: NDArray[np.complex128]
-    covariance: NDArray[np.float64]
-    residual_rms: float
+    omega: float  # Fundamental frequency in rad/s
+    offset: float  # Mean, in units of the signal
+    phasors: NDArray[np.complex128]  # (H,) complex amplitudes; `phasors[0]` is the fundamental
+    covariance: NDArray[np.float64]  # (2, 2) of real and imaginary part of the fundamental
+    residual_rms: float  # Root mean square of what is left over
 
     @property
     def fundamental(self) -> complex:

@@ -17,22 +17,13 @@ _START = 0.01  # rad, at which the Simulink model starts
 
 @dataclass(frozen=True, kw_only=True)
 class Synthetic:
-    """What Tables 1 and 2 and Figures 3 to 8 rest on.
+    """What Tables 1 and 2 and Figures 3 to 8 rest on."""
 
-    Parameters
-    ----------
-    rig
-        The robot, its clock and its encoder.
-    added_masses, sines
-        Every sine is tried with every added mass.
-    duration
-        Of a run in s.
-    """
-
-    rig: Rig
+    rig: Rig  # The robot, its clock and its encoder
+    # added_masses, sines: Every sine is tried with every added mass
     added_masses: Sequence[AddedMass]
     sines: Sequence[Sine]
-    duration: float
+    duration: float  # Of a run in s
 
 
 def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: bool) -> Log:

@@ -33,25 +33,14 @@ _TABLE_2_PRINTED = ("0.0033 0.0453", "0.0033 0.0100 0.0606")
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One line of the comparison.
+    """One line of the comparison."""
 
-    Parameters
-    ----------
-    what
-        Which figures.
-    published, obtained
-        As printed in the thesis, and as computed here in the same way.
-    corrected
-        What is right, where the thesis is not.
-    note
-        Why.
-    """
-
-    what: str
+    what: str  # Which figures
+    # published, obtained: As printed in the thesis, and as computed here in the same way
     published: str
     obtained: str
-    corrected: str = ""
-    note: str = ""
+    corrected: str = ""  # What is right, where the thesis is not
+    note: str = ""  # Why
 
     @property
     def agrees(self) -> bool:

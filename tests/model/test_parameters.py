@@ -65,13 +65,22 @@ def test_impossible_values_are_refused_by_name(bad):
     p3=st.floats(-1, 1),
     p4=positive,
     coulomb=positive,
+    aside=st.floats(-1, 1),
     share=st.floats(1.1, 100),
 )
-def test_a_hand_found_for_lumped_parameters_has_them(*, p1, p2, p3, p4, coulomb, share):
-    wanted = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, coulomb=coulomb)
-    least = (p3 / 9.81) ** 2 / p1
+def test_a_hand_found_for_lumped_parameters_has_them(*, p1, p2, p3, p4, coulomb, aside, share):
+    wanted = LumpedParameters(p1=p1, p2=p2, p3=p3, p4=p4, coulomb=coulomb, p3_offset=aside)
+    least = (math.hypot(p3, aside) / 9.81) ** 2 / p1
     found = lump(*unlump(wanted, mass=max(share * least, 1e-3)))
     assert vars(found) == pytest.approx(vars(wanted), rel=1e-9, abs=1e-12)
+
+
+def test_an_added_mass_loads_the_bearing_whatever_the_direction_of_the_axis():
+    upright = AddedMass(mass=0.2, arm=0.1, gravity=0.0)
+    assert upright.weight == pytest.approx(0.2 * 9.81)
+    assert upright.gravity_moment == 0
+    inclined = AddedMass(mass=0.2, arm=0.1, gravity=4.0)
+    assert inclined.weight == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize("mass", [0.0, -1.0, 0.01, math.nan])
