@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, settings
 
 import butterfly.plant
 from butterfly.cli import main, progress
-from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set

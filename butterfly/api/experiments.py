@@ -19,8 +19,8 @@ from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import RunResult, outcome_of, perform
 from butterfly.experiment.record import FAILED, OK, RunRecord
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import data_set_of, file_of, write_logs
-from butterfly.experiment.simulation import simulate as simulated_logs
+from butterfly.experiment.simulate import data_set_of, file_of, write_logs
+from butterfly.experiment.simulate import simulate as simulated_logs
 from butterfly.experiment.source import Source, keep_experiment
 from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.experiment.store import ResultStore, digests

@@ -17,7 +17,7 @@ from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read, read_experiment
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import planned_logs
+from butterfly.experiment.simulate import planned_logs
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed

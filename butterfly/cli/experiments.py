@@ -93,8 +93,8 @@ def simulate(
     out
         Folder for the logs and their manifest.
     """
-    from butterfly.experiment.simulation import simulate as logs_of  # noqa: PLC0415 - slow
-    from butterfly.experiment.simulation import write_logs  # noqa: PLC0415
+    from butterfly.experiment.simulate import simulate as logs_of  # noqa: PLC0415 - slow
+    from butterfly.experiment.simulate import write_logs  # noqa: PLC0415
 
     _warn_of_wide_swings(experiment)
     plan = bf.read_experiment(experiment)

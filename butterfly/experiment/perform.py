@@ -24,7 +24,7 @@ from butterfly.experiment.record import (
     Task,
 )
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import data_set_of, packed, simulate
+from butterfly.experiment.simulate import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate

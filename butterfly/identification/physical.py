@@ -103,7 +103,8 @@ def physical_parameters(
         _together(estimate, errors, known, input_kind, carrier)
         for errors in (estimate.standard_errors, _of_intervals(estimate))
     )
-    ways = [way for way in WAYS if way.leads(narrow.names, input_kind, joint)]
+    names = {*narrow.names} - {*estimate.unestimated}
+    ways = [way for way in WAYS if way.leads(names, input_kind, joint)]
     told = {name: itemgetter(name) for name in known.physical}
     derived = {way.name for way in ways if way.symbol is not None}
     found = []

@@ -8,7 +8,7 @@ import os
 import pytest
 from scipy.io import loadmat
 
-from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.identification.data import read_data_set
 from butterfly.identification.identify import identify

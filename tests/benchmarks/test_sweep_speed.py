@@ -8,7 +8,7 @@ import pytest
 from butterfly.experiment.perform import execute
 from butterfly.experiment.record import OK
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.simulation import simulate as simulated_logs
+from butterfly.experiment.simulate import simulate as simulated_logs
 from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
 from butterfly.model.greybox import simulate

@@ -10,7 +10,7 @@ import yaml
 from PIL import Image
 from scipy.io import loadmat
 
-from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.model.parameters import AddedMass

@@ -6,7 +6,7 @@ import yaml
 
 from butterfly.errors import InputError
 from butterfly.experiment.perform import perform
-from butterfly.experiment.simulation import simulate, write_logs
+from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import DataSet
