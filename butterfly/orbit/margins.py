@@ -29,22 +29,14 @@ _HALVINGS = 16
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
-    """What the loop bears, one change at a time.
+    """What the loop bears, one change at a time."""
 
-    Parameters
-    ----------
-    gain
-        Lower and upper factor on gamma between which an orbit is held; 0 and infinity
-        where there is no limit within a thousandfold.
-    delay
-        Further delay in s up to which one is held; infinity where a whole period is borne.
-    multiplier
-        Size of the largest nontrivial Floquet multiplier of the loop as it is.
-    """
-
+    # Lower and upper factor on gamma between which an orbit is held; 0 and infinity where there is
+    # no limit within a thousandfold
     gain: tuple[float, float]
+    # Further delay in s up to which one is held; infinity where a whole period is borne
     delay: float
-    multiplier: float
+    multiplier: float  # Size of the largest nontrivial Floquet multiplier of the loop as it is
 
 
 def loop_multiplier(orbit: Orbit, gamma: float, delay: float = 0.0) -> float:
@@ -73,18 +65,10 @@ def loop_margins(orbit: Orbit, gamma: float, *, lag: float = 0.0) -> Margins:
     Within the margins the loop holds an orbit, but with friction and a delay not quite the wanted
     one, and a wrong p4 moves it too.
 
-    Parameters
-    ----------
-    orbit, gamma
-        The loop. The delay of the orbit's parameters is in it, and the lag of its armature,
-        counted as a delay.
-    lag
-        In s, that the controller adds: half a cycle, and its velocity's (`VelocityEstimator.lag`).
-
-    Raises
-    ------
-    InputError
-        If the lag is negative, gamma not positive, or the loop does not hold an orbit as it is.
+    `orbit, gamma`: The loop. The delay of the orbit's parameters is in it, and the lag of its
+    armature, counted as a delay. `lag`: In s, that the controller adds: half a cycle, and its
+    velocity's (`VelocityEstimator.lag`). Raises InputError if the lag is negative, gamma not
+    positive, or the loop does not hold an orbit as it is.
     """
     require_number("loop_margins", lag=lag)
     require_number("loop_margins", positive=True, gamma=gamma)

@@ -126,10 +126,8 @@ class OnlineRecalibration:
     def estimate(self) -> Estimate:
         """Return the current ratios to p1, and how far to trust them.
 
-        Raises
-        ------
-        IdentifiabilityError
-            If the motion so far is too short, or cannot tell the parameters apart.
+        Raises IdentifiabilityError if the motion so far is too short, or cannot tell the parameters
+        apart.
         """
         if len(self._rows) <= 2 * SEGMENT:
             moving = len(self._rows) * SPACING * self._options.half_width

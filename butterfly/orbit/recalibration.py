@@ -157,22 +157,9 @@ def recalibrate(
 ) -> Recalibration:
     """Estimate p1..p4 and friction terms by constrained linear least squares.
 
-    Parameters
-    ----------
-    logs
-        Of runs next to the orbit, none of them quite on it: there the control only makes up for
-        friction, and parameters cannot be distinguished.
-    zero
-        Encoder reading in rad of the hanging hand.
-    options
-        See `RecalibrationOptions`.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If the logs cannot tell the parameters apart.
-    InputError
-        If a log is shorter than a test function.
+    `logs`: Of runs next to the orbit, none of them quite on it: there the control only makes up for
+    friction, and parameters cannot be distinguished. Raises IdentifiabilityError if the logs cannot
+    tell the parameters apart; InputError if a log is shorter than a test function.
     """
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]

@@ -28,18 +28,10 @@ _AMPLE = 2.0  # least masses, of a hand that cannot be as light: half of p1 is t
 
 @dataclass(frozen=True, kw_only=True)
 class Clutch:
-    """A clutch with play between motor shaft and hand; friction and encoder stay on the shaft.
+    """A clutch with play between motor shaft and hand; friction and encoder stay on the shaft."""
 
-    Parameters
-    ----------
-    backlash
-        Whole play in rad.
-    rotor_inertia
-        The motor side's share of the hand's inertia, in kg m^2.
-    """
-
-    backlash: float
-    rotor_inertia: float
+    backlash: float  # Whole play in rad
+    rotor_inertia: float  # The motor side's share of the hand's inertia, in kg m^2
 
     def __post_init__(self) -> None:
         require_number(

@@ -48,29 +48,10 @@ def simulate_runs(
     `Rig.runs_open_loop`); otherwise each goes through the motor wrapper. The grey box's loop
     gives the wrapper's log bit for bit, MuJoCo's to within rounding.
 
-    Parameters
-    ----------
-    rig
-        What is run.
-    runs
-        What the robot carries and its excitation, for each run.
-    duration
-        Of a run in s.
-    seeds
-        One for each run, the source of everything random in it.
-    threads
-        Of the compiled loop; one per core if not given.
-    track
-        Shows progress.
-
-    Yields
-    ------
-    The log of each run, in order, named after its number, mass and frequency.
-
-    Raises
-    ------
-    InputError
-        If a simulation diverges.
+    `runs`: What the robot carries and its excitation, for each run; `seeds`: One for each run, the
+    source of everything random in it; `threads`: Of the compiled loop; one per core if not given.
+    Returns the log of each run, in order, named after its number, mass and frequency. Raises
+    InputError if a simulation diverges.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))

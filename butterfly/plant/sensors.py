@@ -26,21 +26,12 @@ _LONGEST = 1 << 24  # samples of noise; a longer record is a slip in the sample 
 
 @dataclass(frozen=True, kw_only=True)
 class BandLimitedNoise:
-    """Simulink's band-limited white noise, number for number, so that the thesis's runs replay.
+    """Simulink's band-limited white noise, number for number, so that the thesis's runs replay."""
 
-    Parameters
-    ----------
-    power
-        Height of the power spectral density in rad^2 s; the variance is ``power``/``sample_time``.
-    sample_time
-        In s, over which each number is held.
-    seed
-        As typed into the Simulink block.
-    """
-
+    # Height of the power spectral density in rad^2 s; the variance is `power`/`sample_time`
     power: float
-    sample_time: float
-    seed: int = 23341
+    sample_time: float  # In s, over which each number is held
+    seed: int = 23341  # As typed into the Simulink block
 
     def __post_init__(self) -> None:
         require_number("BandLimitedNoise", power=self.power)

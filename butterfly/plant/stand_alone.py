@@ -115,22 +115,10 @@ def models(
 
     The input delay is left out (`stand_alone` has it).
 
-    Parameters
-    ----------
-    drawn
-        Parameters of the bare hand; numbers of any kind, as frames have them.
-    added
-        What it carries.
-    mass
-        Of the hand in kg; see `Robot.of_lumped`.
-    bristle_stiffness
-        In N m/rad, of friction that is larger at rest, which these models have with bristles only
-        (`stand_alone` has it without).
-
-    Raises
-    ------
-    InputError
-        If no hand of that mass moves so, or such friction has no bristles.
+    `drawn`: Parameters of the bare hand; numbers of any kind, as frames have them;
+    `bristle_stiffness`: In N m/rad, of friction that is larger at rest, which these models have
+    with bristles only (`stand_alone` has it without). Raises InputError if no hand of that mass
+    moves so, or such friction has no bristles.
     """
     for parameters in drawn:
         bends = bristle_stiffness if parameters.stribeck > 0 else 0.0

@@ -45,10 +45,7 @@ def estimate_verdict(estimate: Estimate) -> Verdict:
 def require_possible(estimate: Estimate) -> Verdict:
     """Return the verdict on an estimate from which simulations or a model are to be made.
 
-    Raises
-    ------
-    UnusableError
-        If no joint has its values; the verdict is the message.
+    Raises UnusableError if no joint has its values; the verdict is the message.
     """
     verdict = estimate_verdict(estimate)
     if any(is_impossible(each) for each in estimate.reasons):

@@ -40,24 +40,12 @@ _ENOUGH = 1_000_000  # samples that a periodogram is taken of
 
 @dataclass(frozen=True, kw_only=True)
 class Inspected:
-    """A log of a data set, looked at.
+    """A log of a data set, looked at."""
 
-    Parameters
-    ----------
-    name
-        Of the log.
-    log
-        The log, repaired; None if it cannot be used.
-    health
-        Its record; None if it cannot be used.
-    remarks
-        What is to be said of it, worst first.
-    """
-
-    name: str
-    log: Log | None = None
-    health: Health | None = None
-    remarks: tuple[Remark, ...]
+    name: str  # Of the log
+    log: Log | None = None  # The log, repaired; None if it cannot be used
+    health: Health | None = None  # Its record; None if it cannot be used
+    remarks: tuple[Remark, ...]  # What is to be said of it, worst first
 
     @property
     def condition(self) -> Level:

@@ -46,18 +46,8 @@ def told_model(
 ) -> Told:
     """Tell the robot of an experiment, or the identified twin of data.
 
-    Parameters
-    ----------
-    name
-        Of the experiment or the data.
-    robot, carried
-        The robot, and what it carries.
-    kind
-        What its input commands.
-    verdict
-        On the estimate that it rests on; None if it rests on none.
-    besides
-        What else is to be said of that estimate.
+    `verdict`: On the estimate that it rests on; None if it rests on none; `besides`: What else is
+    to be said of that estimate.
     """
     loaded = robot.lumped.with_added_mass(carried)
     units = {each: unit_of(each, kind) for each in TERMS}

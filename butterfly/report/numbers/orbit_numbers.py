@@ -16,12 +16,7 @@ from butterfly.report.numbers.estimate_numbers import estimate_numbers, lumped_n
 def told_orbit(study: OrbitStudy, truth: LumpedParameters | None) -> Told:
     """Tell a study of an orbit.
 
-    Parameters
-    ----------
-    study
-        The result.
-    truth
-        True parameters of the hand with what it carries, where they are known.
+    `truth`: True parameters of the hand with what it carries, where they are known.
     """
     rounds, verdict = study.calibration.rounds, estimate_verdict(study.estimate)
     last, log = rounds[-1].recalibration, rounds[-1].logs[0]

@@ -27,17 +27,7 @@ _IN_THEIR_UNIT = {
 
 
 def told_sweep(sweep: SweepRecord, said: Sequence[str], numbers: Mapping[str, Any]) -> Told:
-    """Tell a sweep.
-
-    Parameters
-    ----------
-    sweep
-        What was asked.
-    said
-        What came of it, in words.
-    numbers
-        Statistics over its runs.
-    """
+    """Tell a sweep."""
     return Told(
         kind="sweep",
         title=f"Sweep {sweep.name!r}",
@@ -116,16 +106,8 @@ def told_table(
 ) -> Told:
     """Tell a table of results.
 
-    Parameters
-    ----------
-    kind, title
-        Of the answer.
-    rows
-        By the names of the columns.
-    units
-        Of the columns; none of those that have an empty one.
-    of
-        How many rows there are; all of them are told if not given.
+    `units`: Of the columns; none of those that have an empty one; `of`: How many rows there are;
+    all of them are told if not given.
     """
     known = {name: unit for name, unit in (units or {}).items() if unit}
     count = len(rows) if of is None else of
@@ -148,14 +130,7 @@ def verdict_of_run(record: RunRecord) -> Verdict | None:
 def told_run(experiment: Experiment, given: Mapping[str, Any], result: RunResult) -> Told:
     """Tell a single run: the experiment, its truth, and what each estimator found.
 
-    Parameters
-    ----------
-    experiment
-        What was done.
-    given
-        What its file says, with all that it extends.
-    result
-        What came of it.
+    `given`: What its file says, with all that it extends.
     """
     record, truth = result.record, experiment.plant.robot.lumped
     found = [each.told(truth) for each in result.identifications.values()]

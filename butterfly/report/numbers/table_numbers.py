@@ -107,17 +107,7 @@ def told_residual(
     misfit: Misfit,
     said: Sequence[str],
 ) -> Told:
-    """Tell what an estimate leaves over of the logs.
-
-    Parameters
-    ----------
-    data, estimator, found
-        The logs, and the estimate from them.
-    misfit
-        What it leaves over.
-    said
-        The same in words.
-    """
+    """Tell what an estimate leaves over of the logs."""
     judged = estimate_verdict(found)
     about_estimate = rests_on(data, found, estimator, more=misfit.findings)
     return Told(
