@@ -408,7 +408,7 @@ class Identification(Result):
         InputError
             If no sine was logged with it.
         """
-        from butterfly.signals.measured_response import measured_response  # noqa: PLC0415 - slow
+        from butterfly.signals.frequency_response import measured_response  # noqa: PLC0415
 
         return measured_response(self.data.sines, added_mass)
 

@@ -15,10 +15,10 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.identification.derived_quantities import SIGNED, SYMBOLS, WAYS
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import relations, with_gear
 from butterfly.identification.inference.intervals import SPREADS
-from butterfly.identification.physical_formulas import SIGNED, SYMBOLS, WAYS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.known import Knowledge, Known
@@ -31,7 +31,7 @@ _BETTER = 0.99  # of a told uncertainty; what is known no better than that was n
 class PhysicalParameter:
     """One physical parameter."""
 
-    name: str  # In `butterfly.identification.physical_formulas.SYMBOLS`
+    name: str  # In `butterfly.identification.derived_quantities.SYMBOLS`
     unit: str  # Of all three
     # value, standard_error: In its unit
     value: float

@@ -14,6 +14,7 @@ from pyarrow import csv
 
 from butterfly.errors import InputError
 from butterfly.files import replacing
+from butterfly.logs.csv_dialect import is_number, read_text_table
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
     ColumnMap,
@@ -23,7 +24,6 @@ from butterfly.logs.formats import (
     unit_in,
 )
 from butterfly.logs.log import AS_WRITTEN, Log, Reading
-from butterfly.logs.text_table import is_number, read_text_table
 from butterfly.logs.units import AS_IS, Units, known_factor
 
 _TABS = {".tsv"}  # endings of files that are written with tabs

@@ -82,7 +82,7 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
     Files that are often texts of another kind are logs if they hold a table. Subfolders are
     searched.
     """
-    from butterfly.logs.text_table import holds_table  # noqa: PLC0415 - slow to import
+    from butterfly.logs.csv_dialect import holds_table  # noqa: PLC0415 - slow to import
 
     paths = [path for path in log_files(folder) if not _may_be_other(path) or holds_table(path)]
     if not paths:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError
+from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.diagnostics.findings import (
     Ending,
     Finding,
@@ -15,7 +16,6 @@ from butterfly.identification.diagnostics.findings import (
 )
 from butterfly.identification.diagnostics.unit_errors.names import listed, unit_error_text
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.physical_formulas import SYMBOLS
 from butterfly.model.terms import TERMS
 from butterfly.report.format import counted, fit_text
 from butterfly.verdict import Level, Verdict

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import or_none
 from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
-from butterfly.identification.physical_formulas import SYMBOLS
 from butterfly.model.known import plain
 from butterfly.report.parameter_table import interval, with_error
 

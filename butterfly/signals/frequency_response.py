@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from scipy.optimize import least_squares
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
 from butterfly.signals import hold
 from butterfly.signals.sine_fit import (
     HARMONICS,
@@ -23,6 +25,9 @@ from butterfly.signals.sine_fit import (
 )
 from butterfly.signals.spectrum import resample, uniform_grid
 from butterfly.signals.window import STEADY_SECONDS, steady_window
+
+if TYPE_CHECKING:
+    import control
 
 LOUD = 0.1
 """Of the swing: what else moves, from which on a transient is looked for."""
@@ -143,3 +148,36 @@ def pole_of(time: NDArray[np.float64], values: NDArray[np.float64]) -> complex:
     length = float(since[-1])
     found = least_squares(residuals, [1.0 / length, peak], x_scale=[1.0 / length, 1.0 / length])
     return complex(-abs(found.x[0]), found.x[1])
+
+
+def measured_response(
+    points: Iterable[ResponsePoint], added_mass: AddedMass = NO_ADDED_MASS
+) -> control.FrequencyResponseData:
+    """Return what was measured with one added mass: the angle over the input, in rad per unit.
+
+    Frequencies are in rad/s, each once and in order. Logs of one frequency count as one: the gain
+    is that which gives their angles from their inputs with the least sum of squares, so that the
+    larger swings weigh more. A real hand's gain depends on its swing; such logs are averaged.
+
+    Takes what was measured with this added mass, or one that loads alike; an InputError if nothing
+    was.
+    """
+    taken = [
+        point
+        for point in points
+        if point.added_mass.inertia_and_moment == added_mass.inertia_and_moment
+    ]
+    if not taken:
+        raise InputError(
+            "measured response", "added mass", added_mass, "one that sines were logged with"
+        )
+    inputs = np.array([point.input for point in taken])
+    angles = np.array([point.angle.fundamental for point in taken])
+    omegas, which = np.unique([point.omega for point in taken], return_inverse=True)
+    gains = []
+    for k in range(omegas.size):
+        rows = which == k
+        gains.append(np.vdot(inputs[rows], angles[rows]) / np.vdot(inputs[rows], inputs[rows]))
+    from butterfly.model.control_bridge import frequency_response_data  # noqa: PLC0415 - slow
+
+    return frequency_response_data(omegas, gains)

@@ -4,11 +4,11 @@ import control
 import numpy as np
 import pytest
 
+from butterfly.identification.derived_quantities import WAYS
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
 from butterfly.identification.physical import Lack, physical_parameters
-from butterfly.identification.physical_formulas import WAYS
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
 from butterfly.model.friction import Friction

@@ -8,8 +8,7 @@ from butterfly.errors import InputError
 from butterfly.logs.log import Sine
 from butterfly.model.control_bridge import linearised
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.signals.frequency_response import response_point
-from butterfly.signals.measured_response import measured_response
+from butterfly.signals.frequency_response import measured_response, response_point
 from tests.identification.simulated import simulated
 
 ROBOT = LumpedParameters(p1=0.003, p2=4e-3, p3=0.04, p4=0.5, delay=0.02)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.csv import read_csv
+from butterfly.logs.csv_dialect import holds_table, read_text_table
 from butterfly.logs.log import InputKind
-from butterfly.logs.text_table import holds_table, read_text_table
 
 KIND = {"input_kind": InputKind.VOLTAGE}
 NAMES = ("time", "input", "angle")
