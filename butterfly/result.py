@@ -148,13 +148,13 @@ class Result(ABC):
 
     def page(self) -> Page:
         """Put together the page of `report`."""
-        from butterfly.report.page import Page, Section, Table  # noqa: PLC0415 - a view
+        from butterfly.report.page import Page, PageTable, Section  # noqa: PLC0415 - a view
 
         rows, figures = self.shown_rows(), self.figures()
         headers = tuple(rows[0]) if rows else ()
         lines = [tuple(row.values()) for row in rows]
         words = [k for k in range(len(headers)) if any(line[k][:1].isalpha() for line in lines)]
-        table = Table(headers=headers, rows=lines, words=tuple(words))
+        table = PageTable(headers=headers, rows=lines, words=tuple(words))
         return Page(
             name=self.title,
             description="",

@@ -17,10 +17,10 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "butterfly"
 
 CEILINGS = {
-    "files of the package": 235,
-    "lines of the package": 38_886,
-    "lines of tests": 28_200,
-    "names of classes that exist twice": 7,
+    "files of the package": 232,
+    "lines of the package": 38_340,
+    "lines of tests": 28_150,
+    "names of classes that exist twice": 0,
     "modules in import circles": 12,
     "tuned numbers of identification": 205,
 }

@@ -21,7 +21,7 @@ from butterfly.logs.manifest import (
     MANIFEST_NAME,
     LogEntry,
     Manifest,
-    Split,
+    Recordings,
     checked_options,
     described,
     read_manifest,
@@ -130,7 +130,7 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     if "input_kind" in some:
         some["input"] = some.pop("input_kind")
     if some.pop("restarts", False):
-        some["split"] = Split.RESTARTS
+        some["split"] = Recordings.RESTARTS
     if "piece" in some:
         piece = some.pop("piece")
         if not isinstance(piece, Sequence) or len(piece) != 2:  # noqa: PLR2004 - begin and end

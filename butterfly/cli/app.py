@@ -137,7 +137,9 @@ FORMER_COMMANDS = {
     "calibrate-orbit": "run",
     "view": "show",
     "video": "show --out FILM",
+    "logs": "fetch",
     "logs fetch": "fetch",
+    "model": "inspect, show or export",
     "model show": "inspect",
     "model render": "show --out PICTURE",
     "model export": "export",
@@ -145,13 +147,14 @@ FORMER_COMMANDS = {
     "results compare": "compare",
 }
 FORMER_OPTIONS = {
-    "--against": "RESULTS/RUN in place of a run's number",
     "--count": "--limit",
     "--logs": "--log",
     "--mass": "--hand-mass",
     "--methods": "--method",
-    "--other-results": "RESULTS/RUN in place of a run's number",
 }
+FORMER_OPTIONS_OF_COMPARE = dict.fromkeys(
+    ("--against", "--other-results"), "RESULTS/RUN in place of a run's number"
+)
 _DATA = ("root", "arm", "input", "intersample", "columns", "units", "repair", "known", "zero")
 OF_DATA = {f"--{name}" for name in (*_DATA, "joint", "gravity", "from", "to", "restarts")}
 """Options that only commands take that read data of which no manifest tells."""
@@ -300,7 +303,7 @@ def main() -> None:
 def _refuse_former(tokens: Sequence[str]) -> None:
     """Raise InputError, naming the present one, if a command is called by a former name."""
     words = [token for token in tokens if not token.startswith("-")]
-    for count in (1, 2):
+    for count in (2, 1):
         name = " ".join(words[:count])
         if name in FORMER_COMMANDS:
             raise InputError("butterfly", name, "its former name", FORMER_COMMANDS[name])
@@ -315,8 +318,9 @@ def _said(error: CycloptsError, tokens: Sequence[str]) -> str:
             expected = "it said to `butterfly manifest` or `butterfly identify --save`, and "
             expected += "what they write in place of the data"
             return str(InputError(f"butterfly {name}", option, "an option of data", expected))
-        if option in FORMER_OPTIONS:
-            return str(InputError("butterfly", option, "its former name", FORMER_OPTIONS[option]))
+        former = FORMER_OPTIONS | (FORMER_OPTIONS_OF_COMPARE if name == "compare" else {})
+        if option in former:
+            return str(InputError("butterfly", option, "its former name", former[option]))
     if isinstance(error, UnknownCommandError) and error.unused_tokens:
         # its own message lists all commands after the one that is meant
         return str(error).partition(" Available commands")[0]

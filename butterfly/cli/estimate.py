@@ -254,12 +254,19 @@ def compare(
         return show(found, report=page.report, figures=page.figures)
     from butterfly.cli.sweeps import compare_runs, is_run  # noqa: PLC0415 - slow to import
 
+    of_logs = {"--log": log, "--hand-mass": hand_mass, "--holdout": holdout, "--method": fit.given}
+    for option, value in of_logs.items():
+        if value:
+            raise InputError("butterfly compare", option, value, "none beside two results")
     if is_run(data) and is_run(other):
+        if page.report is not None:
+            raise InputError("butterfly compare", "--report", page.report, "none of two runs")
         return compare_runs(data, other)
     for path in (data, other):
         if path.suffix != RESULT:
             expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
-            raise InputError("butterfly compare", "OTHER", path, expected)
+            field = "DATA" if path is data else "OTHER"
+            raise InputError("butterfly compare", field, path, expected)
     return show(bf.changed(data, other), report=page.report, figures=page.figures)
 
 

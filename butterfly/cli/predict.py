@@ -56,6 +56,8 @@ def predict(
     """
     pairs = "=" in given and not Path(given).exists()
     result = parse_pairs(given, "--with") if pairs else Path(given)
+    if out is not None and pairs:
+        raise InputError("butterfly predict", "--out", out, "an identification to draw from")
     found = bf.predict(
         data,
         result,
@@ -64,8 +66,6 @@ def predict(
         seed=seed,
         track=show_progress,
     )
-    if out is not None and isinstance(result, dict):
-        raise InputError("butterfly predict", "--out", out, "an identification to draw from")
     ended = show(found, report=page.report, figures=page.figures)
     if out is not None and isinstance(result, Path):
         drawn = found.drawn or bf.draws(result, draws, seed, track=show_progress)

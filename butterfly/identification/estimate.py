@@ -79,7 +79,7 @@ class Estimate:
         (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
     horizon
         Longest stretch in s over which logs are simulated with it; infinite where whole logs were
-        asked for, None where it is left to the logs (see `butterfly.identification.divergence`).
+        asked for, None where it is left to the logs (see `identification.prediction_horizon`).
     known
         What was known of the robot before; what is known exactly is among ``held``.
     freedom

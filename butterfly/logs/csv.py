@@ -23,7 +23,7 @@ from butterfly.logs.formats import (
     place,
     unit_in,
 )
-from butterfly.logs.log import AS_WRITTEN, Log, Reading
+from butterfly.logs.log import AS_WRITTEN, FileReading, Log
 from butterfly.logs.units import AS_IS, Units, known_factor
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
@@ -43,7 +43,7 @@ class _Table:
     columns: Mapping[int, NDArray[np.float64] | pyarrow.ChunkedArray]
     units: Sequence[str] | None = None
     lines: Sequence[int] | None = None
-    reading: Reading = AS_WRITTEN
+    reading: FileReading = AS_WRITTEN
 
 
 def read_csv(

@@ -15,7 +15,7 @@ from pyarrow import csv
 
 from butterfly.errors import InputError
 from butterfly.logs.formats import DEFAULT_COLUMNS
-from butterfly.logs.log import MIN_SAMPLES, Reading
+from butterfly.logs.log import MIN_SAMPLES, FileReading
 from butterfly.logs.units import UNITS, known_factor
 from butterfly.sizes import require_room, said
 
@@ -34,7 +34,7 @@ _MARKS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class TextTable:
+class TextFile:
     """A table as its file gives it."""
 
     names: list[str] | None  # None if the file has no header
@@ -42,7 +42,7 @@ class TextTable:
     units: list[str] | None  # the row below the header; None if there is none
     columns: list[pyarrow.ChunkedArray]
     lines: Sequence[int]  # (n,) number of each row's line, from 1 on
-    reading: Reading
+    reading: FileReading
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class _Line:
     text: str
 
 
-def read_text_table(path: Path) -> TextTable:
+def read_text_table(path: Path) -> TextFile:
     """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
     size = path.stat().st_size if path.is_file() else 0
     require_room(path, "content", f"{said(size)} of an unusual form", _PER_BYTE * size)
@@ -78,13 +78,13 @@ def read_text_table(path: Path) -> TextTable:
         "no header": names is None,
     }
     layout = tuple(text for text, holds in texts.items() if holds)
-    return TextTable(
+    return TextFile(
         names=names,
         above=body[first - 1].text.strip() if first else None,
         units=units,
         columns=_parsed(path, rows, delimiter, decimal, width),
         lines=[line.number for line in rows],
-        reading=Reading(layout=layout, cut_lines=int(cut)),
+        reading=FileReading(layout=layout, cut_lines=int(cut)),
     )
 
 

@@ -75,7 +75,7 @@ class Lead:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class FileReading:
     """How a file was read, where it is not as the project writes it."""
 
     layout: tuple[str, ...] = ()  # of its text: delimiters, decimal commas, lines without samples
@@ -83,7 +83,7 @@ class Reading:
     units: Mapping[str, str] = field(default_factory=dict)  # that it gives to columns, by field
 
 
-AS_WRITTEN = Reading()
+AS_WRITTEN = FileReading()
 """Of a file as the project writes it, and of a log from no file."""
 
 LONGEST_LEAD = 2.0
@@ -145,7 +145,7 @@ class Log:
     lead: Lead | None = None
     source: str = "log"
     name: str = ""
-    reading: Reading = AS_WRITTEN
+    reading: FileReading = AS_WRITTEN
 
     def __post_init__(self) -> None:
         for name in SAMPLED:

@@ -68,7 +68,7 @@ Size = (
 """The same, not negative."""
 
 
-class Split(StrEnum):
+class Recordings(StrEnum):
     """Where a file is cut into several logs."""
 
     RESTARTS = "restarts"
@@ -99,7 +99,7 @@ class LogEntry(StrictModel):
     """Last instant in s of that piece."""
     part: Annotated[int, Field(ge=1)] | None = None
     """Which of the recordings in the file is meant, from 1: one ends where the clock falls back."""
-    split: Split | None = None
+    split: Recordings | None = None
     """``restarts``: each of these recordings is a log."""
 
     @field_validator("file")
@@ -179,7 +179,7 @@ class Manifest(StrictModel):
     """What holds time, input and angle: columns or .mat variables, by name or number."""
     repair: Annotated[frozenset[Repair], _Rule.ADDS] = DEFAULT_REPAIRS
     """Repairs that may be made."""
-    split: Split | None = None
+    split: Recordings | None = None
     """``restarts``: where the clock falls back in a file, another log begins."""
     holdout: Annotated[list[str], _Rule.ADDS] = Field(default_factory=list)
     """Files, or glob patterns of them, that no fit sees, only a test."""

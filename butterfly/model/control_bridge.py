@@ -9,7 +9,6 @@ import control
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
 from butterfly.model.kinematics import Motion
 from butterfly.model.linear import Linearisation
 from butterfly.model.pade import DelayStates
@@ -93,26 +92,6 @@ def frequency_response_data(omega: ArrayLike, response: ArrayLike) -> control.Fr
         outputs=["angle"],
         name="measured",
     )
-
-
-class GravityNonlinearity(control.DescribingFunctionNonlinearity):  # type: ignore[misc]
-    """sin th with its describing function 2 J1(a)/a."""
-
-    def __call__(self, angle: float) -> float:
-        """Return sin of an angle in rad."""
-        return math.sin(angle)
-
-    def _isstatic(self) -> bool:
-        return True
-
-    def describing_function(self, amplitude: float) -> complex:
-        """Return the gain at an amplitude in rad."""
-        return complex(gravity_describing_function(amplitude))
-
-
-def friction_gain(parameters: LumpedParameters, amplitude: ArrayLike) -> NDArray[np.complex128]:
-    """Torque over angle of Coulomb friction at swings in rad, by its describing function."""
-    return np.asarray(parameters.coulomb * coulomb_describing_function(amplitude))
 
 
 def nonlinear_system(

@@ -20,7 +20,7 @@ from butterfly.orbit.recalibration import (
     BASE,
     LEAST,
     SEGMENT,
-    Equations,
+    LoopEquations,
     RecalibrationOptions,
     estimate_of,
     from_ratios,
@@ -135,7 +135,9 @@ class OnlineRecalibration:
                 f"{moving:.3g} s of motion are too little to tell how far to trust an estimate"
             )
         regression = self._regression()
-        equations = Equations(regression=regression, run=np.zeros(len(self._rows), dtype=np.intp))
+        equations = LoopEquations(
+            regression=regression, run=np.zeros(len(self._rows), dtype=np.intp)
+        )
         ratios = Finding(kind=FindingKind.RATIOS)
         return estimate_of(equations, regression.solve(), "on-line", ratios)
 

@@ -163,7 +163,7 @@ def recalibrate(
     """
     masses = {log.added_mass for log in logs}
     base = BASE if len(masses) > 1 else BASE[1:]
-    selection = Selection(logs, zero, options)
+    selection = LoopSelection(logs, zero, options)
     _, plain = selection.fit(base)
     stretches = np.unique(plain.regression.cluster).size
     if stretches <= 2 * FOLDS:
@@ -187,7 +187,7 @@ def recalibrate(
 
 
 def estimate_of(
-    equations: Equations, solution: Solution, method: str, *findings: Finding
+    equations: LoopEquations, solution: Solution, method: str, *findings: Finding
 ) -> Estimate:
     """Return the estimate that equations give, their errors independent between stretches of runs.
 
@@ -204,7 +204,7 @@ def estimate_of(
     )
 
 
-def _refuse_singular(equations: Equations) -> None:
+def _refuse_singular(equations: LoopEquations) -> None:
     conditioning = Conditioning.of(equations.regression.rows, equations.regression.names)
     if conditioning.number > SINGULAR_CONDITION:
         raise IdentifiabilityError(
@@ -213,7 +213,7 @@ def _refuse_singular(equations: Equations) -> None:
         )
 
 
-def _without_each_run(equations: Equations) -> dict[Hashable, NDArray[np.float64]]:
+def _without_each_run(equations: LoopEquations) -> dict[Hashable, NDArray[np.float64]]:
     """Estimate again without each run, where enough are left to tell the parameters apart."""
     runs, regression = np.unique(equations.run), equations.regression
     found: dict[Hashable, NDArray[np.float64]] = {}
@@ -225,14 +225,14 @@ def _without_each_run(equations: Equations) -> dict[Hashable, NDArray[np.float64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Equations:
+class LoopEquations:
     """A regression whose clusters are stretches of runs, and the (m,) runs that rows are of."""
 
     regression: Regression
     run: NDArray[np.intp]
 
 
-class Selection:
+class LoopSelection:
     """The equations of all logs of a re-calibration, with any terms.
 
     ``zero`` is the encoder reading in rad of the hanging hand.
@@ -246,7 +246,7 @@ class Selection:
             for log in logs
         ]
 
-    def fit(self, names: tuple[str, ...]) -> tuple[Solution, Equations]:
+    def fit(self, names: tuple[str, ...]) -> tuple[Solution, LoopEquations]:
         """Return values and which are on a bound, and the equations that they solve."""
         equations = self._equations(names, 0.0)
         solution = equations.regression.solve()
@@ -288,7 +288,7 @@ class Selection:
         sums = np.bincount(regression.cluster, squares)
         return np.asarray(sums / np.bincount(regression.cluster))
 
-    def _equations(self, names: tuple[str, ...], about: float) -> Equations:
+    def _equations(self, names: tuple[str, ...], about: float) -> LoopEquations:
         rows, targets, clusters, runs, count = [], [], [], [], 0
         needed = {*names, "p1", "p3"}
         for number, (log, averaging) in enumerate(zip(self._logs, self._averagings, strict=True)):
@@ -310,4 +310,4 @@ class Selection:
             about={"compression": about},
             least=LEAST,
         )
-        return Equations(regression=regression, run=np.concatenate(runs))
+        return LoopEquations(regression=regression, run=np.concatenate(runs))

@@ -34,8 +34,8 @@ from butterfly.report.page import (
     Fact,
     Named,
     Page,
+    PageTable,
     Section,
-    Table,
     write_page,
 )
 from butterfly.report.parameter_table import ParameterRow, parameter_rows
@@ -167,7 +167,7 @@ def _lead(rows: list[ParameterRow], data: DataSet, *, with_truth: bool) -> Secti
     headers = ["", "value", "unit", "", "95 % interval", "half of it"]
     headers += ["true", "deviation"] if with_truth else []
     headers += ["std error", *(["one mass left out"] if in_numbers else [])]
-    table = Table(
+    table = PageTable(
         name="parameters",
         words=(2,),
         headers=tuple(headers),
@@ -212,7 +212,7 @@ def _correlations(identification: Identification) -> list[Section]:
     return [Section(title="Which parameters hang together", text=text, figures={"map": drawn})]
 
 
-def _logs_table(identification: Identification) -> Table:
+def _logs_table(identification: Identification) -> PageTable:
     """Tabulate the logs, those that the model follows worst first, and their health."""
     data, rows = identification.data, []
     order = np.argsort(identification.fit_of_logs).tolist()
@@ -241,7 +241,7 @@ def _logs_table(identification: Identification) -> Table:
         "Health: ok; note, which needs nothing done; care. Swing: amplitude of the fundamental in "
         "the steady window. Drift: its change from the window's first to its second half."
     )
-    return Table(
+    return PageTable(
         name="logs", headers=headers, rows=rows, words=(3, 10), caption=caption, picks=order
     )
 
@@ -249,13 +249,15 @@ def _logs_table(identification: Identification) -> Table:
 def _physical(identification: Identification) -> list[Section]:
     found = identification.separated()
     text = "\n".join(physical_sentences(found))
-    tables: tuple[Table, ...] = ()
+    tables: tuple[PageTable, ...] = ()
     if rows := physical_rows(found):
         caption = (
             "What follows from the parameters, and what they are made of as far as what is known "
             "of motor and hand tells it."
         )
-        tables = (Table(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption),)
+        tables = (
+            PageTable(name="physical", headers=HEADERS, rows=rows, words=(0,), caption=caption),
+        )
     return [Section(title=TITLE, text=text, tables=tables)] if text or tables else []
 
 
@@ -273,7 +275,7 @@ def _resonances(identification: Identification) -> list[Section]:
         rows.append((*row, f"{angle:z.4f}"))
     headers = ["added mass", "resonance in rad/s, of small swings"]
     headers += ["resonance in rad/s, by the thesis"] if thesis else []
-    table = Table(headers=(*headers, "rest angle in rad"), rows=rows)
+    table = PageTable(headers=(*headers, "rest angle in rad"), rows=rows)
     return [Section(title="Resonances", tables=(table,))]
 
 
@@ -297,7 +299,7 @@ def _against(identification: Identification, rows: list[ParameterRow]) -> list[S
         fits = (other.summary.median, other.summary.mean, other.summary.worst)
         lines.append((other.name, *values, *map(fit_text, fits)))
     headers = ("parameters", "p₁", "p₂", "p₃", "p₄", "T_c", "median FIT in %", "mean", "worst")
-    table = Table(name="against", headers=headers, rows=lines)
+    table = PageTable(name="against", headers=headers, rows=lines)
     return [Section(title="Against other parameters", tables=(table,))]
 
 
@@ -306,5 +308,5 @@ def _held_out(identification: Identification) -> list[Section]:
         return []
     rows = [(name, fit_text(value)) for name, value in identification.held_out.items()]
     caption = "Logs that were not used for the fit, simulated with its values."
-    table = Table(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
+    table = PageTable(name="held-out", headers=("log", "FIT in %"), rows=rows, caption=caption)
     return [Section(title="Held out", tables=(table,))]

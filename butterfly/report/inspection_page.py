@@ -12,7 +12,7 @@ from butterfly.logs.health import Health
 from butterfly.logs.log import Log
 from butterfly.report.figures import add, look, seen_samples
 from butterfly.report.inspection import STATES, health_rows, hints
-from butterfly.report.page import Badge, Page, Section, Table, write_html
+from butterfly.report.page import Badge, Page, PageTable, Section, write_html
 from butterfly.verdict import Level
 
 _MOST = 20_000  # samples drawn of each column
@@ -43,7 +43,7 @@ def inspection_page(log: Log, health: Health) -> Page:
         summary=hints(remarks),
         lead=Section(
             title="In numbers",
-            tables=(Table(headers=(), rows=rows, words=(1,)),),
+            tables=(PageTable(headers=(), rows=rows, words=(1,)),),
         ),
         sections=[Section(title="The log", figures={"log": _log_figure(log)})],
         numbers={},

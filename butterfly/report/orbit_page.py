@@ -16,7 +16,7 @@ from butterfly.orbit.study import PERIODS, OrbitStudy
 from butterfly.report.figures import PALETTE
 from butterfly.report.finding_texts import estimate_sentences
 from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit
-from butterfly.report.page import Fact, Page, Section, Table
+from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import Whisker, interval, with_error
 
 _RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
@@ -59,7 +59,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
             text=f"Over {PERIODS} periods of a run that was used for nothing else, simulated from "
             "its first sample with the recorded input.",
             tables=(
-                Table(
+                PageTable(
                     headers=("model", "rms error in °"),
                     rows=[(name, degrees_said(error)) for name, error in study.errors.items()],
                 ),
@@ -98,8 +98,8 @@ def _facts(study: OrbitStudy) -> list[Fact]:
     ]
 
 
-def _rounds_table(rounds: tuple[Round, ...]) -> Table:
-    return Table(
+def _rounds_table(rounds: tuple[Round, ...]) -> PageTable:
+    return PageTable(
         headers=("round", "amplitude in °", "error in °", "γ", "p₂/p₁", "p₃/p₁", "p₄/p₁", "T_c/p₁"),
         rows=[
             (
@@ -119,7 +119,7 @@ def _rounds_table(rounds: tuple[Round, ...]) -> Table:
     )
 
 
-def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Table:
+def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> PageTable:
     last = study.calibration.rounds[-1]
     found, generic = last.recalibration, study.generic
     estimate, rows = found.estimate, []
@@ -136,7 +136,7 @@ def _parameters_table(study: OrbitStudy, truth: LumpedParameters | None) -> Tabl
         whisker = Whisker(value=value, limits=ends, true=told)
         row = (symbol, with_error(value, error), whisker, limits, f"{error:#.2g}", before, true)
         rows.append(row)
-    return Table(
+    return PageTable(
         headers=("", "value", "", "95 % interval", "std error", "at first", "true"),
         rows=rows,
         caption="Blue: 95 % interval, the estimate its dark mark; orange: the truth, where it is "

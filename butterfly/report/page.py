@@ -77,7 +77,7 @@ class Badge(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class PageTable:
     """Rows of cells under headers, units in the headers."""
 
     headers: tuple[str, ...]
@@ -97,7 +97,7 @@ class Section:
 
     title: str
     text: str = ""
-    tables: tuple[Table, ...] = ()
+    tables: tuple[PageTable, ...] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     series: Mapping[str, Series] = field(default_factory=dict)
 

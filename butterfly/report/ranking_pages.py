@@ -15,7 +15,7 @@ from butterfly.identification.validate import Structure
 from butterfly.report.figures import look
 from butterfly.report.format import fit_text
 from butterfly.report.numbers.comparison_numbers import told_leaderboard
-from butterfly.report.page import Chip, Page, Section, Table
+from butterfly.report.page import Chip, Page, PageTable, Section
 
 _HEADERS: tuple[str, ...] = (
     *("estimator", "verdict", "left out: median", "left out: worst"),
@@ -47,7 +47,7 @@ def leaderboard_page(entries: Sequence[Entry]) -> Page:
     )
 
 
-def _leaderboard_table(entries: Sequence[Entry]) -> Table:
+def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
     names = ("p1", "p2", "p3", "p4", "coulomb")
     rows = []
     for entry in entries:
@@ -66,7 +66,7 @@ def _leaderboard_table(entries: Sequence[Entry]) -> Table:
         rows.append((entry.method, chip, *fits, *rest))
     last = len(_HEADERS) - 1
     shown = slice(None if any(entry.error for entry in entries) else last)
-    return Table(headers=_HEADERS[shown], rows=[row[shown] for row in rows], words=(1, last))
+    return PageTable(headers=_HEADERS[shown], rows=[row[shown] for row in rows], words=(1, last))
 
 
 def _fit(fit: FitSummary | None) -> tuple[str, str]:
@@ -101,7 +101,7 @@ def _leaderboard_figure(entries: Sequence[Entry]) -> Figure:
     return figure
 
 
-def structures_table(passed: Sequence[Structure]) -> Table:
+def structures_table(passed: Sequence[Structure]) -> PageTable:
     """Make a table with a row for each structure, FIT in per cent."""
     splits = tuple(passed[0].held_out)
     kinds = ("in sample", *(f"{split} left out" for split in splits))
@@ -111,7 +111,7 @@ def structures_table(passed: Sequence[Structure]) -> Table:
         cells = [fit_text(value) for fit in fits for value in (fit.median, fit.mean)]
         rows.append((", ".join(("p1..p4, coulomb, delay", *structure.terms)), *cells))
     fit_headers = (f"{kind}: {what}" for kind in kinds for what in ("median", "mean"))
-    return Table(headers=("terms", *fit_headers), rows=rows)
+    return PageTable(headers=("terms", *fit_headers), rows=rows)
 
 
 def selection_page(data: DataSet, passed: Sequence[Structure], told: Told) -> Page:

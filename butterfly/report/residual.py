@@ -15,7 +15,7 @@ from butterfly.model.terms import TERMS
 from butterfly.report.figures import look, seen_samples
 from butterfly.report.finding_texts import finding_text
 from butterfly.report.log_figures import correlation_figure
-from butterfly.report.page import Fact, Page, Section, Table
+from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.verdict import Verdict
 
 HEADERS = (
@@ -45,10 +45,10 @@ def misfit_sentences(misfit: Misfit) -> list[str]:
     ]
 
 
-def misfit_table(logs: Iterable[LogMisfit], picks: Sequence[int] = ()) -> Table:
+def misfit_table(logs: Iterable[LogMisfit], picks: Sequence[int] = ()) -> PageTable:
     """Make a table with a row per log, each of which may choose a log by its number."""
     rows, likeness = [_row(log) for log in logs], len(HEADERS) - 1
-    return Table(
+    return PageTable(
         name="misfit", headers=HEADERS, rows=rows, caption=_CAPTION, words=(likeness,), picks=picks
     )
 
@@ -86,7 +86,7 @@ def residual_page(
         (TERMS[name].looks_like, f"{100 * share:.1f}")
         for name, share in residual.left_over.shares.items()
     ]
-    table = Table(
+    table = PageTable(
         headers=("missing term", "share of the variance that it explains, in %"), rows=shares
     )
     torque = Section(

@@ -16,7 +16,7 @@ from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
 from butterfly.report.numbers.record_numbers import told_sweep
-from butterfly.report.page import Fact, Link, Page, Section, Table
+from butterfly.report.page import Fact, Link, Page, PageTable, Section
 from butterfly.report.sweep_figures import (
     axis_figure,
     heat_maps,
@@ -55,7 +55,7 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         section = Section(
             title="Verdicts",
             text="How many estimates may be used, by what their own data say, not by the truth.",
-            tables=(Table(headers=headers, rows=verdicts),),
+            tables=(PageTable(headers=headers, rows=verdicts),),
         )
         sections.insert(0, section)
     if len(table.estimators) > 1:
@@ -139,7 +139,7 @@ def _facts(table: Estimates, status: NDArray[Any]) -> list[Fact]:
     return facts
 
 
-def _recovery_table(table: Estimates) -> Table:
+def _recovery_table(table: Estimates) -> PageTable:
     rows = [
         (
             *(each.estimator, TERMS[each.parameter].symbol, str(each.runs)),
@@ -152,17 +152,17 @@ def _recovery_table(table: Estimates) -> Table:
         *("estimator", "parameter", "runs", "median deviation in %", "rms in %"),
         *("largest in %", "coverage in %"),
     )
-    return Table(headers=headers, rows=rows)
+    return PageTable(headers=headers, rows=rows)
 
 
-def _ranking_table(table: Estimates) -> Table:
+def _ranking_table(table: Estimates) -> PageTable:
     rows = []
     for method in table.estimators:
         group = table.where(estimator=method)
         size = np.abs(group.deviating["deviation"])
         middle = float(np.median(size)) if size.size else math.inf
         rows.append((middle, method, float(np.median(group["fit_median"])), group.coverage))
-    return Table(
+    return PageTable(
         headers=("estimator", "median |deviation| in %", "median FIT in %", "coverage in %"),
         rows=[
             (method, _percent(size, ".3g"), f"{fit:.2f}", _percent(share))
@@ -172,7 +172,7 @@ def _ranking_table(table: Estimates) -> Table:
     )
 
 
-def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
+def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> PageTable:
     """List the runs with the largest deviation of p1, p3 or p4."""
     worst = table.worst()
     order = np.argsort(-np.nan_to_num(np.abs(worst["deviation"])), kind="stable")
@@ -191,14 +191,14 @@ def _worst_table(table: Estimates, fields: Sequence[str], count: int) -> Table:
         "The number leads to the run's record (JSON); butterfly results show FOLDER NUMBER tells "
         "it in words."
     )
-    return Table(headers=headers, rows=rows, words=(1,), caption=caption)
+    return PageTable(headers=headers, rows=rows, words=(1,), caption=caption)
 
 
-def _unconverged_table(table: Estimates) -> Table:
+def _unconverged_table(table: Estimates) -> PageTable:
     rest = table.take(table["ending"] != Ending.CONVERGED)
     names = ("number", "key", "estimator", "ending", "findings")
     found = dict.fromkeys(zip(*(rest[name].tolist() for name in names), strict=True))
-    return Table(
+    return PageTable(
         headers=("run", "estimator", "ending", "findings"),
         rows=[(_link(*run[:2]), *run[2:]) for run in list(found)[:_LISTED]],
         words=(1, 2, 3),
@@ -211,16 +211,16 @@ def _link(number: float, key: str) -> Link:
     return Link(f"{number:.0f}", f"runs/{key[:2]}/{key}.json")
 
 
-def _failures(runs: pa.Table) -> Table:
+def _failures(runs: pa.Table) -> PageTable:
     bad = [row for row in runs.to_pylist() if row["status"] not in {OK, MISSING}]
     rows = [
         (_link(row["number"], row["key"]), row["status"], row["error"]) for row in bad[:_LISTED]
     ]
     caption = f"{len(bad)} in all."
-    return Table(headers=("run", "status", "error"), rows=rows, words=(1, 2), caption=caption)
+    return PageTable(headers=("run", "status", "error"), rows=rows, words=(1, 2), caption=caption)
 
 
-def _orbits(runs: pa.Table) -> Table:
+def _orbits(runs: pa.Table) -> PageTable:
     found = [row for row in runs.to_pylist() if row["orbit_amplitude"] is not None]
     names = ("orbit_target", "orbit_amplitude", "orbit_error_generic", "orbit_error_recalibrated")
     rows = [
@@ -232,7 +232,7 @@ def _orbits(runs: pa.Table) -> Table:
         for row in found[:200]
     ]
     headers = ("run", "target in °", "reached in °", "generic, rms in °", "re-calibrated", "rounds")
-    return Table(headers=headers, rows=rows)
+    return PageTable(headers=headers, rows=rows)
 
 
 def _summary(table: Estimates, status: NDArray[Any], fields: Sequence[str]) -> list[str]:

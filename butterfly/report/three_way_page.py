@@ -27,7 +27,7 @@ from butterfly.report.figures import (
     seen_samples,
 )
 from butterfly.report.log_figures import correlation_figure, correlation_series
-from butterfly.report.page import Fact, Page, Section, Table
+from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.residual import (
     misfit_table,
 )
@@ -158,7 +158,7 @@ def _by_mass(
     return traces
 
 
-def _table(compared: Sequence[ThreeWay]) -> Table:
+def _table(compared: Sequence[ThreeWay]) -> PageTable:
     rows, way = [], compared[0].log.added_mass.joint.way
     for each in compared:
         errors = [
@@ -176,7 +176,7 @@ def _table(compared: Sequence[ThreeWay]) -> Table:
         *(f"simulators apart in {way}", "residual torque looks like"),
     )
     picks = range(len(rows))
-    return Table(headers=headers, rows=rows, words=(len(headers) - 1,), picks=picks)
+    return PageTable(headers=headers, rows=rows, words=(len(headers) - 1,), picks=picks)
 
 
 def _frequency_figure(sines: Sequence[ThreeWay]) -> Figure:

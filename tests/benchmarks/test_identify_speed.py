@@ -18,7 +18,7 @@ from tests.benchmarks.cpu_time import least_seconds, least_seconds_of_processes
 NEEDED = """
 import numba
 import numpy
-import typer
+import cyclopts
 from pydantic import BaseModel
 from rich.console import Console
 from rich.progress import track

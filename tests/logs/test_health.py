@@ -8,7 +8,7 @@ from scipy.io import loadmat
 
 from butterfly.errors import InputError
 from butterfly.logs.health import Repair, examine
-from butterfly.logs.log import Log, Reading
+from butterfly.logs.log import FileReading, Log
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
 
@@ -179,7 +179,7 @@ def test_a_slide_does_not_wrap_and_does_not_turn(sine_log):
 
 
 def test_what_reading_did_stands_in_the_record(sine_log):
-    read = replace(sine_log, reading=Reading(cut_lines=1, units={"time": "ms"}))
+    read = replace(sine_log, reading=FileReading(cut_lines=1, units={"time": "ms"}))
     _, health = examine(read)
     assert (health.cut_lines, health.units) == (1, {"time": "ms"})
     assert health.findings == [

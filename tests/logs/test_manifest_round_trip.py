@@ -10,7 +10,7 @@ from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest import (
     LogEntry,
     Manifest,
-    Split,
+    Recordings,
     manifest_text,
     read_manifest,
     write_manifest,
@@ -47,7 +47,7 @@ MANIFESTS = st.builds(
     columns=st.none()
     | st.fixed_dictionaries({"time": TEXTS, "input": st.integers(0, 9), "angle": TEXTS}),
     repair=st.sets(st.sampled_from(Repair)).map(DEFAULT_REPAIRS.union),
-    split=st.none() | st.sampled_from(Split),
+    split=st.none() | st.sampled_from(Recordings),
     holdout=st.lists(TEXTS, max_size=2),
     logs=st.lists(ENTRIES, min_size=1, max_size=3),
 )

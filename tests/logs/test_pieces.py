@@ -5,7 +5,7 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.data import read_data_set
-from butterfly.logs.manifest import Manifest, Split, manifest_text, read_manifest
+from butterfly.logs.manifest import Manifest, Recordings, manifest_text, read_manifest
 from butterfly.logs.timestamps import restarts
 
 TIME = np.arange(400) / 100
@@ -79,7 +79,7 @@ def test_a_piece_is_of_one_whole_log(folder):
     manifest = Manifest(name="set", root=str(folder), input="voltage", logs=[{"file": "a.csv"}])
     (entry,) = manifest.piece(1.0, None).logs
     assert (entry.begin, entry.end) == (1.0, None)
-    split = manifest.model_copy(update={"split": Split.RESTARTS})
+    split = manifest.model_copy(update={"split": Recordings.RESTARTS})
     assert len(read_data_set(split).logs) == 3
     twice = manifest.model_copy(update={"logs": manifest.logs * 2})
     for wrong, ends in ((twice, (None, 1.0)), (split, (1.0, None)), (manifest, (2.0, 1.0))):

@@ -8,13 +8,12 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.model.control_bridge import (
-    GravityNonlinearity,
     frequency_response_data,
-    friction_gain,
     linearised,
     nonlinear_system,
     transfer_function,
 )
+from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import Linearisation, frequency_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
@@ -112,8 +111,10 @@ def test_the_nonlinear_system_moves_as_the_grey_box_does():
     np.testing.assert_allclose(moved.outputs[0], angle, atol=5e-3)
 
 
-def test_the_describing_functions_are_python_control_s():
-    numeric = control.describing_function(GravityNonlinearity(), [0.5, 1.5], num_points=500)
+def test_the_describing_function_of_gravity_is_that_of_a_sine_sampled():
     expected = control.describing_function(np.sin, [0.5, 1.5], num_points=500)
-    np.testing.assert_allclose(numeric, expected, rtol=1e-4)
-    assert friction_gain(ROBOT, 0.5) == pytest.approx(1e-3 * 4j / (np.pi * 0.5))
+    np.testing.assert_allclose(gravity_describing_function([0.5, 1.5]), expected, rtol=1e-4)
+
+
+def test_the_describing_function_of_coulomb_friction_falls_with_the_swing():
+    assert coulomb_describing_function(0.5) == pytest.approx(4j / (np.pi * 0.5))

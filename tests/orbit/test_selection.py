@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.normal_equations import Regression
-from butterfly.orbit.recalibration import BASE, FOLDS, SEGMENT, RecalibrationOptions, Selection
+from butterfly.orbit.recalibration import BASE, FOLDS, SEGMENT, LoopSelection, RecalibrationOptions
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, wild
 
@@ -21,7 +21,7 @@ def _selection(robot, seed, noise=1e-3, duration=24.0):
         replace(log, angle=log.angle + noise * rng.standard_normal(log.time.size))
         for log in wild(robot, MASSES, duration)
     ]
-    return Selection(logs, 0.0, RecalibrationOptions(candidates=CANDIDATES))
+    return LoopSelection(logs, 0.0, RecalibrationOptions(candidates=CANDIDATES))
 
 
 @pytest.mark.parametrize(

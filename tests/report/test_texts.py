@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.experiment.recovery import Estimates
-from butterfly.report.page import Link, Page, Section, Table, rendered, write_page
+from butterfly.report.page import Link, Page, PageTable, Section, rendered, write_page
 from butterfly.report.pictures import draw, write_pictures
 from butterfly.report.sweep_figures import axis_figure
 from butterfly.verdict import Level, Verdict
@@ -58,7 +58,7 @@ def test_a_page_runs_no_text(tmp_path):
     script = ODD[-1]
     figure = Figure([Scatter(x=[script], y=[1], name=f"</script>{script}")])
     rows = [(script,), (Link(script, "runs/x.json"),)]
-    parts = {"text": script, "tables": (Table(headers=(script,), rows=rows, caption=script),)}
+    parts = {"text": script, "tables": (PageTable(headers=(script,), rows=rows, caption=script),)}
     section = Section(title=script, figures={"f": figure}, **parts)
     about = {"name": script, "description": script, "kind": "sweep", "numbers": {script: 1}}
     write_page(Page(**about, summary=[script], sections=[section]), tmp_path / "page.html")
@@ -87,7 +87,7 @@ def test_the_answer_stands_first_be_it_a_verdict_or_words():
 
 
 def test_long_words_in_tables_may_be_broken_and_numbers_may_not():
-    table = Table(headers=("log", "FIT"), rows=[("x" * 50, "99.6")])
+    table = PageTable(headers=("log", "FIT"), rows=[("x" * 50, "99.6")])
     page = _page("identification", None)
     text = rendered(replace(page, sections=[Section(title="Logs", tables=(table,))]))
     assert f'<td class="long">{"x" * 50}</td><td>99.6</td>' in text

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import (
+    CountedRun,
     Errors,
     ResidualEquations,
     ResidualSummary,
-    Run,
     free_run_errors,
     less_shared,
     summarise_residuals,
@@ -170,7 +170,7 @@ def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
     found = free_run_errors(data, estimate)
     logs = [each for each in found if isinstance(each, Errors)]
     if not logs:
-        failed = (_failed(each) for each in found if isinstance(each, Run))
+        failed = (_failed(each) for each in found if isinstance(each, CountedRun))
         return Misfit(logs=tuple(failed), left_over=_NOTHING)
     left = less_shared(logs, [log.less_own(log.whole[:, None]) for log in logs])
     random = np.random.default_rng(0)
@@ -184,7 +184,9 @@ def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
     )
     logs_misfit = map(_log_misfit, logs, errors, sensors, named)
     return Misfit(
-        logs=tuple(_failed(each) if isinstance(each, Run) else next(logs_misfit) for each in found),
+        logs=tuple(
+            _failed(each) if isinstance(each, CountedRun) else next(logs_misfit) for each in found
+        ),
         left_over=overall,
     )
 
@@ -243,7 +245,7 @@ def _log_misfit(
     )
 
 
-def _failed(run: Run) -> LogMisfit:
+def _failed(run: CountedRun) -> LogMisfit:
     """Return the misfit of a log that could not be simulated, or in which nothing moves."""
     return LogMisfit(
         name=run.log.name,

@@ -176,7 +176,7 @@ def _summarised(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+class CountedRun:
     """One log and its free run, where its errors count (see `first_counted`)."""
 
     log: Log
@@ -186,7 +186,7 @@ class Run:
     motion: float  # rms of the measured angle about its mean, in rad
 
     @classmethod
-    def of(cls, log: Log, setting: Setting) -> Run:
+    def of(cls, log: Log, setting: Setting) -> CountedRun:
         """Make a log ready to be simulated."""
         first = first_counted(log)
         return cls(
@@ -207,7 +207,7 @@ class Run:
 class Errors:
     """Simulated less measured angle of one log, and its derivatives."""
 
-    run: Run
+    run: CountedRun
     whole: Samples  # (m,) errors in rad
     # (k, j) orthonormal directions in which the log's own start moves them, k of m after k where
     # the log is simulated in segments, each from a start of its own
@@ -224,13 +224,13 @@ class Errors:
         return less(self.own, errors)
 
 
-def free_run_errors(data: DataSet, estimate: Estimate) -> list[Run | Errors]:
+def free_run_errors(data: DataSet, estimate: Estimate) -> list[CountedRun | Errors]:
     """Return the errors of each log's simulation and their derivatives.
 
     It is the run alone where a simulation fails or nothing moves.
     """
     predictor, slow = data.simulations, slow_velocity(data.logs)
-    runs = [Run.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
+    runs = [CountedRun.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
     owners, missing = estimate.owners(data.unread), absent_terms(estimate, data.logs[0].added_mass)
     varied = _Varied(estimate.names, _root_of(estimate), owners, missing)
     return [_differentiated(run, varied, slow) or run for run in runs]
@@ -278,7 +278,7 @@ class _Varied(NamedTuple):
     missing: tuple[str, ...]
 
 
-def _differentiated(run: Run, varied: _Varied, slow: float) -> Errors | None:
+def _differentiated(run: CountedRun, varied: _Varied, slow: float) -> Errors | None:
     """Return a log's errors; None if they are no numbers, or nothing moves.
 
     A log's own are the velocity and the true angle at its start, which the encoder has rounded: a

@@ -285,7 +285,7 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
     ]
 
 
-class Equations(Protocol):
+class TermEquations(Protocol):
     """What gives the equations of a method with any terms."""
 
     @property
@@ -314,7 +314,7 @@ class ScannedTerms:
     @classmethod
     def of(
         cls,
-        equations: Equations,
+        equations: TermEquations,
         tried: tuple[str, ...],
         told: tuple[str, ...] | None,
         *,
@@ -340,7 +340,7 @@ class ScannedTerms:
 
 
 def _fits(
-    equations: Equations, names: tuple[str, ...], *, plain: bool = True, scanned: bool = True
+    equations: TermEquations, names: tuple[str, ...], *, plain: bool = True, scanned: bool = True
 ) -> Iterator[Nested]:
     """Yield the equations without Stribeck friction, and with it at one velocity after another."""
     if plain:
