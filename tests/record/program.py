@@ -176,10 +176,10 @@ def table(result):
 def orbit(experiment, folder):
     """Hold an orbit and re-calibrate next to it, as the command does."""
     answer = Path(folder) / "orbit.json"
-    command = ["calibrate-orbit", experiment, "--out", str(folder), "--json", str(answer)]
+    command = ["run", experiment, "--out", str(folder), "--json", str(answer)]
     python = [sys.executable, "-m", "butterfly"]
     subprocess.run([*python, *command], cwd=CHECKOUT, capture_output=True, check=False)  # noqa: S603
-    told = json.loads(answer.read_text(encoding="utf-8"))
+    told = json.loads(answer.read_text(encoding="utf-8"))["orbit"]
     return _facts(
         numbers={key: flat(told[key])[0] for key in ORBIT},
         texts={key: told[key] for key in ("verdict", "ending", "method")}
