@@ -195,6 +195,7 @@ def _program(*call, stdout=subprocess.PIPE, **how):
     return done.returncode, done.stdout, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full to write to")
 def test_a_full_disk_is_one_line(quick_data):
     with Path("/dev/full").open("w") as full:
@@ -203,6 +204,7 @@ def test_a_full_disk_is_one_line(quick_data):
     assert re.fullmatch(r"error: .*No space left on device\n", err)
 
 
+@pytest.mark.slow
 def test_a_terminal_that_lacks_a_letter_shows_the_others(quick_data):
     encoding = os.environ | {"PYTHONIOENCODING": "ascii"}
     code, out, err = _program("identify", quick_data, env=encoding)

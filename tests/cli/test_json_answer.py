@@ -147,6 +147,7 @@ def _program(*words, **how):
     return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **how)  # noqa: S603
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_read_enough_ends_a_command_without_a_word(quick_data):
     reading, writing = os.pipe()
     os.close(reading)
@@ -156,6 +157,7 @@ def test_a_reader_that_has_read_enough_ends_a_command_without_a_word(quick_data)
     assert done.returncode == ExitCode.UNREAD
 
 
+@pytest.mark.slow
 def test_json_is_whole_where_letters_are_lacking(quick_data):
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     words = ("inspect", quick_data, "--json", "-")

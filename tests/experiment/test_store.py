@@ -59,6 +59,7 @@ def test_kept_logs_that_were_cut_changed_or_lost_are_done_again(folder):
     assert run_sweep(plan, store.folder, HereEngine()).done == 0
 
 
+@pytest.mark.slow
 def test_a_damaged_byte_of_a_table_is_noticed(folder):
     plan = small_plan(folder, sweep={"repetitions": 2})
     store = ResultStore(folder / "flipped")

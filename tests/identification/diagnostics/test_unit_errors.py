@@ -81,6 +81,7 @@ def test_a_slip_is_said_first_and_its_factor_with_it(tones):
     assert said.startswith("Do not use: The angle looks like degrees: times pi/180 (0.01745)")
 
 
+@pytest.mark.slow
 def test_a_refusal_names_the_slip_that_explains_it(sines):
     degrees = [replace(log, angle=np.degrees(log.angle)) for log in sines]
     with pytest.raises(IdentifiabilityError, match=r"turns over.*looks like degrees"):

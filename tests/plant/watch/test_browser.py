@@ -129,6 +129,7 @@ HANDSHAKE = {
 }
 
 
+@pytest.mark.slow
 def test_the_browser_s_viewer_asks_who_comes_is_served_on_loopback_alone_and_prints_one_line(
     tmp_path,
 ):
@@ -165,6 +166,7 @@ def _listening(port):
     ]
 
 
+@pytest.mark.slow
 def test_a_port_that_is_taken_is_one_line(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
