@@ -19,7 +19,7 @@ PACKAGE = ROOT / "butterfly"
 CEILINGS = {
     "files of the package": 232,
     "lines of the package": 38_340,
-    "lines of tests": 28_150,
+    "lines of tests": 28_160,
     "names of classes that exist twice": 0,
     "modules in import circles": 12,
     "tuned numbers of identification": 205,

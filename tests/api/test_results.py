@@ -292,6 +292,8 @@ def test_slips_are_one_typed_error(result, data, tmp_path):
         (lambda: bf.Log.from_frame(None), "time: got time"),
         (lambda: bf.read(data.logs[0].source, input_kind="volts"), "voltage.* or .*torque"),
         (lambda: bf.validate(data, split="day"), "mass or frequency"),
+        (lambda: bf.validate(data, split="log", folds="a"), "folds: got a"),
+        (lambda: bf.compare(result, mass="a"), "mass: got a; expected a number of kg"),
         (lambda: bf.compare(data, logs=[99]), "numbers from 0 to 11"),
         (lambda: bf.Log([0, 1], [0, 1], [0, 1]), "at least 16"),
         (lambda: bf.Log(["a"] * 20, [0] * 20, [0] * 20), "time"),

@@ -69,6 +69,7 @@ def test_what_two_know_of_a_robot_agrees():
     ("told", "reference"),
     [
         ({"p4": (1, 0.1), "p3": (2, 0.1)}, "p3"),
+        ({"p1": (0.003, 0.001), "p4": (1, 0.1)}, "p4"),  # of parameters of different size, by share
         ({"p4": (1, 0.1), "compression": 0.1, "load": 0.01, "delay": 0.1}, "p4"),
         ({"p4": (1, 0.1), "coulomb": 0.1}, None),
         ({"p3": (0, 0.1)}, None),
