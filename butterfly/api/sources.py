@@ -35,7 +35,7 @@ from butterfly.yaml_input import load_yaml
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment
 
-RESULT = ".json"
+RESULT_ENDING = ".json"
 """Ending of a saved result."""
 
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
@@ -320,10 +320,10 @@ def _described(
     if suffix in FORMATS:
         listed = _entry_of(path, beside, root, given) if beside.exists() else None
         return listed or draft(path, given)
-    if suffix == RESULT:
+    if suffix == RESULT_ENDING:
         return _saved_manifest(path, root, given)
     if suffix not in _YAML:
-        expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT})"
+        expected = f"{ENDINGS}, a manifest (.yaml), or a saved result ({RESULT_ENDING})"
         raise InputError(path, "file name", path.suffix or "no ending", expected)
     try:
         return read_manifest(path, root, given)
@@ -391,7 +391,7 @@ def root_of(path: Path, own: str, root: Path | None = None) -> Path:
 
 def is_data(path: Path) -> bool:
     """Whether a path is one of data; a file that is no YAML is left to its reader to refuse."""
-    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT}:
+    if path.is_dir() or path.suffix.lower() in {*FORMATS, RESULT_ENDING}:
         return True
     try:
         return "logs" in load_yaml(path).content

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from numbers import Real
 from operator import index
 from os import PathLike
@@ -14,7 +14,7 @@ import numpy as np
 
 from butterfly.api.answers import Leaderboard, Residual, Selection
 from butterfly.api.saved import load
-from butterfly.api.sources import RESULT, Data, choice, read
+from butterfly.api.sources import RESULT_ENDING, Data, choice, read
 from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
@@ -274,18 +274,18 @@ def residual(
     title = f"{whole.name}: what {found.method} leaves over"
     tables = [TextTable(title, HEADERS, misfit_table([misfit.logs[k] for k in chosen]).rows)]
     worst = max(chosen, key=lambda k: misfit.logs[k].relative)
+    torques = cache(lambda: residual_torques(whole, found).logs)  # asked for by table and page
     if logs is not None:
-        torques = residual_torques(whole, found).logs
         tables += [
-            _torque_table(f"{torques[k].label}: the torque left over", torques[k].left_over)
-            for k in chosen
+            _torque_table(f"{each.label}: the torque left over", each.left_over)
+            for each in (torques()[k] for k in chosen)
         ]
 
     return Residual(
         content=told_residual(whole, estimator, found, misfit, sentences),
         printed=tuple(tables),
         draw_worst=lambda: residual_page(
-            residual_torques(whole, found).logs[worst],
+            torques()[worst],
             misfit.logs[worst],
             estimate_verdict(found),
             joint=whole.joint,
@@ -373,7 +373,7 @@ def saved_identification(data: Data) -> Identification | None:
     """Return the result that a file holds, or that data are already; None for other data."""
     if isinstance(data, Identification):
         return data
-    if isinstance(data, str | PathLike) and Path(data).suffix == RESULT:
+    if isinstance(data, str | PathLike) and Path(data).suffix == RESULT_ENDING:
         found = load(data)
         if isinstance(found, Identification):
             return found

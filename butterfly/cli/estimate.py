@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import butterfly as bf
-from butterfly.api.sources import RESULT
+from butterfly.api.sources import RESULT_ENDING
 from butterfly.api.verbs import CANDIDATES, rank
 from butterfly.cli.estimator_options import Fit, SelectFit, ValidateFit
 from butterfly.cli.options import (
@@ -263,7 +263,7 @@ def compare(
             raise InputError("butterfly compare", "--report", page.report, "none of two runs")
         return compare_runs(data, other)
     for path in (data, other):
-        if path.suffix != RESULT:
+        if path.suffix != RESULT_ENDING:
             expected = "a saved identification (.json), or two runs of sweeps (results/NAME/NUMBER)"
             field = "DATA" if path is data else "OTHER"
             raise InputError("butterfly compare", field, path, expected)
@@ -310,4 +310,4 @@ def design(
 
 def _method(data: Path, fit: Fit) -> bf.Estimator | None:
     """Return the estimator; None for a saved result, if nothing was said of any."""
-    return fit.unless_default() if data.suffix == RESULT else fit.estimator()
+    return fit.unless_default() if data.suffix == RESULT_ENDING else fit.estimator()

@@ -156,14 +156,14 @@ def filled(content: Mapping[str, Any], tables: Mapping[str, Table]) -> dict[str,
     return {**content, "signals": [_filled(signal, tables) for signal in signals]}
 
 
-def digest_of(signal: Any) -> str | None:  # noqa: ANN401 - whatever stands in the file
+def signal_digest(signal: Any) -> str | None:  # noqa: ANN401 - whatever stands in the file
     """Return the digest that stands for a signal's table; None if none does."""
     named = signal.get("table") if isinstance(signal, dict) else None
     return named if isinstance(named, str) and named.startswith(_STORED) else None
 
 
 def _filled(signal: Any, tables: Mapping[str, Table]) -> Any:  # noqa: ANN401
-    digest = digest_of(signal)
+    digest = signal_digest(signal)
     return signal if digest is None or digest not in tables else {"table": tables[digest]}
 
 

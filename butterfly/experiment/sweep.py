@@ -15,7 +15,7 @@ from butterfly.experiment.perform import execute
 from butterfly.experiment.provenance import fingerprint, versions
 from butterfly.experiment.record import FAILED, OK, SCHEMA, SweepRecord, Task
 from butterfly.experiment.schema import Experiment
-from butterfly.experiment.source import Source, digest_of
+from butterfly.experiment.source import Source, signal_digest
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_spec import apply
 from butterfly.experiment.workers import Engine
@@ -81,7 +81,7 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
     asked["estimators"] = [_options(each) for each in experiment.all_estimators]
     named = content.get("signals", [])
     asked["signals"] = [
-        digest_of(signal) or spec.model_dump(mode="json")
+        signal_digest(signal) or spec.model_dump(mode="json")
         for signal, spec in zip(named, experiment.signals, strict=True)
     ]
     text = json.dumps([SCHEMA, fingerprint(), versions(), asked], sort_keys=True)

@@ -36,6 +36,7 @@ from butterfly.model.parameters import (
 )
 from butterfly.model.terms import PARAMETERS
 from butterfly.result import Result, TextTable, aligned, text, texts
+from butterfly.signals.frequency_response import measured_response
 from butterfly.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -408,8 +409,6 @@ class Identification(Result):
         InputError
             If no sine was logged with it.
         """
-        from butterfly.signals.frequency_response import measured_response  # noqa: PLC0415
-
         return measured_response(self.data.sines, added_mass)
 
     @property
