@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors.inputs import (
+from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_refused,
     unit_errors_of_still,
+    with_unit_errors,
 )
-from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
 from butterfly.identification.encoder_offset import (
     EncoderOffset,
     OffsetKind,

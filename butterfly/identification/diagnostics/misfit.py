@@ -30,7 +30,7 @@ from butterfly.identification.diagnostics.residuals import (
 )
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.intervals import SPREADS
+from butterfly.identification.inference.covariance import SPREADS
 
 Samples = NDArray[np.float64]
 
