@@ -32,8 +32,7 @@ from butterfly.logs.log import InputKind, Intersample, Sine
 from butterfly.logs.units import Units
 from butterfly.model.known import Knowledge, Known, known_of, plain
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
-from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
-from butterfly.yaml_output import yaml_text
+from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
