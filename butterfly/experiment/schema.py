@@ -334,4 +334,4 @@ class Experiment(StrictModel):
     @property
     def input_kind(self) -> InputKind:
         """What the commands mean."""
-        return self.plant.rig.input_kind
+        return self.plant.robot.input_kind
