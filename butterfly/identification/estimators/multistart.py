@@ -151,7 +151,5 @@ def lowest_end(
     (problem, best), *others = sorted(ends, key=lambda each: each[1].at.cost)
     ratios = [end.at.cost / best.at.cost for _, end in others if end.converged]
     elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
-    findings = tuple(
-        Finding(kind=FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1]
-    )
+    findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
     return problem, best, findings
