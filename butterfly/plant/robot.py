@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.friction import Friction
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
     AddedMass,
     Drive,
+    Friction,
     Hand,
     JointKind,
     LumpedParameters,
