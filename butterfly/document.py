@@ -6,11 +6,17 @@ Every document has the keys of `HEAD`; docs/commands.md says what they and the o
 from __future__ import annotations
 
 import json
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from butterfly import __version__
 from butterfly.files import finite, replacing
 from butterfly.verdict import Verdict
 
@@ -19,6 +25,19 @@ SCHEMA_NUMBER = 2
 
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
+
+_LIBRARIES = ("mujoco", "numba", "scipy")  # not imported for that: a simulator is slow to
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return what results are made with."""
+    return {
+        "butterfly": __version__,
+        "numpy": np.__version__,
+        **{name: version(name) for name in _LIBRARIES},
+        "python": platform.python_version(),
+    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,8 +55,6 @@ class Told:
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON can hold it; None stands for what is unknown."""
-        from butterfly.experiment.provenance import versions  # noqa: PLC0415 - of a higher layer
-
         judged = (
             {"verdict": None, "reasons": []} if self.verdict is None else self.verdict.numbers()
         )

@@ -11,7 +11,7 @@ from butterfly.api.sources import Named
 from butterfly.api.tabulated import Tabulated
 from butterfly.comparison.change import change
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.identification import Identification
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind

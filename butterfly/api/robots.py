@@ -19,7 +19,7 @@ from butterfly.identification.parameter import unit_of
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.logs.pieces import read_pieces, with_parts
+from butterfly.logs.reading import read_pieces, with_parts
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot

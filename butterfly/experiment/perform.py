@@ -10,9 +10,8 @@ from functools import partial
 
 import numpy as np
 
+from butterfly.document import versions
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
-from butterfly.experiment.control import ControlSpec
-from butterfly.experiment.provenance import versions
 from butterfly.experiment.record import (
     FAILED,
     OK,
@@ -23,7 +22,7 @@ from butterfly.experiment.record import (
     RunRecord,
     Task,
 )
-from butterfly.experiment.schema import Experiment
+from butterfly.experiment.schema import ControlSpec, Experiment
 from butterfly.experiment.simulate import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet

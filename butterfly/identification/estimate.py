@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
-from butterfly.identification.diagnostics.knowledge import disagreements, scale_apart
-from butterfly.identification.inference.covariance import cluster_covariance, robust
+from butterfly.identification.inference.consistency import (
+    Correction,
+    corrections,
+    disagreements,
+    moved_by_masses,
+    scale_apart,
+)
+from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     precision,
     sort_by_precision,
-)
-from butterfly.identification.inference.intervals import honest_limits
-from butterfly.identification.inference.mass_consistency import (
-    Correction,
-    corrections,
-    moved_by_masses,
 )
 from butterfly.identification.normal_equations import SolvedEquations, pulled_below
 from butterfly.identification.parameter import Parameter, or_none, unit_of

@@ -17,7 +17,7 @@ from butterfly.document import Told
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
-from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun

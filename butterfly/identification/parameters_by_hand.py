@@ -13,8 +13,7 @@ from scipy.optimize import minimize_scalar
 from butterfly.errors import ButterflyError, InputError, nearest, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
-from butterfly.identification.diagnostics.physics import is_possible, judge_physics
+from butterfly.identification.diagnostics.plausibility import is_possible, judge_fit, judge_physics
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.free_run import FitSummary

@@ -14,7 +14,7 @@ from butterfly.identification.diagnostics.findings import (
     grade,
     is_impossible,
 )
-from butterfly.identification.diagnostics.unit_errors.names import listed, unit_error_text
+from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
 from butterfly.identification.estimate import Estimate
 from butterfly.model.terms import TERMS
 from butterfly.report.format import counted, fit_text

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.names import UnitError
+from butterfly.identification.diagnostics.unit_errors import UnitError
 from butterfly.report.finding_texts import sentences_of
 from butterfly.verdict import Level
 

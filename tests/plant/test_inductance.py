@@ -13,10 +13,10 @@ from scipy.integrate import solve_ivp
 
 from butterfly.model.linear import frequency_response
 from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
-from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
-from butterfly.plant.motor import SimulatedMotor
+from butterfly.plant.motor import ControlLoop
+from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.sine_fit import fit_sine

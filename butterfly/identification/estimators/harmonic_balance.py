@@ -44,8 +44,10 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.identifiability import refuse_without_scale
-from butterfly.identification.inference.intervals import without_each_mass
+from butterfly.identification.inference.identifiability import (
+    refuse_without_scale,
+    without_each_mass,
+)
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     SCANNED,

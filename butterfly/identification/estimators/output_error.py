@@ -30,8 +30,12 @@ from butterfly.identification.estimators.gauss_newton import MOST, Minimum, mini
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Multistart, Start, starts
 from butterfly.identification.inference.covariance import FEW, blocks_of
-from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
-from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.identifiability import (
+    is_driven,
+    of_few_logs,
+    refuse_without_scale,
+    without_each_mass,
+)
 from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
 from butterfly.identification.scale_parameter import ScaleParameter

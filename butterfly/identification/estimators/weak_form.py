@@ -35,8 +35,12 @@ from butterfly.identification.estimators.instrumental_variables import (
 )
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.inference.covariance import blocks_of, split
-from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
-from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.identifiability import (
+    is_driven,
+    of_few_logs,
+    refuse_without_scale,
+    without_each_mass,
+)
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     ScannedTerms,

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.unit_errors.names import UnitError, unit_error_text
+from butterfly.identification.diagnostics.unit_errors import UnitError, unit_error_text
 from butterfly.logs.units import Units
 from butterfly.verdict import Level
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.physics import is_possible
-from butterfly.identification.diagnostics.unit_errors.names import UnitError
+from butterfly.identification.diagnostics.plausibility import is_possible
+from butterfly.identification.diagnostics.unit_errors import UnitError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.logs.log import Log
