@@ -52,10 +52,10 @@ class VoltageDrive:
     inductance: float = 0.0  # L in H; 0 lets the current follow at once, as (5) does
 
     def __post_init__(self) -> None:
-        above = {"resistance": self.resistance, "torque_constant": self.torque_constant}
-        require_number("VoltageDrive", positive=True, **above)
-        others = {"back_emf_constant": self.back_emf_constant, "inductance": self.inductance}
-        require_number("VoltageDrive", **others)
+        require_number("VoltageDrive", positive=True, resistance=self.resistance)
+        require_number("VoltageDrive", positive=True, torque_constant=self.torque_constant)
+        require_number("VoltageDrive", back_emf_constant=self.back_emf_constant)
+        require_number("VoltageDrive", inductance=self.inductance)
 
     @property
     def gain(self) -> float:
