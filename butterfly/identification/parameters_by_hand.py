@@ -207,7 +207,7 @@ def outdone(
     left, given = 100 - reached, 100 - float(np.median(fits))
     if given <= max(_FAR_MORE * left, _NOTABLE):
         return []
-    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
+    return [Finding(FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
 def _angle(value: object, source: str) -> float:

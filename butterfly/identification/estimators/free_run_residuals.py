@@ -197,7 +197,7 @@ class FreeRunResiduals:
         rows, residuals = zip(*parts, strict=True)
         scale = self.scale
         took = Finding(
-            kind=FindingKind.SIMULATIONS,
+            FindingKind.SIMULATIONS,
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )

@@ -122,7 +122,7 @@ class OutputError(Estimator):
         if few or len(calm.logs) == len(data.logs):
             return self.of_starts(data.logs, first, data.known)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
-        left_out = Finding(kind=FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
+        left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
         return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
@@ -166,7 +166,7 @@ class OutputError(Estimator):
             end = self.descend(problem, problem.initial)
             said += chosen.choice.findings
         while lost := inseparable(problem, end.at):
-            said.append(Finding(kind=FindingKind.INSEPARABLE, parameters=lost))
+            said.append(Finding(FindingKind.INSEPARABLE, lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
@@ -211,7 +211,7 @@ class OutputError(Estimator):
         horizon = lasting_horizon(logs, found)
         if not math.isfinite(horizon):
             return found
-        adds_up = Finding(kind=FindingKind.ADDS_UP, number=horizon)
+        adds_up = Finding(FindingKind.ADDS_UP, number=horizon)
         again = replace(self, horizon=horizon).of_starts(logs, first, known)
         return again.with_findings(adds_up)
 

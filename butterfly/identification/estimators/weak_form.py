@@ -168,14 +168,14 @@ class WeakForm(Estimator):
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
-            care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
+            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
             found = found.with_findings(care)
         if not data.unread:
             return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
-        care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Level.CARE)
+        care = Finding(FindingKind.REST_APART, number=apart, severity=Level.CARE)
         return found.with_findings(care)
 
     def of_logs(
