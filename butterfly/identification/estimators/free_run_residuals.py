@@ -42,10 +42,10 @@ from butterfly.identification.prior import Prior
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
+from butterfly.model.greybox import INITIAL
 from butterfly.model.kinematics import Motion
 from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
 from butterfly.signals.window import first_counted
 from butterfly.verdict import Level

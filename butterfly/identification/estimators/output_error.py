@@ -42,9 +42,8 @@ from butterfly.identification.inference.term_choice import candidates, missing_t
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
-from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
 

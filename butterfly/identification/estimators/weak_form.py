@@ -53,9 +53,8 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
