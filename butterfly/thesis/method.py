@@ -174,19 +174,17 @@ def fit_thesis(logs: Sequence[Log], decimation: int = DECIMATION) -> Estimate:
         if share > 0.999 or share < 1e-9  # noqa: PLR2004
     )
     findings = [
-        Finding(kind=FindingKind.NOT_ESTIMATED, parameters=_UNESTIMATED, severity=Level.CARE),
+        Finding(FindingKind.NOT_ESTIMATED, _UNESTIMATED, severity=Level.CARE),
         Finding(
-            kind=FindingKind.NO_UNCERTAINTY,
-            parameters=PARAMETERS[:3],
+            FindingKind.NO_UNCERTAINTY,
+            PARAMETERS[:3],
             number=len(resonances),
             severity=Level.CARE,
         ),
         *conditioning.findings,
     ]
     if on_bound:
-        findings.append(
-            Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=Level.WARNING)
-        )
+        findings.append(Finding(FindingKind.ON_BOUND, on_bound, severity=Level.WARNING))
     return Estimate(
         method="thesis",
         names=PARAMETERS,

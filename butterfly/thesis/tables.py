@@ -17,9 +17,8 @@ from butterfly.identification.estimators import HarmonicBalance
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
-from butterfly.model.discrete import HeldSystem
 from butterfly.model.greybox import simulate
-from butterfly.model.linear import resonance_frequency
+from butterfly.model.linear import HeldSystem, resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.rig import Rig
 from butterfly.signals.frequency_response import ResponsePoint, response_point
