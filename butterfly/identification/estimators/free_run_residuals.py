@@ -31,7 +31,7 @@ from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
-from butterfly.signals.window import first_counted
+from butterfly.signals.frequency_response import first_counted
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
