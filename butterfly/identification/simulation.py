@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.logs.log import InitialState, Log
-from butterfly.model.greybox import simulate
+from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters, compressed
-from butterfly.model.sensitivities import Columns, Readings, differentiate
 from butterfly.signals import hold, polynomials
 from butterfly.signals.frequency_response import STEADY_SECONDS, steady_span
 from butterfly.signals.sine_fit import sine_basis, with_transient

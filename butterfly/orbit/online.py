@@ -137,7 +137,7 @@ class OnlineRecalibration:
         equations = LoopEquations(
             regression=regression, run=np.zeros(len(self._rows), dtype=np.intp)
         )
-        ratios = Finding(kind=FindingKind.RATIOS)
+        ratios = Finding(FindingKind.RATIOS)
         return estimate_of(equations, regression.solve(), "on-line", ratios)
 
     def _regression(self) -> Regression:

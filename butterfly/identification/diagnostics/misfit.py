@@ -159,12 +159,12 @@ class Misfit:
     def findings(self) -> list[Finding]:
         """Whether the misfit is beyond the sensors, how many times, and what it looks like."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        found = [Finding(kind=kind, number=self.times)]
+        found = [Finding(kind, number=self.times)]
         if self.left_over.terms:
             likeliest = self.left_over.terms[0]
             share = self.left_over.shares[likeliest]
             like = FindingKind.LEFT_OVER
-            found.append(Finding(kind=like, parameters=self.left_over.terms, number=share))
+            found.append(Finding(like, self.left_over.terms, number=share))
         return found
 
 
