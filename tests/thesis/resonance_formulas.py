@@ -12,8 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.signals.frequency_response import response_point
-from butterfly.signals.window import STEADY_SECONDS
+from butterfly.signals.frequency_response import STEADY_SECONDS, response_point
 from butterfly.thesis.tables import complex_fit
 
 _REWEIGHTINGS = 5

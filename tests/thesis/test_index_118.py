@@ -16,7 +16,7 @@ from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.plant.sensors import Encoder
-from butterfly.signals.local_polynomial import slope
+from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 from tests.orbit.setting import SIXTY, grey_rig, plant
 
