@@ -11,8 +11,7 @@ from plotly.graph_objects import Figure, Heatmap, Scatter
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.loop import Round
-from butterfly.orbit.study import PERIODS, OrbitStudy
+from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE
 from butterfly.report.finding_texts import estimate_sentences
 from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit

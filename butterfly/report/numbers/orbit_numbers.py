@@ -8,7 +8,7 @@ from butterfly.document import Told
 from butterfly.experiment.record import OrbitRecord
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.study import OrbitStudy
+from butterfly.orbit.loop import OrbitStudy
 from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.numbers.estimate_numbers import estimate_numbers, lumped_numbers
 
