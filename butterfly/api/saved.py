@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.changed import Changed
+from butterfly.api.compared import Compared
 from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
+from butterfly.api.results import Designed, Separated, Validated
 from butterfly.api.sources import root_of
-from butterfly.api.tabulated import Compared, Designed, Separated, Validated
 from butterfly.errors import InputError
 from butterfly.identification.identification import Identification
 

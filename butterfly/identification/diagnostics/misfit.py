@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from butterfly.identification.diagnostics.residuals import (
 from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.intervals import SPREADS
+from butterfly.model.parameters import JointKind
 
 Samples = NDArray[np.float64]
 
@@ -47,6 +49,8 @@ _NOTHING = ResidualSummary(relative=0.0, noise=1.0, shares={})
 
 LEVELS = (0.95, 0.99)
 """Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
+
+_LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
 
 _CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
 _SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
@@ -109,6 +113,17 @@ class LogMisfit:
         """What is left over what the sensor explains."""
         return self.left / self.explained if self.explained else np.inf
 
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs."""
+        sensor = self.sensor
+        lengths = (self.motion, self.error, self.left, self.explained, sensor.step, sensor.noise)
+        return {
+            "log": self.name,
+            **dict(zip(_LENGTHS, lengths, strict=True)),
+            "over_band": dict(zip(map(str, LEVELS), self.excess, strict=True)),
+            "left_over": self.left_over.numbers(),
+        }
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Misfit:
@@ -163,6 +178,24 @@ class Misfit:
             like = FindingKind.LEFT_OVER
             found.append(Finding(kind=like, parameters=self.left_over.terms, number=share))
         return found
+
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs but for its findings: shares of the rms motion, over all logs."""
+        return {
+            "relative": self.relative,
+            "after_small_changes": self.left,
+            "by_sensors": self.explained,
+            "times_sensors": self.times,
+            "beyond_sensors": self.beyond_sensors,
+            "logs_outside": self.outside,
+            "left_over": self.left_over.numbers(),
+            "logs": [log.numbers() for log in self.logs],
+        }
+
+
+def misfit_units(joint: JointKind, place: str = "misfit.") -> dict[str, str]:
+    """Return the units of `Misfit.numbers` that stand in some place of a document."""
+    return {f"{place}logs.{name}": joint.way for name in _LENGTHS}
 
 
 def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
