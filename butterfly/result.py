@@ -7,14 +7,20 @@ from __future__ import annotations
 
 import json
 import math
+import platform
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from html import escape
+from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
+import numpy as np
+
+from butterfly import __version__
 from butterfly.errors import ButterflyError
 from butterfly.files import finite, replacing
 from butterfly.verdict import Level, Verdict
@@ -31,7 +37,20 @@ SCHEMA_NUMBER = 2
 HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
 """Keys that every document has."""
 
+_LIBRARIES = ("mujoco", "numba", "scipy")  # not imported for that: a simulator is slow to
+
 _SIGNIFICANT = 4
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return what results are made with."""
+    return {
+        "butterfly": __version__,
+        "numpy": np.__version__,
+        **{name: version(name) for name in _LIBRARIES},
+        "python": platform.python_version(),
+    }
 
 
 def document(
@@ -48,8 +67,6 @@ def document(
     The ``units`` are of quantities whose own key or column does not say it, by their keys, with
     dots between; None stands for what is unknown.
     """
-    from butterfly.experiment.provenance import versions  # noqa: PLC0415 - of a higher layer
-
     found: dict[str, Any] = finite(
         {
             "schema": f"butterfly.{kind}",

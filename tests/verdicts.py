@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from butterfly.identification.diagnostics import goodness_of_fit
+from butterfly.identification.diagnostics import plausibility
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,5 +30,5 @@ def impossible_data(good: Path, folder: Path) -> Path:
 
 def follow_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no FIT be good enough, so that no estimate may be used, however good."""
-    monkeypatch.setattr(goodness_of_fit, "GOOD_FIT", 100.0)
-    monkeypatch.setattr(goodness_of_fit, "LEAST_FIT", 100.0)
+    monkeypatch.setattr(plausibility, "GOOD_FIT", 100.0)
+    monkeypatch.setattr(plausibility, "LEAST_FIT", 100.0)

@@ -7,11 +7,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from butterfly.api.results import Tabulated
 from butterfly.api.sources import Named
 from butterfly.comparison.change import change
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.identification import Identification
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
@@ -22,7 +21,7 @@ from butterfly.report.change import (
     shown_changes,
     untested_sentences,
 )
-from butterfly.result import aligned
+from butterfly.result import Answer, aligned
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Changed(Tabulated):
+class Changed(Answer):
     """Whether the parameters of a robot have changed, and by how much."""
 
     kind: ClassVar[str] = "change"

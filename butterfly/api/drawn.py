@@ -9,11 +9,11 @@ from os import PathLike
 from pathlib import Path
 from typing import ClassVar
 
-from butterfly.api.results import Tabulated
 from butterfly.files import replacing
 from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.identification import Identification
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.result import Answer
 
 WEIGHT = "weight"
 """Column that says how much a draw counts, 1 on average."""
@@ -22,7 +22,7 @@ _FIELDS = [each.name for each in fields(LumpedParameters)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Drawn(Tabulated):
+class Drawn(Answer):
     """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
 
     kind: ClassVar[str] = "draws"

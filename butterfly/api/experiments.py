@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 
 from butterfly.api.sources import Named
 from butterfly.errors import ButterflyError, InputError
-from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.perform import RunResult, outcome_of, perform
 from butterfly.experiment.record import FAILED, OK, RunRecord
 from butterfly.experiment.schema import Experiment
@@ -22,6 +21,7 @@ from butterfly.experiment.source import Source, keep_experiment
 from butterfly.experiment.source import read_experiment as experiment_in
 from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_sweep, sweep_record
+from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set

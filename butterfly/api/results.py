@@ -23,16 +23,13 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import about_data, chosen_options
 from butterfly.identification.identify import held_out_fits
 from butterfly.identification.parameter import unit_of
-from butterfly.identification.physical import PhysicalParameters
 from butterfly.identification.validate import Bootstrap, HeldOut, Structure
 from butterfly.logs.log import Log
 from butterfly.model.terms import TERMS
 from butterfly.report.finding_texts import estimate_numbers, estimate_verdict, misfit_numbers
 from butterfly.report.format import fit_text
-from butterfly.report.physical import TITLE, physical_numbers, physical_sentences
 from butterfly.report.summary import best_experiment_text, chosen_terms_text, held_out_sentences
-from butterfly.result import Answer, TextTable, aligned
-from butterfly.verdict import Verdict
+from butterfly.result import Answer, TextTable
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -345,7 +342,7 @@ class Residual(Answer):
     @cached_property
     def torques(self) -> Sequence[ResidualTorque]:
         """Of each log of the data set."""
-        return residual_torques(self.data, self.estimate).logs
+        return residual_torques(self.data, self.estimate)
 
     def plot(self, path: str | PathLike[str]) -> None:
         """Draw the residual torque and error of the log with the largest error to a page.
@@ -373,26 +370,3 @@ def _torque_table(torque: ResidualTorque) -> TextTable:
         for name, share in torque.left_over.shares.items()
     ]
     return TextTable(f"{torque.label}: the torque left over", (), rows)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Separated(Tabulated):
-    """Physical parameters, and what is left open of them."""
-
-    kind: ClassVar[str] = "physical"
-
-    @classmethod
-    def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
-        """Tabulate what is known of the robot of some data."""
-        numbers = physical_numbers(parameters)
-        return cls(
-            title=f"{TITLE} of {name!r}",
-            summary=(judged.sentence, *physical_sentences(parameters)),
-            content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
-            judged=judged,
-        )
-
-    def shown_lines(self) -> list[str]:
-        """Return the table as lines."""
-        rows = self.shown_rows()
-        return aligned(rows) if rows else []

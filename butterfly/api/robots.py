@@ -17,7 +17,7 @@ from butterfly.identification.estimators import Suitable
 from butterfly.identification.identification import Identification
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
-from butterfly.logs.pieces import read_pieces, with_parts
+from butterfly.logs.reading import read_pieces, with_parts
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.stand_alone import command_of

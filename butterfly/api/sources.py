@@ -27,10 +27,10 @@ from butterfly.logs.manifest import (
     read_manifest,
 )
 from butterfly.logs.manifest_draft import draft, of_logs
-from butterfly.logs.pieces import pieces_of
+from butterfly.logs.reading import pieces_of
 from butterfly.model.known import NOTHING, Knowledge, known_of
 from butterfly.progress import Track, untracked
-from butterfly.yaml_input import load_yaml
+from butterfly.yaml_files import load_yaml
 
 if TYPE_CHECKING:
     from butterfly.experiment.schema import Experiment

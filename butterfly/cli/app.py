@@ -21,8 +21,14 @@ from butterfly import __version__
 from butterfly.cli.output import Asked, ExitCode, asked, write_json
 from butterfly.cli.output import warn as print_warning
 from butterfly.cli.progress import tell_no_more
-from butterfly.errors import ButterflyError, InputError, StoppedError, UnusableError
-from butterfly.sizes import memory, said
+from butterfly.errors import (
+    ButterflyError,
+    InputError,
+    StoppedError,
+    UnusableError,
+    memory,
+    size_text,
+)
 
 
 class Command(NamedTuple):
@@ -288,7 +294,7 @@ def main() -> None:
         unusable = isinstance(error, UnusableError)
         _end(str(error), ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)
     except MemoryError:
-        _end(f"more memory is needed than there is ({said(memory())})", ExitCode.BAD_INPUT)
+        _end(f"more memory is needed than there is ({size_text(memory())})", ExitCode.BAD_INPUT)
     except BrokenPipeError:
         _leave_stdout()
         sys.exit(ExitCode.UNREAD)

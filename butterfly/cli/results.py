@@ -141,8 +141,8 @@ def table(
         show_rows,
         without_formulas,
     )
-    from butterfly.experiment.columns import ESTIMATES, RUNS  # noqa: PLC0415
     from butterfly.experiment.store import ResultStore  # noqa: PLC0415
+    from butterfly.experiment.sweep_tables import ESTIMATES, RUNS  # noqa: PLC0415
     from butterfly.files import replacing  # noqa: PLC0415
     from butterfly.report.records import rows_document  # noqa: PLC0415
 

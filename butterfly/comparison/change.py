@@ -12,7 +12,7 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.intervals import CONFIDENCE, widened
+from butterfly.identification.inference.covariance import CONFIDENCE, widened
 from butterfly.model.known import OF_SCALE
 from butterfly.model.terms import TERMS
 

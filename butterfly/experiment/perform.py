@@ -11,8 +11,6 @@ from functools import partial
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
-from butterfly.experiment.control import ControlSpec
-from butterfly.experiment.provenance import versions
 from butterfly.experiment.record import (
     FAILED,
     OK,
@@ -23,7 +21,7 @@ from butterfly.experiment.record import (
     RunRecord,
     Task,
 )
-from butterfly.experiment.schema import Experiment
+from butterfly.experiment.schema import ControlSpec, Experiment
 from butterfly.experiment.simulate import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
@@ -36,6 +34,7 @@ from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
+from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
 

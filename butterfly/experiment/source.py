@@ -20,8 +20,7 @@ from butterfly.files import locate, replacing, require_path, shipped
 from butterfly.logs.csv import read_columns
 from butterfly.signals.excitations import Table
 from butterfly.thesis.synthetic import Synthetic
-from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
-from butterfly.yaml_output import yaml_text
+from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 EXPERIMENT = "experiment.yaml"
 """File beside results that says what was done."""

@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
-from butterfly.identification.diagnostics.unit_errors.inputs import (
+from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_refused,
     unit_errors_of_still,
+    with_unit_errors,
 )
-from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
 from butterfly.identification.encoder_offset import (
     EncoderOffset,
     OffsetKind,
@@ -26,9 +26,9 @@ from butterfly.identification.free_run import Simulations
 from butterfly.identification.implied import beside_masses, implied
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
-from butterfly.logs.log import InputKind, Log, numbers_named, with_unique_names
+from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
-from butterfly.logs.pieces import read_logs
+from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
 from butterfly.logs.thinning import thinned
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.model.parameters import AddedMass, JointKind

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from butterfly.files import finite
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind, grade
-from butterfly.identification.diagnostics.knowledge import disagreements, scale_apart
-from butterfly.identification.inference.covariance import cluster_covariance, robust
+from butterfly.identification.inference.consistency import (
+    Correction,
+    corrections,
+    disagreements,
+    moved_by_masses,
+    scale_apart,
+)
+from butterfly.identification.inference.covariance import cluster_covariance, honest_limits, robust
 from butterfly.identification.inference.identifiability import (
     Conditioning,
     precision,
     sort_by_precision,
-)
-from butterfly.identification.inference.intervals import honest_limits
-from butterfly.identification.inference.mass_consistency import (
-    Correction,
-    corrections,
-    moved_by_masses,
 )
 from butterfly.identification.normal_equations import SolvedEquations, pulled_below
 from butterfly.identification.parameter import Parameter, or_none, unit_of
@@ -409,7 +409,7 @@ def _of_bounds(on_bound: tuple[str, ...], pulled: set[str]) -> list[Finding]:
         Level.NOTE: tuple(name for name in on_bound if name not in pulled),
     }
     return [
-        Finding(kind=FindingKind.ON_BOUND, parameters=names, severity=severity)
+        Finding(FindingKind.ON_BOUND, names, severity=severity)
         for severity, names in groups.items()
         if names
     ]
@@ -419,7 +419,7 @@ def _of_signs(names: Sequence[str]) -> list[Finding]:
     unknown = tuple(name for name in names if not TERMS[name].sign_observable)
     if not unknown:
         return []
-    return [Finding(kind=FindingKind.SIGN_UNKNOWN, parameters=unknown, severity=Level.CARE)]
+    return [Finding(FindingKind.SIGN_UNKNOWN, unknown, severity=Level.CARE)]
 
 
 def left_out_content(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit, misfit_units
-from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.api.identified_model import IdentifiedModel
-    from butterfly.api.results import Separated
     from butterfly.report.identification_plots import IdentificationPlots
+    from butterfly.report.physical import Separated
 
 _HEADERS = (
     *("", "true", "deviation", "estimate", "std error", "95 % interval", "unit"),
@@ -327,7 +327,7 @@ class Identification(Result):
         InputError
             If it is none of these, or was known before.
         """
-        from butterfly.api.results import Separated  # noqa: PLC0415 - a view
+        from butterfly.report.physical import Separated  # noqa: PLC0415 - a view
 
         return Separated.of(self.separated(known), self.origin["name"], self.judged)
 

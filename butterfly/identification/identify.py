@@ -13,14 +13,19 @@ from numpy.typing import NDArray
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.goodness_of_fit import judge_fit, judge_held_out
-from butterfly.identification.diagnostics.physics import judge_input, judge_knowledge, judge_physics
-from butterfly.identification.diagnostics.unit_errors.names import with_unit_errors
-from butterfly.identification.diagnostics.unit_errors.search import (
+from butterfly.identification.diagnostics.plausibility import (
+    judge_fit,
+    judge_held_out,
+    judge_input,
+    judge_knowledge,
+    judge_physics,
+)
+from butterfly.identification.diagnostics.unit_error_search import (
     find_unit_errors,
     find_unit_errors_of_clock,
     find_unit_errors_of_refused,
 )
+from butterfly.identification.diagnostics.unit_errors import with_unit_errors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun

@@ -14,15 +14,13 @@ from scipy.optimize import minimize_scalar
 from butterfly.errors import ButterflyError, InputError, nearest, require_number
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
-from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
-from butterfly.identification.diagnostics.physics import is_possible, judge_physics
+from butterfly.identification.diagnostics.plausibility import is_possible, judge_fit, judge_physics
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import lumped_numbers
-from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.known import Knowledge, Known
-from butterfly.model.linear import resonance_frequency
+from butterfly.model.linear import quasi_linear_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, untracked
@@ -221,7 +219,7 @@ def outdone(
     left, given = 100 - reached, 100 - float(np.median(fits))
     if given <= max(_FAR_MORE * left, _NOTABLE):
         return []
-    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
+    return [Finding(FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
 def _angle(value: object, source: str) -> float:

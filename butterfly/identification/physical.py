@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from butterfly.identification.derived_quantities import SIGNED, SYMBOLS, WAYS
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import relations, with_gear
-from butterfly.identification.inference.intervals import SPREADS
+from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
 from butterfly.model.known import Knowledge, Known

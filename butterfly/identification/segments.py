@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.simulation import Begin, Simulation
-from butterfly.logs.initial_state import InitialState
-from butterfly.logs.log import MIN_SAMPLES, Log
+from butterfly.logs.log import MIN_SAMPLES, InitialState, Log
 from butterfly.model.parameters import LumpedParameters
 
 Samples = NDArray[np.float64]

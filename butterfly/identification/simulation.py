@@ -9,12 +9,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.logs.initial_state import InitialState
-from butterfly.logs.log import Log
-from butterfly.model.greybox import simulate
+from butterfly.logs.log import InitialState, Log
+from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters, compressed
-from butterfly.model.sensitivities import Columns, Readings, differentiate
 from butterfly.signals import hermite, hold
 from butterfly.signals.sine_fit import sine_basis, with_transient
 from butterfly.signals.spectrum import uniform_grid
@@ -40,7 +38,7 @@ _STEPS_PER_RADIAN = 10  # of the drive or of the resonance, whichever is faster
 class Simulation:
     """Simulates one log from its first sample with the recorded input, on a fixed grid.
 
-    It starts at rest, unless the log begins in motion (see `butterfly.logs.initial_state`). The
+    It starts at rest, unless the log begins in motion (see `Log.initial_state`). The
     step of the grid follows the resonance of the ``parameters`` (of the bare hand) and the log's
     drive. Errors count from the sample numbered ``first`` on.
 

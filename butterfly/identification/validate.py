@@ -14,7 +14,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary, FreeRun, fit_of
-from butterfly.identification.inference.intervals import CONFIDENCE
+from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.identification.splits import ENOUGH, Division, Split, divide, remedy
 from butterfly.progress import Track, untracked
 

@@ -13,11 +13,10 @@ from pathlib import Path
 import pyarrow
 from pyarrow import csv
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_room, size_text
 from butterfly.logs.formats import DEFAULT_COLUMNS
 from butterfly.logs.log import MIN_SAMPLES, FileReading
 from butterfly.logs.units import UNITS, known_factor
-from butterfly.sizes import require_room, said
 
 _PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
 _COMMENTS = ("#", "%", "//")
@@ -54,7 +53,7 @@ class _Line:
 def read_text_table(path: Path) -> TextFile:
     """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
     size = path.stat().st_size if path.is_file() else 0
-    require_room(path, "content", f"{said(size)} of an unusual form", _PER_BYTE * size)
+    require_room(path, "content", f"{size_text(size)} of an unusual form", _PER_BYTE * size)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]

@@ -13,10 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError
-from butterfly.logs.clipping import clipped, saturated
+from butterfly.logs.faults import (
+    Wrapping,
+    clipped,
+    find_wrapping,
+    increasing,
+    repeated,
+    restarts,
+    saturated,
+    unwrapped,
+)
 from butterfly.logs.log import Lead, Log
-from butterfly.logs.timestamps import increasing, repeated, restarts
-from butterfly.logs.unwrap import Wrapping, find_wrapping, unwrapped
 from butterfly.model.parameters import JointKind
 from butterfly.verdict import Level
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
-from difflib import get_close_matches
 from enum import StrEnum
-from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import PurePath
 from types import NoneType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest, require_number
-from butterfly.logs.initial_state import InitialState, initial_state, rms_speed
 from butterfly.logs.units import Units
 from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
@@ -28,7 +25,17 @@ MIN_SAMPLES = 16
 _MOST = 0.9
 _MOST_OF_NOISE = 4.029  # that quantile of its second differences, over its standard deviation
 
+_SPAN = 0.05  # s, over which an angle advances by more than noise
+_REACH = 0.7  # rad of the motion's own phase, over which a cubic follows it
+_WIDE = 1.0  # rad, beyond which a wider motion is no slower
+_FEWEST = 12  # samples that a cubic is fitted to
+_SURE = 6.0  # standard errors from 0 at which a velocity counts as one
+_SETTLED = 0.3  # share by which half as many samples may give another velocity
+_NOTABLE = 0.1  # share of the rms velocity, from which on a beginning is in motion
+
 _NO_NUMBERS = "mMc"  # kinds of NumPy's: spans of time, dates, complex numbers
+
+Samples = NDArray[np.float64]
 
 SAMPLED = ("time", "input", "angle", "velocity")
 """The sampled columns of a log; the last may be missing."""
@@ -58,7 +65,7 @@ class Sine:
     def __post_init__(self) -> None:
         require_number("excitation", positive=True, omega=self.omega, amplitude=self.amplitude)
 
-    def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sample(self, time: Samples) -> Samples:
         """Return the (n,) input at (n,) instants in s."""
         return np.asarray(self.amplitude * np.sin(self.omega * time))
 
@@ -70,8 +77,15 @@ class Lead:
     (n,) increasing stamps in s, before the log's first one, and the command at each.
     """
 
-    time: NDArray[np.float64]
-    input: NDArray[np.float64]
+    time: Samples
+    input: Samples
+
+
+class InitialState(NamedTuple):
+    """Angle in rad, from the encoder's zero, and velocity in rad/s at the first sample of a log."""
+
+    angle: float
+    velocity: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,10 +146,10 @@ class Log:
         How its file was read.
     """
 
-    time: NDArray[np.float64]
-    input: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    velocity: NDArray[np.float64] | None = None
+    time: Samples
+    input: Samples
+    angle: Samples
+    velocity: Samples | None = None
     _: KW_ONLY
     input_kind: InputKind = InputKind.VOLTAGE
     intersample: Intersample = Intersample.ZERO_ORDER_HOLD
@@ -215,7 +229,7 @@ class Log:
         }
         return replace(self, **changed) if changed else self
 
-    def _column(self, name: str) -> NDArray[np.float64]:
+    def _column(self, name: str) -> Samples:
         try:
             given = np.asarray(getattr(self, name))
             if given.dtype.kind in _NO_NUMBERS:
@@ -241,7 +255,7 @@ class Log:
             f"{self.time[-1] - self.time[0]:.4g} s, {self.input_kind})"
         )
 
-    def columns(self) -> dict[str, NDArray[np.float64]]:
+    def columns(self) -> dict[str, Samples]:
         """Return the sampled columns that this log has, by name."""
         values = {name: getattr(self, name) for name in SAMPLED}
         return {name: value for name, value in values.items() if value is not None}
@@ -267,7 +281,7 @@ class Log:
         return replace(cut, lead=Lead(time=time[own], input=inputs[own]))
 
     @property
-    def command(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def command(self) -> tuple[Samples, Samples]:
         """(n,) stamps in s and commands, those before the first sample included."""
         if self.lead is None:
             return self.time, self.input
@@ -281,7 +295,7 @@ class Log:
 
     @cached_property
     def initial_state(self) -> InitialState:
-        """How it begins, at rest or in motion (see `butterfly.logs.initial_state`)."""
+        """How it begins, at rest or in motion (see `initial_state`)."""
         return initial_state(self.time, self.angle, self.rms_speed, cut=self.lead is not None)
 
     @cached_property
@@ -310,47 +324,47 @@ class Log:
         return f"{1e3 * self.added_mass.mass:g} g, {self.excitation.omega:g} rad/s"
 
 
-def with_unique_names(logs: Sequence[Log]) -> list[Log]:
-    """Return the logs, unnamed ones named by their label, and names that recur numbered.
+def rms_speed(time: Samples, angle: Samples) -> float:
+    """Return the rms velocity in rad/s of (n,) angles, over spans that are long against noise."""
+    step = (time[-1] - time[0]) / (time.size - 1)
+    every = min(max(1, round(_SPAN / step)), time.size // 2)
+    return float(np.std(np.diff(angle[::every]) / np.diff(time[::every])))
 
-    The first of a name keeps it; the others become ``NAME (2)``, ``NAME (3)`` and so on, in their
-    order.
+
+def initial_state(time: Samples, angle: Samples, speed: float, *, cut: bool) -> InitialState:
+    """Return how a log of (n,) increasing stamps in s and angles in rad begins.
+
+    A piece of a longer recording (``cut``) begins in motion: angle and velocity are those of the
+    cubic that fits its first samples best. A whole log begins at rest at its first sample, unless
+    these say otherwise: their velocity is no noise, and half of them give the same one. Of a joint
+    that starts from rest half as long a stretch gives a quarter, or half, of it. ``speed`` is the
+    rms velocity in rad/s.
     """
-    firsts = [log.name or log.label for log in logs]
-    names: list[str] = []
-    numbers = Counter[str]()
-    taken = set(firsts)
-    for first in firsts:
-        name = first
-        numbers[first] += 1
-        while numbers[first] > 1 and name in taken:
-            name = f"{first} ({numbers[first]})"
-            numbers[first] += name in taken
-        taken.add(name)
-        names.append(name)
-    pairs = zip(logs, names, strict=True)
-    return [log if log.name == name else replace(log, name=name) for log, name in pairs]
+    rest = InitialState(float(angle[0]), 0.0)
+    if not speed > 0:
+        return rest
+    span = _REACH * min(float(np.std(angle)), _WIDE) / speed
+    count = max(int(np.searchsorted(time, time[0] + span, "right")), _FEWEST)
+    if not cut:
+        half_count = max(count // 2, _FEWEST)
+        moved = float(np.ptp(angle[:half_count]))
+        if moved < _NOTABLE * speed * (time[half_count - 1] - time[0]) / 2:
+            return rest
+        whole, _ = _fitted(time[:count], angle[:count], 2)
+        half, error = _fitted(time[:half_count], angle[:half_count], 2)
+        sure = abs(half.velocity) > max(_SURE * error, _NOTABLE * speed)
+        if not sure or abs(whole.velocity - half.velocity) > _SETTLED * abs(half.velocity):
+            return rest
+    return _fitted(time[:count], angle[:count], 3)[0]
 
 
-def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
-    """Return the numbers of the logs that bear one of some names, or match a glob pattern.
-
-    A name is that of a log, or of its file, with or without folder and ending.
-
-    Raises InputError: naming ``source``, if a name is no log's.
-    """
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-        raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")
-    forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
-    chosen = set[int]()
-    for name in names:
-        exact = [k for k, form in enumerate(forms) if name in form]
-        own = exact or [
-            k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)
-        ]
-        if not own:
-            known = [log.name for log in logs]
-            (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]
-            raise InputError(source, "holdout", name, f"the name of a log, such as {close}")
-        chosen.update(own)
-    return sorted(chosen)
+def _fitted(time: Samples, angle: Samples, order: int) -> tuple[InitialState, float]:
+    """Fit a polynomial to (n,) first samples; return its beginning, and its velocity's error."""
+    span = float(time[-1] - time[0])
+    columns = polynomial.polyvander((time - time[0]) / span, order)
+    coefficients, *_ = np.linalg.lstsq(columns, angle, rcond=None)
+    left = angle - columns @ coefficients
+    variance = float(left @ left) / max(angle.size - order - 1, 1)
+    spread = np.linalg.inv(columns.T @ columns)[1, 1]
+    value, slope = coefficients[:2].tolist()
+    return InitialState(value, slope / span), float(np.sqrt(variance * spread)) / span

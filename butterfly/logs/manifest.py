@@ -27,14 +27,12 @@ from pydantic import (
 from butterfly.errors import InputError
 from butterfly.files import replacing
 from butterfly.logs import thesis_logs
-from butterfly.logs.formats import read_log
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
-from butterfly.logs.log import InputKind, Intersample, Log, Sine
+from butterfly.logs.log import InputKind, Intersample, Sine
 from butterfly.logs.units import Units
 from butterfly.model.known import Knowledge, Known, known_of, plain
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
-from butterfly.yaml_input import Document, StrictModel, load_yaml, validate
-from butterfly.yaml_output import yaml_text
+from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
 """File that describes the logs of the folder it lies in."""
@@ -375,17 +373,6 @@ def write_manifest(manifest: Manifest, path: Path) -> None:
     """Write a manifest as YAML."""
     with replacing(path) as draft:
         draft.write_text(manifest_text(manifest), encoding="utf-8")
-
-
-def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
-    """Read the whole file of a log (see `butterfly.logs.pieces` for pieces of it)."""
-    return read_log(
-        Path(manifest.root) / entry.file,
-        columns=manifest.columns,
-        units=manifest.scale,
-        name=entry.file,
-        **manifest.properties(entry),
-    )
 
 
 def _expand_root(manifest_path: Path, root: str) -> Path:

@@ -16,8 +16,8 @@ from butterfly.logs.manifest import (
     Manifest,
     described,
     manifest_text,
-    read_entry,
 )
+from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
 from butterfly.model.known import known_of
 

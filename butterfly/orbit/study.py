@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
+from butterfly.identification.diagnostics.plausibility import judge_fit
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.logs.log import Log

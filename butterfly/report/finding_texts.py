@@ -16,7 +16,7 @@ from butterfly.identification.diagnostics.findings import (
     is_impossible,
 )
 from butterfly.identification.diagnostics.misfit import Misfit
-from butterfly.identification.diagnostics.unit_errors.names import listed, unit_error_text
+from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import lumped_numbers
 from butterfly.model.parameters import LumpedParameters

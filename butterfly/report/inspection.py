@@ -13,7 +13,7 @@ from butterfly.errors import InputError
 from butterfly.logs.health import Health, Remark, examine
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import LogEntry, Manifest
-from butterfly.logs.pieces import piece_name, read_pieces
+from butterfly.logs.reading import piece_name, read_pieces
 from butterfly.logs.thinning import thinned
 from butterfly.progress import Track, untracked
 from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid

@@ -8,7 +8,7 @@ from statistics import median
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.diagnostics.unit_errors.names import listed
+from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.encoder_offset import OffsetKind, encoder_offsets
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.experiment.columns import MISSING
 from butterfly.experiment.record import OK, SweepRecord
-from butterfly.experiment.recovery import Estimates, column
+from butterfly.experiment.sweep_tables import MISSING, Estimates, column
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name

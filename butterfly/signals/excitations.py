@@ -10,9 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import InputError, require_number
+from butterfly.errors import InputError, require_number, require_room
 from butterfly.logs.log import Sine
-from butterfly.sizes import require_room
 
 _IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
 _POINTS = 16  # in a period of the highest harmonic

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from butterfly.files import replacing, shipped
 from butterfly.logs.log import Log
-from butterfly.logs.manifest import read_entry, read_manifest
-from butterfly.model.discrete import HeldSystem
-from butterfly.model.linear import frequency_response
+from butterfly.logs.manifest import read_manifest
+from butterfly.logs.reading import read_entry
+from butterfly.model.linear import HeldSystem, frequency_response
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
 from butterfly.thesis.scripts import scripted_amplitude

@@ -167,16 +167,11 @@ def _findings(
 ) -> tuple[Finding, ...]:
     care = Level.CARE
     found = [
-        Finding(kind=FindingKind.NOT_ESTIMATED, parameters=_UNESTIMATED, severity=care),
-        Finding(
-            kind=FindingKind.NO_UNCERTAINTY,
-            parameters=("p1", "p2", "p3"),
-            number=count,
-            severity=care,
-        ),
+        Finding(FindingKind.NOT_ESTIMATED, _UNESTIMATED, severity=care),
+        Finding(FindingKind.NO_UNCERTAINTY, ("p1", "p2", "p3"), number=count, severity=care),
         *conditioning.findings,
     ]
     if on_bound:
         warning = Level.WARNING
-        found.append(Finding(kind=FindingKind.ON_BOUND, parameters=on_bound, severity=warning))
+        found.append(Finding(FindingKind.ON_BOUND, on_bound, severity=warning))
     return tuple(found)

@@ -15,8 +15,7 @@ from butterfly.identification.estimators import HarmonicBalance
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
-from butterfly.model.discrete import HeldSystem
-from butterfly.model.linear import resonance_frequency
+from butterfly.model.linear import HeldSystem, resonance_frequency
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import response_point
 from butterfly.thesis.resonance import complex_fit

@@ -9,8 +9,7 @@ from butterfly.comparison.change import LEVEL, change
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.inference.intervals import honest_limits
+from butterfly.identification.inference.covariance import cluster_covariance, honest_limits
 from butterfly.model.known import Knowledge
 
 NAMES = ("p1", "p2", "p3", "p4", "coulomb", "delay")

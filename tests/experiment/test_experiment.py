@@ -11,7 +11,8 @@ from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.identification.data import DataSet
 from butterfly.identification.identify import identify
-from butterfly.logs.manifest import read_entry, read_manifest
+from butterfly.logs.manifest import read_manifest
+from butterfly.logs.reading import read_entry
 from butterfly.plant.sensors import Faults
 from butterfly.report.identification_page import write_report
 

@@ -17,7 +17,8 @@ from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.identify import identify
-from butterfly.logs.log import Log, with_unique_names
+from butterfly.logs.log import Log
+from butterfly.logs.reading import with_unique_names
 from butterfly.model.parameters import AddedMass
 from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level

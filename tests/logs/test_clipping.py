@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.logs.clipping import clipped, saturated
+from butterfly.logs.faults import clipped, saturated
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
 

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.logs.log import Log, with_unique_names
+from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
+from butterfly.logs.reading import with_unique_names
 
 
 def _names(log, names):

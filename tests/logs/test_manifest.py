@@ -5,9 +5,10 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample
-from butterfly.logs.manifest import read_entry, read_manifest, write_manifest
+from butterfly.logs.manifest import read_manifest, write_manifest
 from butterfly.logs.manifest_draft import manifest_from_names
 from butterfly.logs.mat import write_mat
+from butterfly.logs.reading import read_entry
 from butterfly.model.known import Known
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}

@@ -5,8 +5,8 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.identification.data import read_data_set
+from butterfly.logs.faults import restarts
 from butterfly.logs.manifest import Manifest, Recordings, manifest_text, read_manifest
-from butterfly.logs.timestamps import restarts
 
 TIME = np.arange(400) / 100
 HEAD = "name: set\ninput: voltage\n"

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.logs.timestamps import increasing, repeated
+from butterfly.logs.faults import increasing, repeated
 
 REGULAR = np.arange(10_000) * 1e-3
 

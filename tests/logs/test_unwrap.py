@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from butterfly.logs.unwrap import find_wrapping, unwrapped
+from butterfly.logs.faults import find_wrapping, unwrapped
 
 TIME = np.arange(3000) * 5e-3
 NO_GAPS = np.zeros(TIME.size - 1, dtype=bool)

@@ -14,9 +14,9 @@ from butterfly.api.looking_ahead import predict
 from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
-from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.record import EstimateRecord, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.store import ResultStore
+from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.diagnostics.misfit import judge_misfit

@@ -26,10 +26,10 @@ from butterfly.identification.prior import Prior
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
+from butterfly.model.greybox import INITIAL
 from butterfly.model.kinematics import Motion
 from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.sensitivities import INITIAL
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.window import first_counted
 from butterfly.verdict import Level
@@ -197,7 +197,7 @@ class FreeRunResiduals:
         rows, residuals = zip(*parts, strict=True)
         scale = self.scale
         took = Finding(
-            kind=FindingKind.SIMULATIONS,
+            FindingKind.SIMULATIONS,
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )

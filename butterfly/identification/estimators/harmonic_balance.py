@@ -44,8 +44,10 @@ from butterfly.identification.estimators.steady_response import (
     SteadyModel,
     steady_sines,
 )
-from butterfly.identification.inference.identifiability import refuse_without_scale
-from butterfly.identification.inference.intervals import without_each_mass
+from butterfly.identification.inference.identifiability import (
+    refuse_without_scale,
+    without_each_mass,
+)
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     SCANNED,
@@ -117,7 +119,7 @@ class HarmonicBalanceTerms:
             phasors=replace(self.phasors, names=names),
             held={} if SCANNED in idle else self.held,
             rivals=tuple(each[kept] for each in self.rivals),
-            said=(*self.said, Finding(kind=FindingKind.NOT_HELPING, parameters=idle)),
+            said=(*self.said, Finding(FindingKind.NOT_HELPING, idle)),
             best={name: value for name, value in self.best.items() if name not in idle},
         )
 

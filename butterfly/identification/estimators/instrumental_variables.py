@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.diagnostics.goodness_of_fit import LEAST_FIT
+from butterfly.identification.diagnostics.plausibility import LEAST_FIT
 from butterfly.identification.encoder_offset import reading_of
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.free_run import FreeRun, Setting

@@ -170,7 +170,7 @@ class Multistart:
         ratios = [_cost(each) / end.at.cost for each in others if each.end.converged]
         elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
         findings = tuple(
-            Finding(kind=FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1]
+            Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1]
         )
         return cls(problem=problem, end=end, findings=findings)
 

@@ -30,15 +30,18 @@ from butterfly.identification.estimators.gauss_newton import MOST, Minimum, mini
 from butterfly.identification.estimators.local_parameters import local_values
 from butterfly.identification.estimators.multistart import Multistart, Start, starts
 from butterfly.identification.inference.covariance import FEW, blocks_of
-from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
-from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.identifiability import (
+    is_driven,
+    of_few_logs,
+    refuse_without_scale,
+    without_each_mass,
+)
 from butterfly.identification.inference.term_choice import candidates, missing_terms, told_terms
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
-from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.window import STEADY_SECONDS
 
@@ -119,7 +122,7 @@ class OutputError(Estimator):
         if few or len(calm.logs) == len(data.logs):
             return self.of_starts(data.logs, first, data.known)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
-        left_out = Finding(kind=FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
+        left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
         return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
@@ -163,7 +166,7 @@ class OutputError(Estimator):
             end = self.descend(problem, problem.initial)
             said += chosen.choice.findings
         while lost := inseparable(problem, end.at):
-            said.append(Finding(kind=FindingKind.INSEPARABLE, parameters=lost))
+            said.append(Finding(FindingKind.INSEPARABLE, lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
@@ -208,7 +211,7 @@ class OutputError(Estimator):
         horizon = lasting_horizon(logs, found)
         if not math.isfinite(horizon):
             return found
-        adds_up = Finding(kind=FindingKind.ADDS_UP, number=horizon)
+        adds_up = Finding(FindingKind.ADDS_UP, number=horizon)
         again = replace(self, horizon=horizon).of_starts(logs, first, known)
         return again.with_findings(adds_up)
 

@@ -35,8 +35,12 @@ from butterfly.identification.estimators.instrumental_variables import (
 )
 from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.inference.covariance import blocks_of, split
-from butterfly.identification.inference.identifiability import is_driven, refuse_without_scale
-from butterfly.identification.inference.intervals import of_few_logs, without_each_mass
+from butterfly.identification.inference.identifiability import (
+    is_driven,
+    of_few_logs,
+    refuse_without_scale,
+    without_each_mass,
+)
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
     ScannedTerms,
@@ -49,9 +53,8 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
@@ -165,14 +168,14 @@ class WeakForm(Estimator):
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
-            care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
+            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
             found = found.with_findings(care)
         if not data.unread:
             return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
-        care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Level.CARE)
+        care = Finding(FindingKind.REST_APART, number=apart, severity=Level.CARE)
         return found.with_findings(care)
 
     def of_logs(

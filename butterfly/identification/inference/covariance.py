@@ -1,16 +1,22 @@
-"""Covariance of a regression whose errors are independent between clusters, not within."""
+"""Covariance of a regression whose errors are independent between clusters, and its intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from butterfly.identification.prior import Prior
 
-_LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
+CONFIDENCE = 0.95
+"""Level of all intervals."""
 
+SPREADS = float(ndtri(0.5 + CONFIDENCE / 2))
+"""Half width of an interval, in standard deviations of a normal distribution."""
+
+_LEAST_EIGENVALUE = 1e-6  # a cluster that alone determines a parameter leaves no residual
 
 FEW = 3
 """Clusters, up to which their scatter tells nothing of that between others."""
@@ -136,3 +142,42 @@ def _satterthwaite(
     # left where one cluster alone determines a parameter.
     squares = np.clip(squares, trace**2 / rows.shape[0], trace**2)
     return np.asarray(np.divide(trace**2, squares, out=np.ones_like(trace), where=squares > 0))
+
+
+def widened(
+    values: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    left_out: Sequence[NDArray[np.float64]],
+    rivals: Sequence[NDArray[np.float64]] = (),
+) -> NDArray[np.float64]:
+    """(n, n) covariance, wider along the ways that estimates of partial data and rivals went.
+
+    Each of the first counts as if it were a limit of its interval (see `honest_limits`).
+    """
+    if left_out:
+        apart = np.array(left_out) - values
+        covariance = covariance + apart.T @ apart / SPREADS**2
+    if rivals:
+        apart = np.array(rivals) - values
+        covariance = covariance + apart.T @ apart / len(rivals)
+    return covariance
+
+
+def honest_limits(
+    values: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    freedom: NDArray[np.float64],
+    left_out: Iterable[NDArray[np.float64]],
+    rivals: Iterable[NDArray[np.float64]] = (),
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return Student's limits at `CONFIDENCE`, widened to hold the estimates of partial data.
+
+    (n,) values, their (n, n) covariance and (n,) degrees of freedom. More logs do not help where
+    the model is wrong in a way that depends on what was left out. Of rivals, fits that predict as
+    well, any may be the right one, so that the limits hold what is as far from each.
+    """
+    reach = stdtrit(freedom, 0.5 + CONFIDENCE / 2) * np.sqrt(np.diag(covariance))
+    likely, partial = np.array([values, *rivals]), np.array([values, *left_out])
+    lower = np.minimum(likely.min(axis=0) - reach, partial.min(axis=0))
+    upper = np.maximum(likely.max(axis=0) + reach, partial.max(axis=0))
+    return lower, upper

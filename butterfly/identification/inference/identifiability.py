@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
@@ -77,12 +78,7 @@ class Conditioning:
         if self.number <= WEAK_CONDITION:
             return []
         return [
-            Finding(
-                kind=FindingKind.COMBINATION,
-                parameters=self.weakest,
-                number=self.number,
-                severity=Level.CARE,
-            )
+            Finding(FindingKind.COMBINATION, self.weakest, number=self.number, severity=Level.CARE)
         ]
 
 
@@ -113,11 +109,7 @@ def sort_by_precision(
         for kind in (FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO)
     }
     return [
-        Finding(
-            kind=kind,
-            parameters=parameters,
-            number=_PRECISE if kind is FindingKind.PRECISE else None,
-        )
+        Finding(kind, parameters, number=_PRECISE if kind is FindingKind.PRECISE else None)
         for kind, parameters in groups.items()
         if parameters
     ]
@@ -167,3 +159,40 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
         remedies.append("say what p3 is: --known p3=..., the hand's weight in N times l_c in m")
     remedies.append(f"say what p1 is: --known p1=..., in {'kg' if slide else 'kg m²'}")
     return remedies
+
+
+def without_each_mass(
+    masses: Iterable[AddedMass],
+    refit: Callable[[AddedMass], NDArray[np.float64]],
+    known: Knowledge,
+    *,
+    asked: bool,
+    driven: bool = True,
+) -> tuple[dict[Hashable, NDArray[np.float64]], list[Finding]]:
+    """Estimate again without each added mass, but where the rest cannot determine the parameters.
+
+    ``refit`` returns the (n,) estimates from all logs but those of one added mass. If what is known
+    of the robot is exact, even one mass may be enough; a scale that rests on what is uncertain
+    would tell of that alone. Returns the estimates, and what is to be said if there are none.
+    """
+    different = sorted(set(masses))
+    if not asked:
+        return {}, [Finding(FindingKind.UNCHECKED)]
+    left_out: dict[Hashable, NDArray[np.float64]] = {}
+    sure = known.within(known.exact)
+    for mass in different if len(different) > 1 else ():
+        rest = [other for other in different if other != mass]
+        try:
+            refuse_without_scale(rest, sure, driven=driven)
+            left_out[mass] = refit(mass)
+        except IdentifiabilityError:
+            continue
+    few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
+    return left_out, [] if left_out or known.scale else [few]
+
+
+def of_few_logs(count: int) -> list[Finding]:
+    """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
+    if count > FEW:
+        return []
+    return [Finding(FindingKind.FEW_LOGS, number=count, severity=Level.CARE)]

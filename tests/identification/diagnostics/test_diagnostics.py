@@ -11,7 +11,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import rank_experiments
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.physics import judge_input
+from butterfly.identification.diagnostics.plausibility import judge_input
 from butterfly.identification.estimators import (
     Estimator,
     HarmonicBalance,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.goodness_of_fit import judge_fit
+from butterfly.identification.diagnostics.plausibility import judge_fit
 from butterfly.verdict import Level
 
 NAMES = ("a", "b", "c", "d")

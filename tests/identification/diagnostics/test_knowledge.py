@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending, FindingKind
-from butterfly.identification.diagnostics.physics import judge_knowledge
+from butterfly.identification.diagnostics.plausibility import judge_knowledge
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
 from butterfly.logs.log import InputKind

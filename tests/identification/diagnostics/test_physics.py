@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import FindingKind
-from butterfly.identification.diagnostics.physics import judge_physics
+from butterfly.identification.diagnostics.plausibility import judge_physics
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import PARAMETERS

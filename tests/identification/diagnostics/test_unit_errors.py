@@ -11,7 +11,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.identify import identify
-from butterfly.identification.inference.mass_consistency import disagreeing
+from butterfly.identification.inference.consistency import disagreeing
 from butterfly.logs.log import Sine
 from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass

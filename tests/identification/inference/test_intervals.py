@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import t as student
 
-from butterfly.identification.inference.intervals import CONFIDENCE, honest_limits
+from butterfly.identification.inference.covariance import CONFIDENCE, honest_limits
 
 VALUES = np.array([1.0, -2.0])
 COVARIANCE = np.array([[0.04, 0.01], [0.01, 0.09]])

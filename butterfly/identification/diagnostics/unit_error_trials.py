@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.physics import is_possible
-from butterfly.identification.diagnostics.unit_errors.names import UnitError
+from butterfly.identification.diagnostics.plausibility import is_possible
+from butterfly.identification.diagnostics.unit_errors import UnitError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.logs.log import Log
@@ -114,9 +114,7 @@ class Explanation:
     @classmethod
     def of(cls, slip: UnitError, factor: float, trial: Trial) -> Explanation:
         """Return what a trial of a whole data set without a slip says."""
-        finding = Finding(
-            kind=FindingKind.UNIT_ERROR, parameters=(slip,), number=factor, severity=Level.WARNING
-        )
+        finding = Finding(FindingKind.UNIT_ERROR, (slip,), number=factor, severity=Level.WARNING)
         return cls(finding=finding, misfit=trial.misfit)
 
     def of_a_mass(self, other: Explanation) -> bool:

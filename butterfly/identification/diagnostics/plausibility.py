@@ -1,23 +1,33 @@
-"""Whether a joint can have the parameters that were found."""
+"""Whether an estimate is plausible: it follows the logs, and a joint can have its parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
-from butterfly.identification.diagnostics.knowledge import CLEARLY_APART
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import apart
-from butterfly.identification.inference.intervals import CONFIDENCE
+from butterfly.identification.inference.consistency import CLEARLY_APART
+from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.identification.physical import physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.verdict import Level
+
+GOOD_FIT = 80.0
+"""Median FIT in per cent below which parameters need care."""
+
+LEAST_FIT = 50.0
+"""Median FIT in per cent below which parameters say nothing of the robot."""
+
+_FAR_WORSE = 6.0  # times the median misfit, of a log that is not followed as the others are
+_NOTABLE = 0.15  # misfit below which a log is followed, however well the others are
 
 _CLEARLY = 1.0  # half-widths below 0 that are more than a fluke
 _EARLY = 1e-4  # s, by which stamps of input and angle may differ
@@ -38,12 +48,7 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
     least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
     if not least > 0:
         judged.append(
-            Finding(
-                kind=FindingKind.NO_INERTIA,
-                parameters=("p1",),
-                number=least,
-                severity=Level.WARNING,
-            )
+            Finding(FindingKind.NO_INERTIA, ("p1",), number=least, severity=Level.WARNING)
         )
     negative = [
         name
@@ -55,13 +60,9 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
         negative.append("load")
     if negative:
         severity = Level.CARE if negative == ["delay"] else Level.WARNING
-        judged.append(
-            Finding(kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=severity)
-        )
+        judged.append(Finding(FindingKind.NEGATIVE, tuple(negative), severity=severity))
     if found.p4 < 0 and "p4" not in estimate.known.parameters:
-        judged.append(
-            Finding(kind=FindingKind.NEGATIVE_GAIN, parameters=("p4",), severity=Level.CARE)
-        )
+        judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",), severity=Level.CARE))
     return judged
 
 
@@ -104,13 +105,7 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     resistance = upper["p2"] / p4**2
     if resistance >= LEAST_RESISTANCE:
         return []
-    return [
-        Finding(
-            kind=FindingKind.TORQUE_DRIVEN,
-            parameters=("p2", "p4"),
-            number=resistance,
-        )
-    ]
+    return [Finding(FindingKind.TORQUE_DRIVEN, ("p2", "p4"), number=resistance)]
 
 
 def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
@@ -122,7 +117,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     carrier = data.logs[0].added_mass
     sources = apart(data.told, data.input_kind, carrier.joint)
     found = [
-        Finding(kind=FindingKind.TOLD_APART, parameters=(name,), number=far, severity=Level.CARE)
+        Finding(FindingKind.TOLD_APART, (name,), number=far, severity=Level.CARE)
         for name, far in sources.items()
         if far > CLEARLY_APART
     ]
@@ -133,10 +128,44 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     if below:
         found.append(
             Finding(
-                kind=FindingKind.CONTRADICTED,
-                parameters=tuple(below),
+                FindingKind.CONTRADICTED,
+                tuple(below),
                 number=max(below.values()),
                 severity=Level.CARE,
             )
         )
     return found
+
+
+def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
+    """Judge by the (n,) FIT in % of the free runs of n logs."""
+    median = float(np.median(fits))
+    if not median >= GOOD_FIT:
+        severity = Level.CARE if median >= LEAST_FIT else Level.WARNING
+        return [Finding(FindingKind.POOR_FIT, number=median, severity=severity)]
+    return _lost(fits, names, median, FindingKind.UNFOLLOWED)
+
+
+def judge_held_out(
+    fits: NDArray[np.float64], names: Sequence[str], seen: NDArray[np.float64]
+) -> list[Finding]:
+    """Judge by the (n,) FIT in % of logs that were held out, beside the (m,) of those used."""
+    return _lost(fits, names, float(np.median(seen)), FindingKind.UNFORETOLD)
+
+
+def _lost(
+    fits: NDArray[np.float64], names: Sequence[str], median: float, kind: FindingKind
+) -> list[Finding]:
+    """Name the logs that are followed far worse than a median FIT."""
+    misfits = 1 - fits / 100
+    lost = np.flatnonzero(~(misfits <= max(_FAR_WORSE * (1 - median / 100), _NOTABLE)))
+    if not lost.size:
+        return []
+    return [
+        Finding(
+            kind,
+            number=float(fits[lost].min()),
+            severity=Level.CARE,
+            logs=tuple(names[k] for k in lost.tolist()),
+        )
+    ]

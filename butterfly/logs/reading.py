@@ -1,17 +1,23 @@
-"""Pieces of logs: from one instant to another, and recordings that were put together in a file."""
+"""The logs of a manifest: read, cut into pieces and recordings, and called by name."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
 from itertools import pairwise
+from pathlib import Path, PurePath
 
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.logs.faults import restarts
+from butterfly.logs.formats import read_log
 from butterfly.logs.log import MIN_SAMPLES, Log
-from butterfly.logs.manifest import LogEntry, Manifest, read_entry
-from butterfly.logs.timestamps import restarts
+from butterfly.logs.manifest import LogEntry, Manifest
 from butterfly.progress import Track, untracked
 
 
@@ -39,6 +45,17 @@ def with_parts(manifest: Manifest) -> Manifest:
             wanted = []
         entries += [own for own, _ in wanted] or [entry]
     return manifest.model_copy(update={"logs": entries})
+
+
+def read_entry(manifest: Manifest, entry: LogEntry) -> Log:
+    """Read the whole file of a log."""
+    return read_log(
+        Path(manifest.root) / entry.file,
+        columns=manifest.columns,
+        units=manifest.scale,
+        name=entry.file,
+        **manifest.properties(entry),
+    )
 
 
 def read_pieces(manifest: Manifest, entry: LogEntry) -> list[tuple[LogEntry, Log]]:
@@ -107,3 +124,49 @@ def _piece(whole: Log, entry: LogEntry) -> Log:
         )
     first, last = int(numbers[0]), int(numbers[-1]) + 1
     return part.piece(first, last)
+
+
+def with_unique_names(logs: Sequence[Log]) -> list[Log]:
+    """Return the logs, unnamed ones named by their label, and names that recur numbered.
+
+    The first of a name keeps it; the others become ``NAME (2)``, ``NAME (3)`` and so on, in their
+    order.
+    """
+    firsts = [log.name or log.label for log in logs]
+    names: list[str] = []
+    numbers = Counter[str]()
+    taken = set(firsts)
+    for first in firsts:
+        name = first
+        numbers[first] += 1
+        while numbers[first] > 1 and name in taken:
+            name = f"{first} ({numbers[first]})"
+            numbers[first] += name in taken
+        taken.add(name)
+        names.append(name)
+    pairs = zip(logs, names, strict=True)
+    return [log if log.name == name else replace(log, name=name) for log, name in pairs]
+
+
+def numbers_named(logs: Sequence[Log], names: Sequence[str], source: str) -> list[int]:
+    """Return the numbers of the logs that bear one of some names, or match a glob pattern.
+
+    A name is that of a log, or of its file, with or without folder and ending.
+
+    Raises InputError: naming ``source``, if a name is no log's.
+    """
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise InputError(source, "holdout", names, "a list of names of logs, or of glob patterns")
+    forms = [{log.name, PurePath(log.name).name, PurePath(log.name).stem} for log in logs]
+    chosen = set[int]()
+    for name in names:
+        exact = [k for k, form in enumerate(forms) if name in form]
+        own = exact or [
+            k for k, form in enumerate(forms) if any(fnmatchcase(each, name) for each in form)
+        ]
+        if not own:
+            known = [log.name for log in logs]
+            (close, *_) = [*get_close_matches(name, known, n=1, cutoff=0.0), known[0]]
+            raise InputError(source, "holdout", name, f"the name of a log, such as {close}")
+        chosen.update(own)
+    return sorted(chosen)

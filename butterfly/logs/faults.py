@@ -1,0 +1,339 @@
+"""What clocks, amplifiers and encoders do wrong: where in a log it stands, and how it is undone.
+
+Stamps that fall back or repeat; flat tops of an input at its limit, and of an angle beyond what its
+encoder can say; jumps of an angle by a turn where the joint goes on.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Samples = NDArray[np.float64]
+Rows = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_SIDE = 16  # samples on either side of a restart of the clock, at least
+_MOST_RESTARTS = 10  # that are looked for
+_MOST_FALLS = 32  # of the clock that are looked at for each
+_SPLICED = 0.1  # share of the shorter side that must be gained by keeping some of both
+
+_FLAT = 5  # samples at one extreme value that make a suspicious flat top
+_SWITCHED = 0.5  # share of its samples that a switched input spends on its extremes, at least
+_ENOUGH = 4096  # samples that show the noise
+_NEAR_TOP = 12.0  # resolutions below its flat top at which the speed of a signal is looked at
+_NEAREST = 6  # samples beside its flat top at which it is looked at, at least
+_OVERSHOOT = 4.0  # uncertainties of its height by which a clipped signal would have passed the top
+
+_TURN = 2 * math.pi
+_NEAR_TURN = math.pi / 2  # rad by which a jump may miss a turn, as the joint goes on meanwhile
+_SLACK = 0.05  # rad by which it may miss it at rest
+_BLURRED = 0.1  # other large steps for each jump, of a log whose jumps stand out no more
+_WHOLE = 0.75  # share of the span that a jump by an unknown turn takes, at least
+_SMALL = 0.25  # share of it that all other steps stay below
+_SWEPT = 0.5  # share of it that the joint passes between two jumps, at least once
+_BACK = 0.75  # share of the jumps that go against the motion, at least
+_BESIDE = 3  # steps on either side of a jump that show the motion, or bring an outlier back
+_SNAP = 0.002  # by which an encoder's turn may miss a whole share or multiple of the joint's
+
+
+def increasing(time: Samples) -> Mask:
+    """Return a (n,) mask by which (n,) stamps in s increase strictly and as many as can be stay.
+
+    Of two equal stamps the first stays. Where the clock starts again, the longer side stays by
+    itself: a beginning of the one and an end of the other are often as many samples, but of two
+    motions.
+    """
+    begin, end, kept = 0, time.size, _longest(time)
+    for _ in range(_MOST_RESTARTS):
+        restart = _restart(time[begin:end], kept)
+        if restart is None:
+            break
+        earlier, later = map(_longest, np.split(time[begin:end], [restart]))
+        sizes = np.count_nonzero(earlier), np.count_nonzero(later)
+        if np.count_nonzero(kept) - max(sizes) > _SPLICED * min(sizes):
+            break
+        if sizes[0] >= sizes[1]:
+            end, kept = begin + restart, earlier
+        else:
+            begin, kept = begin + restart, later
+    stay = np.zeros(time.size, dtype=np.bool_)
+    stay[begin:end] = kept
+    return stay
+
+
+def restarts(time: Samples) -> list[int]:
+    """Return the numbers of the samples at which the clock falls back, and lastingly.
+
+    A stamp that is late, or early, by itself is none of them.
+    """
+    found: list[int] = []
+    for k in (1 + np.flatnonzero(np.diff(time) < 0)).tolist():
+        before, after = time[max(k - _SIDE, 0) : k], time[k : k + _SIDE]
+        near = found and k - found[-1] < _SIDE
+        if not near and np.median(after) < np.median(before):
+            found.append(k)
+    return found
+
+
+def repeated(time: Samples, kept: Mask) -> Mask:
+    """Return which of the samples that were not kept repeat the stamp of the last one kept."""
+    dropped, stays = np.flatnonzero(~kept), np.flatnonzero(kept)
+    before = np.searchsorted(stays, dropped)
+    rows = dropped[before > 0]
+    repeats = np.zeros(time.size, dtype=np.bool_)
+    repeats[rows] = time[rows] == time[stays[before[before > 0] - 1]]
+    return repeats
+
+
+def _longest(time: Samples) -> Mask:
+    """Return a longest strictly increasing subsequence.
+
+    A stamp that all earlier ones precede and all later ones follow belongs to every longest one;
+    the others are sorted into piles (patience sorting, O(n log n)).
+    """
+    if np.all(time[1:] >= time[:-1]):
+        return np.diff(time, prepend=-np.inf) > 0
+    highest = np.maximum.accumulate(time)
+    lowest = np.minimum.accumulate(time[::-1])[::-1]
+    kept = np.ones(time.size, dtype=np.bool_)
+    kept[1:] &= time[1:] > highest[:-1]
+    kept[:-1] &= time[:-1] < lowest[1:]
+    disputed = np.flatnonzero(~kept)
+    kept[disputed[_piled(time[disputed])]] = True
+    return kept
+
+
+def _piled(values: Samples) -> list[int]:
+    """Return the numbers of a longest strictly increasing subsequence of (n,) values.
+
+    Sorted from the last value on, so that of equally long ones that is found which keeps what came
+    first and drops what fell behind it.
+    """
+    tops: list[float] = []
+    on_top: list[int] = []
+    below = [-1] * values.size
+    for number, value in zip(range(values.size - 1, -1, -1), (-values[::-1]).tolist(), strict=True):
+        pile = len(tops) if not tops or value > tops[-1] else bisect_left(tops, value)
+        if pile:
+            below[number] = on_top[pile - 1]
+        if pile == len(tops):
+            tops.append(value)
+            on_top.append(number)
+        else:
+            tops[pile], on_top[pile] = value, number
+    found = []
+    number = on_top[-1]
+    while number >= 0:
+        found.append(number)
+        number = below[number]
+    return found
+
+
+def _restart(time: Samples, kept: Mask) -> int | None:
+    """Return where the clock falls back furthest, and lastingly, in the longest run dropped."""
+    edges = np.flatnonzero(np.diff(kept, prepend=True, append=True)).reshape(-1, 2)
+    if not edges.size:
+        return None
+    begin, end = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    first = max(int(begin), _SIDE)
+    steps = np.diff(time[first - 1 : min(int(end), time.size - _SIDE) + 1])
+    deepest = first + np.argsort(steps)[:_MOST_FALLS]
+    lasting = {
+        float(np.median(time[k : k + _SIDE]) - np.median(time[k - _SIDE : k])): int(k)
+        for k in deepest
+    }
+    fall = min(lasting, default=0.0)
+    return lasting[fall] if fall < 0 else None
+
+
+def saturated(values: Samples) -> int:
+    """Count samples in flat runs at either extreme of a signal that is not a switched one."""
+    extremes = (values.min(), values.max())
+    on_top = [values == level for level in extremes]
+    if sum(np.count_nonzero(each) for each in on_top) > _SWITCHED * values.size:
+        return 0
+    return int(sum((ends - starts).sum() for starts, ends in map(_flat_runs, on_top)))
+
+
+def clipped(angle: Samples) -> int:
+    """Count samples in flat runs at either extreme that the angle enters and leaves at speed.
+
+    Each side counts by itself: a joint that sticks at its turning point may leave it abruptly,
+    but its speed had fallen to zero when it came.
+    """
+    runs = [(level, *_flat_runs(angle == level)) for level in (angle.min(), angle.max())]
+    runs = [run for run in runs if run[1].size]
+    resolution = _resolution(angle) if runs else 0.0
+    return sum(_clipped_at(angle, *run, resolution) for run in runs)
+
+
+def _clipped_at(
+    angle: Samples,
+    level: float,
+    starts: Rows,
+    ends: Rows,
+    resolution: float,
+) -> int:
+    """Count samples in the flat runs at one extreme that the angle enters and leaves at speed."""
+    drop = np.abs(angle - level)
+    span = float(drop.max())
+    starts, ends, lengths = _tops(drop, starts, ends, _NEAR_TOP * resolution)
+    sides = np.split(drop, np.column_stack([starts, ends]).ravel())[::2]
+    return sum(
+        int(length)
+        for entry, exit_, length in zip(sides[:-1], sides[1:], lengths, strict=True)
+        if _at_speed(entry[::-1], resolution, span) and _at_speed(exit_, resolution, span)
+    )
+
+
+def _tops(drop: Samples, starts: Rows, ends: Rows, near: float) -> tuple[Rows, Rows, Rows]:
+    """Join flat runs between which a signal stays near, as noise has it; return their samples too.
+
+    ``drop``: (n,) distances from the top in rad; ``starts``, ``ends``: (k,) of the flat runs.
+    """
+    gaps = np.column_stack([ends[:-1], starts[1:]]).ravel()
+    between = np.maximum.reduceat(drop, gaps)[::2] if gaps.size else np.empty(0)
+    first = np.concatenate([[0], np.flatnonzero(between >= near) + 1])
+    last = np.concatenate([first[1:], [starts.size]]) - 1
+    return starts[first], ends[last], np.add.reduceat(ends - starts, first)
+
+
+def _flat_runs(on_top: Mask) -> tuple[Rows, Rows]:
+    """Return starts and ends of the runs of at least `_FLAT` samples of a mask."""
+    rows = np.flatnonzero(on_top)
+    breaks = np.flatnonzero(np.diff(rows) > 1)
+    starts = rows[np.concatenate([[0], breaks + 1])]
+    ends = rows[np.concatenate([breaks, [rows.size - 1]])] + 1
+    long = ends - starts >= _FLAT
+    return starts[long], ends[long]
+
+
+def _resolution(angle: Samples) -> float:
+    """Return how finely angles in rad can be distinguished: the encoder's step, or the noise."""
+    sizes = np.abs(np.diff(angle))
+    step = np.min(sizes, where=sizes > 0, initial=np.inf)
+    rows = np.linspace(1, angle.size - 2, min(angle.size, _ENOUGH)).astype(np.intp)
+    bends = np.abs(angle[rows - 1] - 2.0 * angle[rows] + angle[rows + 1])
+    return float(max(step, np.median(bends)))
+
+
+def _at_speed(drop: Samples, resolution: float, span: float) -> bool:
+    """Whether a signal runs into its flat top at speed, rather than coming to rest on it.
+
+    By its drop v n + a n^2/2 at two numbers of samples n beside the top, it would have risen by
+    v^2/(2 a) beyond it. A signal that comes to rest seems to do so too, but by no more than the
+    resolution and what it rises within a sample. Beyond half of its span a swing is no parabola: a
+    signal of so few resolutions that its speed cannot be known sooner is passed over.
+
+    ``drop``: (n,) distances from the top in rad, the sample beside it first.
+    """
+    if drop.size <= 2 * _NEAREST:
+        return False
+    near = max(_first(drop, _NEAR_TOP * resolution), _NEAREST)
+    far, around = 2 * near, near // 4
+    if far + around >= drop.size:
+        return False
+    near_drop, far_drop = (float(drop[k - around : k + around + 1].mean()) for k in (near, far))
+    if far_drop > 0.5 * span:
+        return False
+    speed = (4.0 * near_drop - far_drop) / (2.0 * near)
+    deceleration = max((far_drop - 2.0 * near_drop) / near**2, 0.0)
+    uncertainty = resolution + 0.5 * deceleration
+    return speed > 0 and speed**2 > 2.0 * deceleration * _OVERSHOOT * uncertainty
+
+
+def _first(values: Samples, level: float) -> int:
+    """Return the number of the first value that reaches a level; their count if none does."""
+    reached = values >= level
+    first = int(np.argmax(reached))
+    return first if reached[first] else values.size
+
+
+@dataclass(frozen=True)
+class Wrapping:
+    """Jumps of an angle by a turn of its encoder."""
+
+    turn: float  # rad
+    exact: bool  # a whole share or multiple of the joint's turn; else measured, and drifts
+    rows: Rows  # (n,) numbers of the samples before them
+
+
+def find_wrapping(angle: Samples, gap: Mask) -> Wrapping | None:
+    """Find where an (n,) angle in rad jumps by a turn; None if nowhere.
+
+    The turn is 2 pi, or several of these as of a counter that starts again, if jumps of this size
+    stand out from all other steps. Else it is any size by which the angle jumps at least twice from
+    one end of its span to the other, against the motion, and never otherwise comes near such a
+    step. An outlier, which comes back, is no jump. ``gap``: (n - 1,) intervals that say nothing of
+    the motion between their ends.
+    """
+    steps = np.diff(angle)
+    span = float(np.ptp(angle))
+    if float(max(steps.max(), -steps.min())) < min(_TURN - _NEAR_TURN, _WHOLE * span):
+        return None
+    sizes = np.abs(steps)
+    known = np.where(gap, 0.0, steps)
+    turn = _whole_turns(known) or _encoders_turn(angle, known, span)
+    if turn is None:
+        return None
+    ratio = round(turn / _TURN) or 1 / round(_TURN / turn)
+    exact = abs(turn / (_TURN * ratio) - 1.0) < _SNAP
+    turn = _TURN * ratio if exact else turn
+    return Wrapping(turn, exact, np.flatnonzero(np.abs(sizes - turn) < 0.25 * turn))
+
+
+def unwrapped(angle: Samples, wrapping: Wrapping) -> Samples:
+    """Return the (n,) angle that goes on beyond its turns."""
+    jumps = np.zeros(angle.size)
+    rows = wrapping.rows
+    jumps[rows + 1] = wrapping.turn * np.sign(angle[rows] - angle[rows + 1])
+    return np.asarray(angle + np.cumsum(jumps))
+
+
+def _whole_turns(steps: Samples) -> float | None:
+    """Return 2 pi, or several, if steps of this size stand out."""
+    sizes = np.abs(steps)
+    large = sizes > _TURN - _NEAR_TURN
+    if not large.any():
+        return None
+    turn = _TURN * round(float(np.median(sizes[large])) / _TURN)
+    jump = np.abs(sizes - turn) < _NEAR_TURN
+    others = sizes[~jump]
+    if not jump.any() or not others.size:
+        return None
+    blurred = np.count_nonzero(others > _NEAR_TURN) > _BLURRED * np.count_nonzero(jump)
+    usual = float(others[others <= _NEAR_TURN].max(initial=0.0))
+    fits = np.abs(sizes[jump] - turn) <= 2.0 * usual + _SLACK
+    lasting = turn == _TURN or not _comes_back(np.sign(steps) * jump)
+    return turn if lasting and not blurred and fits.any() else None
+
+
+def _comes_back(jumps: Samples) -> bool:
+    """Whether each jump, 1 or -1 among zeros, is undone soon after."""
+    rows = np.flatnonzero(jumps)
+    pairs = zip(rows[::2], rows[1::2], strict=False)
+    undone = [jumps[i] == -jumps[j] and j - i <= _BESIDE for i, j in pairs]
+    return rows.size % 2 == 0 and all(undone)
+
+
+def _encoders_turn(angle: Samples, steps: Samples, span: float) -> float | None:
+    """Return the turn of an encoder that does not sit on the joint, or counts otherwise."""
+    sizes = np.abs(steps)
+    rows = np.flatnonzero(sizes >= _WHOLE * span)
+    others = np.delete(sizes, rows)
+    if rows.size < 2 or not others.size or others.max() > _SMALL * span:  # noqa: PLR2004
+        return None
+    pieces = np.split(angle, rows + 1)
+    if max(float(np.ptp(piece)) for piece in pieces) < _SWEPT * span:
+        return None
+    beside = rows[:, None] + np.setdiff1d(np.arange(-_BESIDE, _BESIDE + 1), [0])
+    near = steps[np.clip(beside, 0, steps.size - 1)]
+    motion = np.median(np.where(np.abs(near) >= _WHOLE * span, 0.0, near), axis=1)
+    if np.mean(motion * steps[rows] < 0) < _BACK:
+        return None
+    return float(np.mean(sizes[rows] + np.abs(motion)))
