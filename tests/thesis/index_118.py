@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import LumpedParameters
-from butterfly.signals.local_polynomial import slope
+from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
 _PARTS = 20  # of a period, n of (117)

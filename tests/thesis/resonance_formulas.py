@@ -9,8 +9,7 @@ import math
 import numpy as np
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.signals.frequency_response import response_point
-from butterfly.signals.window import STEADY_SECONDS
+from butterfly.signals.frequency_response import STEADY_SECONDS, response_point
 from butterfly.thesis.resonance import Resonance, _rational, _responses, complex_fit
 
 _REWEIGHTINGS = 5
