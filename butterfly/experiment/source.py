@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -93,9 +94,17 @@ class Source:
         return {"table": self._digests[named]}
 
 
-def read_experiment(path: Path) -> Experiment:
-    """Read an experiment file; InputError on the first slip in it or in a file that it names."""
-    return Source(path).experiment()
+def read_experiment(path: str | PathLike[str]) -> Experiment:
+    """Read an experiment file, or a shipped one by its name.
+
+    Raises
+    ------
+    InputError
+        On the first field that does not follow the schema, with file and line.
+    """
+    if not str(path):
+        raise InputError("read_experiment", "path", "an empty text", "a path or a name")
+    return Source(locate(Path(path))).experiment()
 
 
 def thesis_robot() -> Synthetic:
