@@ -274,7 +274,7 @@ def residual(
     title = f"{whole.name}: what {found.method} leaves over"
     tables = [TextTable(title, HEADERS, misfit_table([misfit.logs[k] for k in chosen]).rows)]
     worst = max(chosen, key=lambda k: misfit.logs[k].relative)
-    torques = cache(lambda: residual_torques(whole, found).logs)  # asked for by table and page
+    torques = cache(lambda: residual_torques(whole, found))  # asked for by table and page
     if logs is not None:
         tables += [
             _torque_table(f"{each.label}: the torque left over", each.left_over)

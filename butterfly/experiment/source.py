@@ -20,7 +20,6 @@ from butterfly.experiment.schema import Experiment, TableFile
 from butterfly.files import locate, replacing, require_path, shipped
 from butterfly.logs.csv import read_columns
 from butterfly.signals.excitations import Table
-from butterfly.thesis.synthetic import Synthetic
 from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 EXPERIMENT = "experiment.yaml"
@@ -99,17 +98,6 @@ def read_experiment(path: str | PathLike[str]) -> Experiment:
     if not str(path):
         raise InputError("read_experiment", "path", "an empty text", "a path or a name")
     return Source(locate(Path(path))).experiment()
-
-
-def thesis_robot() -> Synthetic:
-    """Return what Tables 1 and 2 and Figures 3 to 8 rest on."""
-    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
-    return Synthetic(
-        rig=experiment.plant.rig,
-        added_masses=experiment.added_masses,
-        sines=experiment.excitations,
-        duration=experiment.duration,
-    )
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:

@@ -409,7 +409,7 @@ def _of_bounds(on_bound: tuple[str, ...], pulled: set[str]) -> list[Finding]:
         Level.NOTE: tuple(name for name in on_bound if name not in pulled),
     }
     return [
-        Finding(kind=FindingKind.ON_BOUND, parameters=names, severity=severity)
+        Finding(FindingKind.ON_BOUND, names, severity=severity)
         for severity, names in groups.items()
         if names
     ]
@@ -419,7 +419,7 @@ def _of_signs(names: Sequence[str]) -> list[Finding]:
     unknown = tuple(name for name in names if not TERMS[name].sign_observable)
     if not unknown:
         return []
-    return [Finding(kind=FindingKind.SIGN_UNKNOWN, parameters=unknown, severity=Level.CARE)]
+    return [Finding(FindingKind.SIGN_UNKNOWN, unknown, severity=Level.CARE)]
 
 
 def left_out_content(

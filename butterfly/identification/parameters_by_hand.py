@@ -17,9 +17,8 @@ from butterfly.identification.diagnostics.plausibility import is_possible, judge
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.free_run import FitSummary
-from butterfly.model.harmonic import quasi_linear_response
 from butterfly.model.known import Knowledge, Known
-from butterfly.model.linear import resonance_frequency
+from butterfly.model.linear import quasi_linear_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, untracked
@@ -208,7 +207,7 @@ def outdone(
     left, given = 100 - reached, 100 - float(np.median(fits))
     if given <= max(_FAR_MORE * left, _NOTABLE):
         return []
-    return [Finding(kind=FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
+    return [Finding(FindingKind.OUTDONE, number=reached, severity=Level.CARE)]
 
 
 def _angle(value: object, source: str) -> float:

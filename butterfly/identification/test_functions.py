@@ -24,7 +24,7 @@ from butterfly.model.kinematics import Motion, Term
 from butterfly.model.parameters import compressed
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.signals import hold
-from butterfly.signals.local_polynomial import slope
+from butterfly.signals.polynomials import slope
 from butterfly.signals.spectrum import resample, uniform_grid
 
 SPACING = 0.5

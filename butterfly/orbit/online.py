@@ -25,8 +25,7 @@ from butterfly.orbit.recalibration import (
     estimate_of,
     from_ratios,
 )
-from butterfly.plant.control_loop import ControlLaw
-from butterfly.plant.motor import CommandPath, Reading
+from butterfly.plant.motor import CommandPath, ControlLaw, Reading
 
 _FEWEST = 20  # readings in a test function
 _MARGIN = 3  # readings by which the buffer is longer than a test function
@@ -138,7 +137,7 @@ class OnlineRecalibration:
         equations = LoopEquations(
             regression=regression, run=np.zeros(len(self._rows), dtype=np.intp)
         )
-        ratios = Finding(kind=FindingKind.RATIOS)
+        ratios = Finding(FindingKind.RATIOS)
         return estimate_of(equations, regression.solve(), "on-line", ratios)
 
     def _regression(self) -> Regression:

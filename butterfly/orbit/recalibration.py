@@ -175,7 +175,7 @@ def recalibrate(
     solution, equations = selection.fit(names)
     _refuse_singular(equations)
     scale = FindingKind.ABSOLUTE if "p1" in names else FindingKind.RATIOS
-    estimate = estimate_of(equations, solution, options.balance.value, Finding(kind=scale))
+    estimate = estimate_of(equations, solution, options.balance.value, Finding(scale))
     first = logs[0]
     estimate = replace(estimate, input_kind=first.input_kind, joint=first.added_mass.joint)
     return Recalibration(

@@ -119,7 +119,7 @@ class HarmonicBalanceTerms:
             phasors=replace(self.phasors, names=names),
             held={} if SCANNED in idle else self.held,
             rivals=tuple(each[kept] for each in self.rivals),
-            said=(*self.said, Finding(kind=FindingKind.NOT_HELPING, parameters=idle)),
+            said=(*self.said, Finding(FindingKind.NOT_HELPING, idle)),
             best={name: value for name, value in self.best.items() if name not in idle},
         )
 

@@ -236,7 +236,7 @@ class HarmonicBalanceFit:
             settled = bool(change < _TOLERANCE * np.linalg.norm(regression.rows @ unknowns))
             if settled:
                 break
-        rounds = Finding(kind=FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
+        rounds = Finding(FindingKind.ROUNDS, number=_MAX_ITERATIONS, severity=Level.WARNING)
         solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
         return cls(phasors=phasors, weights=weights, regression=regression, solved=solved)
 

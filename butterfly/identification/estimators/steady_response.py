@@ -225,7 +225,7 @@ def steady_sines(data: DataSet) -> tuple[list[int], list[Finding]]:
         return steady, []
     return steady, [
         Finding(
-            kind=FindingKind.LEFT_OUT,
+            FindingKind.LEFT_OUT,
             number=len(sines),
             severity=Level.CARE if len(lost) >= _MANY * len(sines) else Level.NOTE,
             logs=tuple(data.logs[k].name for k in lost),

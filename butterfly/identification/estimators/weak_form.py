@@ -53,9 +53,8 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.friction import require_periods
 from butterfly.model.known import NOTHING, Knowledge
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
@@ -169,14 +168,14 @@ class WeakForm(Estimator):
         found = self.of_logs(data.logs, zeros, data.known, uncertain)
         guessed = data.guessed
         if guessed:
-            care = Finding(kind=FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
+            care = Finding(FindingKind.ZERO_GUESSED, logs=guessed, severity=Level.CARE)
             found = found.with_findings(care)
         if not data.unread:
             return found
         apart = max(zeros.values()) - min(zeros.values())
         if apart < _APART:
             return found
-        care = Finding(kind=FindingKind.REST_APART, number=apart, severity=Level.CARE)
+        care = Finding(FindingKind.REST_APART, number=apart, severity=Level.CARE)
         return found.with_findings(care)
 
     def of_logs(

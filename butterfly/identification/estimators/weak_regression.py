@@ -150,7 +150,7 @@ class WeakFit:
             settled = bool(abs(about.delay - before.delay) < _SETTLED)
             if settled:
                 break
-        rounds = Finding(kind=FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
+        rounds = Finding(FindingKind.ROUNDS, number=_ROUNDS, severity=Level.WARNING)
         solved = SolvedEquations.of(regression, solution, unsettled=None if settled else rounds)
         return cls(about=about, regression=regression, solved=solved)
 

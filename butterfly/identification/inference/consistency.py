@@ -199,12 +199,7 @@ def disagreements(
         apart = float(abs(values[k] - prior.mean[k]) / np.sqrt(variance))
         if apart > CLEARLY_APART:
             findings.append(
-                Finding(
-                    kind=FindingKind.PRIOR_APART,
-                    parameters=(names[k],),
-                    number=apart,
-                    severity=Level.CARE,
-                )
+                Finding(FindingKind.PRIOR_APART, (names[k],), number=apart, severity=Level.CARE)
             )
     return findings
 
@@ -245,6 +240,4 @@ def scale_apart(
     sure = max(CLEARLY_APART, float(stdtrit(freedom[-1], _RARE)))
     if abs(share) <= max(sure * error, _CONTRADICTS):
         return []
-    return [
-        Finding(kind=FindingKind.KNOWN_APART, parameters=told, number=share, severity=Level.CARE)
-    ]
+    return [Finding(FindingKind.KNOWN_APART, told, number=share, severity=Level.CARE)]

@@ -78,12 +78,7 @@ class Conditioning:
         if self.number <= WEAK_CONDITION:
             return []
         return [
-            Finding(
-                kind=FindingKind.COMBINATION,
-                parameters=self.weakest,
-                number=self.number,
-                severity=Level.CARE,
-            )
+            Finding(FindingKind.COMBINATION, self.weakest, number=self.number, severity=Level.CARE)
         ]
 
 
@@ -114,11 +109,7 @@ def sort_by_precision(
         for kind in (FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO)
     }
     return [
-        Finding(
-            kind=kind,
-            parameters=parameters,
-            number=_PRECISE if kind is FindingKind.PRECISE else None,
-        )
+        Finding(kind, parameters, number=_PRECISE if kind is FindingKind.PRECISE else None)
         for kind, parameters in groups.items()
         if parameters
     ]
@@ -186,7 +177,7 @@ def without_each_mass(
     """
     different = sorted(set(masses))
     if not asked:
-        return {}, [Finding(kind=FindingKind.UNCHECKED)]
+        return {}, [Finding(FindingKind.UNCHECKED)]
     left_out: dict[Hashable, NDArray[np.float64]] = {}
     sure = known.within(known.exact)
     for mass in different if len(different) > 1 else ():
@@ -196,7 +187,7 @@ def without_each_mass(
             left_out[mass] = refit(mass)
         except IdentifiabilityError:
             continue
-    few = Finding(kind=FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
+    few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
     return left_out, [] if left_out or known.scale else [few]
 
 
@@ -204,4 +195,4 @@ def of_few_logs(count: int) -> list[Finding]:
     """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
     if count > FEW:
         return []
-    return [Finding(kind=FindingKind.FEW_LOGS, number=count, severity=Level.CARE)]
+    return [Finding(FindingKind.FEW_LOGS, number=count, severity=Level.CARE)]

@@ -76,10 +76,10 @@ class TermChoice:
             FindingKind.INSEPARABLE: self.inseparable,
         }
         scanned = (
-            Finding(kind=FindingKind.SCANNED, parameters=(name,), number=value)
+            Finding(FindingKind.SCANNED, (name,), number=value)
             for name, value in self.settings.items()
         )
-        lost = (Finding(kind=kind, parameters=names) for kind, names in said.items() if names)
+        lost = (Finding(kind, names) for kind, names in said.items() if names)
         return (*scanned, *lost)
 
 
@@ -277,8 +277,8 @@ def missing_terms(found: Estimate, best: Mapping[str, float]) -> list[Finding]:
         return []
     return [
         Finding(
-            kind=FindingKind.MISSING_TERM,
-            parameters=(", ".join(missing), *moved),
+            FindingKind.MISSING_TERM,
+            (", ".join(missing), *moved),
             number=min(moved.values()),
             severity=Level.CARE,
         )

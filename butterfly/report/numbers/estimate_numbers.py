@@ -7,8 +7,8 @@ from dataclasses import fields
 from typing import Any
 
 from butterfly.identification.diagnostics.findings import Finding
-from butterfly.identification.diagnostics.misfit import LEVELS, LogMisfit, Misfit
-from butterfly.identification.diagnostics.residuals import ResidualSummary
+from butterfly.identification.diagnostics.misfit import LogMisfit, Misfit
+from butterfly.identification.diagnostics.residuals import LEVELS, ResidualSummary
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
