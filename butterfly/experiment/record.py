@@ -70,7 +70,7 @@ class EstimateRecord:
         holdout: FitSummary | None = None,
     ) -> EstimateRecord:
         """Return the record of an estimate."""
-        names = (*found.names, *found.known.exact)
+        names = (*found.names, *found.known.fixed)
         return cls(
             estimator=estimator,
             estimate=found,

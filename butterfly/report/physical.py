@@ -8,7 +8,7 @@ from typing import Any
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import or_none
 from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
-from butterfly.model.known import plain
+from butterfly.model.prior import plain
 from butterfly.report.parameter_table import interval, with_error
 
 HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")

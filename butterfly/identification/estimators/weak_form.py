@@ -53,8 +53,8 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
@@ -68,7 +68,7 @@ class WeakTerms:
     """Terms for the weak form, and the fit with them."""
 
     fit: WeakFit  # with the terms
-    held: dict[str, float]  # what is set, not fitted
+    fixed: dict[str, float]  # what is set, not fitted
     # (n,) values of fits with other terms that predict as well
     rivals: tuple[NDArray[np.float64], ...]
     said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
@@ -80,7 +80,7 @@ class WeakTerms:
         cls,
         windows: Sequence[Windows],
         terms: tuple[str, ...] | None,
-        known: Knowledge,
+        known: Prior,
         *,
         check: bool,
     ) -> WeakTerms:
@@ -90,7 +90,7 @@ class WeakTerms:
         would help that were not told; Stribeck friction is not looked for then, since its scan
         costs more than the fit.
         """
-        usual = known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
+        usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
         always = known.fitted(PARAMETERS)
         tried = candidates(CANDIDATES, (each.added for each in windows), known)
         told = None if terms is None else told_terms(terms, known.parameters)
@@ -101,7 +101,7 @@ class WeakTerms:
         slow = chosen.settings.get("stribeck_velocity", usual)
         return cls(
             fit=WeakFit.of(windows, chosen.names, slow, known, first.about.delay),
-            held=chosen.settings,
+            fixed=chosen.settings,
             rivals=chosen.rival_values,
             said=chosen.findings,
             best=found.free.best if found.free else {},
@@ -182,7 +182,7 @@ class WeakForm(Estimator):
         self,
         logs: Sequence[Log],
         zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         uncertain: NDArray[np.float64] | None = None,
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass.
@@ -197,12 +197,12 @@ class WeakForm(Estimator):
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         reference = ScaleParameter.of(masses, known, driven=driven)
-        periods = known.exact.get("cogging_periods", self.cogging_periods)
+        periods = known.fixed.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
-        chosen = WeakTerms.of(windows, self.terms, reference.held, check=self.check)
-        held = chosen.held | {"cogging_periods": periods}
-        parameters = LumpedParameters(**held | chosen.fit.values)
+        chosen = WeakTerms.of(windows, self.terms, reference.fixed, check=self.check)
+        fixed = chosen.fixed | {"cogging_periods": periods}
+        parameters = LumpedParameters(**fixed | chosen.fit.values)
         pairs = seen(logs, windows, parameters, zeros, window)
         fit = refined(chosen.fit, pairs)
 
@@ -222,7 +222,7 @@ class WeakForm(Estimator):
             left_out=left_out,
             rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=[*few, *of_few_logs(len(logs)), *chosen.said],
-            held=held,
+            fixed=fixed,
             masses=masses,
             blocks=blocks,
             known=known,
