@@ -19,7 +19,6 @@ from butterfly.experiment.schema import Experiment, TableFile
 from butterfly.files import locate, replacing, require_path, shipped
 from butterfly.logs.csv import read_columns
 from butterfly.signals.excitations import Table
-from butterfly.thesis.synthetic import Synthetic
 from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 EXPERIMENT = "experiment.yaml"
@@ -96,17 +95,6 @@ class Source:
 def read_experiment(path: Path) -> Experiment:
     """Read an experiment file; InputError on the first slip in it or in a file that it names."""
     return Source(path).experiment()
-
-
-def thesis_robot() -> Synthetic:
-    """Return what Tables 1 and 2 and Figures 3 to 8 rest on."""
-    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
-    return Synthetic(
-        rig=experiment.plant.rig,
-        added_masses=experiment.added_masses,
-        sines=experiment.excitations,
-        duration=experiment.duration,
-    )
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:

@@ -41,7 +41,7 @@ from butterfly.identification.segments import Segments
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
-from butterfly.signals.window import first_counted
+from butterfly.signals.frequency_response import first_counted
 
 Samples = NDArray[np.float64]
 

@@ -46,7 +46,7 @@ from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
-from butterfly.signals.window import first_counted
+from butterfly.signals.frequency_response import first_counted
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]

@@ -45,7 +45,7 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
 from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
-from butterfly.signals.window import STEADY_SECONDS
+from butterfly.signals.frequency_response import STEADY_SECONDS
 
 _LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted
 
