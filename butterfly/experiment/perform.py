@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from butterfly.document import versions
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.experiment.record import (
     FAILED,
@@ -35,6 +34,7 @@ from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
+from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
 
