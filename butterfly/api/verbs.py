@@ -32,7 +32,13 @@ from butterfly.identification.identify import identify as identify_data
 from butterfly.identification.parameter import unit_of
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hold_out, select_terms
+from butterfly.identification.validate import (
+    Bootstrap,
+    CrossValidation,
+    bootstrap,
+    cross_validate,
+    select_terms,
+)
 from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
@@ -184,7 +190,7 @@ def validate(
         return rank([data], method, split=how, holdout=holdout, track=track)
     logs, estimator = _prepared(data, method, options, holdout)
     quick = estimator.unchecked()
-    held = hold_out(logs, quick, how, folds=folds, track=track)
+    held = cross_validate(logs, quick, how, folds=folds, track=track)
     whole, drawn = judged(logs, quick), None
     if bootstrap:
         drawn = _bootstrap(logs, quick, whole, repetitions=bootstrap, track=track)
@@ -411,7 +417,7 @@ def _estimated(
 
 
 def _validation_tables(
-    data: DataSet, held: HeldOut, whole: Estimate, drawn: Bootstrap | None
+    data: DataSet, held: CrossValidation, whole: Estimate, drawn: Bootstrap | None
 ) -> tuple[TextTable, ...]:
     fits = {"in sample": data.simulations.fits(whole), held.division.left_out: held.fits}
     if unused := held_out_fits(data, whole):

@@ -17,7 +17,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import about_data, chosen_options
 from butterfly.identification.identify import held_out_fits
-from butterfly.identification.validate import Bootstrap, HeldOut, Structure
+from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.report.finding_texts import estimate_verdict, values_of
 from butterfly.report.format import fit_text
@@ -49,7 +49,7 @@ def rests_on(
 def told_validation(
     data: DataSet,
     estimator: Estimator,
-    held: HeldOut,
+    held: CrossValidation,
     whole: Estimate,
     drawn: Bootstrap | None = None,
 ) -> Told:
@@ -87,7 +87,7 @@ def told_validation(
     )
 
 
-def _refits(held: HeldOut) -> list[dict[str, Any]]:
+def _refits(held: CrossValidation) -> list[dict[str, Any]]:
     return [
         part
         for name, found in held.estimates.items()
