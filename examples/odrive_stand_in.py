@@ -9,8 +9,7 @@ import can
 import numpy as np
 from can.interfaces.virtual import VirtualBus
 
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import Hand, TorqueDrive
+from butterfly.model.parameters import Friction, Hand, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint, Joint
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder

@@ -14,10 +14,11 @@ import numpy as np
 from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
-from butterfly.api.sources import Data, Named, is_data, read, read_experiment
+from butterfly.api.sources import Data, Named, is_data, read
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
+from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed

@@ -339,14 +339,12 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:
     """Write the verdict on values that no joint has, as the answer."""
-    from butterfly.document import Told  # noqa: PLC0415 - slow to import
+    from butterfly.result import document  # noqa: PLC0415 - slow to import
     from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
     verdict = Verdict(Level.WARNING, reasons)
     title = "Nothing is made of values that no joint has"
-    write_json(
-        Told(kind=kind, title=title, verdict=verdict, summary=(verdict.sentence,)).document()
-    )
+    write_json(document(kind, title, {}, verdict=verdict, summary=(verdict.sentence,)))
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:

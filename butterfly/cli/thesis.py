@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from butterfly.cli.options import Out
 from butterfly.cli.output import say, show_table, write_json
+from butterfly.files import shipped
+
+if TYPE_CHECKING:
+    from butterfly.thesis.tables import Synthetic
 
 
 def reproduce(
@@ -31,8 +36,7 @@ def reproduce(
     out
         Write the data of Figures 3-12 to this folder.
     """
-    from butterfly.experiment.source import thesis_robot  # noqa: PLC0415 - slow to import
-    from butterfly.report.numbers.other_numbers import told_reproduction  # noqa: PLC0415
+    from butterfly.result import document  # noqa: PLC0415 - slow to import
     from butterfly.thesis.figure_data import write_figure_data  # noqa: PLC0415
     from butterfly.thesis.tables import has_real_logs, reproduce  # noqa: PLC0415
 
@@ -54,4 +58,26 @@ def reproduce(
     if out is not None:
         for path in write_figure_data(out, synthetic, root):
             say(f"Figure data: {path}")
-    write_json(told_reproduction(rows).document())
+    alike = sum(row.agrees for row in rows)
+    write_json(
+        document(
+            "reproduction",
+            "The thesis, published against obtained",
+            {"rows": [{**asdict(row), "same": row.agrees} for row in rows]},
+            summary=(f"{alike} of {len(rows)} are the same.",),
+        )
+    )
+
+
+def thesis_robot() -> Synthetic:
+    """Return what Tables 1 and 2 and Figures 3 to 8 rest on."""
+    from butterfly.experiment.source import read_experiment  # noqa: PLC0415
+    from butterfly.thesis.tables import Synthetic  # noqa: PLC0415
+
+    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
+    return Synthetic(
+        rig=experiment.plant.rig,
+        added_masses=experiment.added_masses,
+        sines=experiment.excitations,
+        duration=experiment.duration,
+    )

@@ -29,11 +29,11 @@ from butterfly.identification.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Uncertain
 from butterfly.model.energy import Orbit
-from butterfly.model.friction import Friction
-from butterfly.model.harmonic import LARGEST_SWING, predicted_swing
 from butterfly.model.known import Knowledge
+from butterfly.model.linear import LARGEST_SWING, predicted_swing
 from butterfly.model.parameters import (
     AddedMass,
+    Friction,
     Hand,
     LumpedParameters,
     TorqueDrive,

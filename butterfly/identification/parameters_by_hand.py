@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,9 @@ from butterfly.identification.diagnostics.plausibility import is_possible, judge
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.free_run import FitSummary
-from butterfly.model.harmonic import quasi_linear_response
+from butterfly.identification.parameter import lumped_numbers
 from butterfly.model.known import Knowledge, Known
-from butterfly.model.linear import resonance_frequency
+from butterfly.model.linear import quasi_linear_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, untracked
@@ -44,6 +45,16 @@ class OtherParameters:
     def summary(self) -> FitSummary:
         """Median, mean and worst FIT."""
         return FitSummary.of(self.fits, self.horizon)
+
+    def numbers(self, estimate: Estimate) -> dict[str, Any]:
+        """Return it for programs, in the units of an estimate."""
+        parameters = lumped_numbers(self.parameters, estimate.input_kind, estimate.joint)
+        return {
+            "name": self.name,
+            "parameters": parameters,
+            "gain_fitted": self.gain_fitted,
+            "fit": self.summary.numbers(),
+        }
 
 
 def try_parameters(

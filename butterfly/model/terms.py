@@ -21,14 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.model.describing import (
+from butterfly.model.kinematics import (
+    Motion,
+    Term,
     cogging_describing_function,
     coulomb_describing_function,
     drag_describing_function,
     gravity_describing_function,
     stribeck_describing_function,
 )
-from butterfly.model.kinematics import Motion, Term
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 """The parameters that estimators find unasked, in their order."""

@@ -7,12 +7,12 @@ from enum import StrEnum
 
 from butterfly.errors import InputError, require_number
 from butterfly.logs.log import InputKind
-from butterfly.model.friction import Friction
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
     AddedMass,
     Drive,
+    Friction,
     Hand,
     JointKind,
     LumpedParameters,

@@ -11,7 +11,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
-from butterfly.identification.estimators.equations import Loss
+from butterfly.identification.estimators.gauss_newton import Loss
 from butterfly.identification.implied import apart, implied
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.prior import Prior

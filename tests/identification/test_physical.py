@@ -11,12 +11,12 @@ from butterfly.identification.implied import implied
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
-from butterfly.model.friction import Friction
 from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import (
     NO_ADDED_MASS,
     AddedMass,
+    Friction,
     Hand,
     JointKind,
     LumpedParameters,

@@ -14,8 +14,6 @@ from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.test_functions import (
     HALF_WIDTH,
     Averaging,
-    AveragingSettings,
-    weak_signals,
 )
 from butterfly.model.known import NOTHING
 from butterfly.model.terms import PARAMETERS, FrictionTerms
@@ -59,10 +57,10 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
     averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
     windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
     values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity, NOTHING).values
-    known = AveragingSettings(zero=0.0, delay=values.pop("delay"))
+    delay = values.pop("delay")
     parts = {True: 0.0, False: 0.0}
-    for log in logs:
-        signals = weak_signals(log, tuple(values), known, HALF_WIDTH)
+    for log, averaging in zip(logs, averages, strict=True):
+        signals = averaging.signals(tuple(values), delay=delay)
         columns = {name: signals.mean[name][signals.moving] for name in values}
         rows = np.column_stack(list(columns.values()))
         carried = log.added_mass.inertia * columns["p1"]

@@ -8,8 +8,7 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, pull, stiffness
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
+from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.margins import loop_margins, loop_multiplier
 from butterfly.plant.joints import GreyBoxJoint

@@ -11,8 +11,7 @@ from scipy.special import ellipe, ellipk
 
 from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, potential
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
+from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, Observer, gain_for
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, ControlLoop, Reading

@@ -9,9 +9,8 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
-from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.motor import CommandPath, ControlLoop, ReplayMotor
 from butterfly.plant.rig import SimulatedMotor

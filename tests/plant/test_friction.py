@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.motor import ControlLoop

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from butterfly.model.friction import Friction
 from butterfly.model.linear import frequency_response
-from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.motor import ControlLoop

@@ -17,7 +17,7 @@ from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
-from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import quasi_linear_response
 from butterfly.plant.rig import Simulator
 from butterfly.report.estimate_figures import (
     correlation_map,

@@ -1,6 +1,6 @@
 """The compiled kernel: the grey-box equation, its events in time, and the derivatives of both.
 
-`butterfly.model.greybox` says what it means, `butterfly.model.sensitivities` what is
+`butterfly.model.greybox` says what it means, `butterfly.model.greybox` what is
 differentiated.
 
 - `constants`: what the equation needs to know, the numbers of the columns, and what happened at
