@@ -211,7 +211,7 @@ class _Run:
             estimate=found,
             truth={
                 name: float(getattr(self._truth, name))
-                for name in (*found.names, *found.known.exact)
+                for name in (*found.names, *found.known.fixed)
             },
             fit=identification.fit,
             holdout=FitSummary.of(held_out) if held_out.size else None,

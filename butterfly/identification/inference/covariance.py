@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from butterfly.identification.prior import Prior
+from butterfly.model.prior import Penalty
 
 Samples = NDArray[np.float64]
 
@@ -74,7 +74,10 @@ def compress_all(clusters: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, 
 
 
 def cluster_covariance(
-    rows: Samples, residuals: Samples, prior: Prior | None = None, considered: Samples | None = None
+    rows: Samples,
+    residuals: Samples,
+    prior: Penalty | None = None,
+    considered: Samples | None = None,
 ) -> tuple[Samples, Samples]:
     """Return the (p, p) bias-reduced cluster-robust covariance (CR2) and (p,) degrees of freedom.
 

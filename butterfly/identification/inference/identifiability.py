@@ -13,8 +13,8 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import Prior
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
@@ -114,15 +114,13 @@ def is_driven(logs: Iterable[Log]) -> bool:
     return any(bool(np.any(log.input)) for log in logs)
 
 
-def refuse_without_scale(
-    masses: Iterable[AddedMass], known: Knowledge, *, driven: bool = True
-) -> None:
+def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> None:
     """Raise IdentifiabilityError if nothing says how large the parameters are.
 
     All torques of the equation add up to 0, so that p1..p4 times any number would do as well: it
     takes two different added masses, or a parameter that is known and is not 0.
     """
-    if not driven and not {"p4", "delay"} <= known.exact.keys():
+    if not driven and not {"p4", "delay"} <= known.fixed.keys():
         raise IdentifiabilityError(
             "the input is zero throughout, so that p4 and the delay are not seen: add logs of a "
             "driven joint, or say what they are (--known p4=...,delay=0)"
@@ -158,7 +156,7 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
 def without_each_mass(
     masses: Iterable[AddedMass],
     refit: Callable[[AddedMass], Samples],
-    known: Knowledge,
+    known: Prior,
     *,
     asked: bool,
     driven: bool = True,
@@ -173,7 +171,7 @@ def without_each_mass(
     if not asked:
         return {}, [Finding(FindingKind.UNCHECKED)]
     left_out: dict[Hashable, Samples] = {}
-    sure = known.within(known.exact)
+    sure = known.within(known.fixed)
     for mass in different if len(different) > 1 else ():
         rest = [other for other in different if other != mass]
         try:

@@ -17,8 +17,8 @@ from butterfly.identification.diagnostics.plausibility import (
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
 from butterfly.logs.log import InputKind
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from butterfly.verdict import Level
 from tests.conftest import MASSES
@@ -38,7 +38,7 @@ def _physics(*, masses=MASSES, share=0.1, told=None, freedom=None, **changed):
         upper=np.array(list(values.values())) + reach,
         covariance=np.diag((reach / 2) ** 2),
         parameters=LumpedParameters(**values),
-        known=Knowledge.told(told or {}),
+        known=Prior.of(told or {}),
         freedom=None if freedom is None else np.full(len(values), freedom),
     )
     return [(each.kind, each.parameters, each.severity) for each in judge_physics(estimate, masses)]
@@ -135,7 +135,7 @@ def test_logs_that_are_followed_far_worse_than_the_others_are_named(fits, worst,
 def _knowledge(**known):
     """Judge what is known of motor and hand beside values with errors of 1 %."""
     values = np.array([0.00325, 0.00145, 0.04905, 0.025])
-    told, errors = Knowledge.told(known), 0.01 * values
+    told, errors = Prior.of(known), 0.01 * values
     estimate = Estimate(
         method="",
         names=("p1", "p2", "p3", "p4"),
