@@ -32,7 +32,7 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify, judged
 from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
-from butterfly.orbit.study import OrbitStudy, study_orbit
+from butterfly.orbit.loop import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
