@@ -28,8 +28,7 @@ from butterfly.cli.options import (
     parse_numbers,
     parse_pairs,
 )
-from butterfly.cli.output import ExitCode, say, show
-from butterfly.cli.progress import show_progress
+from butterfly.cli.output import ExitCode, say, show, show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
 

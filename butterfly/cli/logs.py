@@ -18,8 +18,7 @@ from butterfly.cli.options import (
     Page,
     parse_numbers,
 )
-from butterfly.cli.output import ExitCode, say, show
-from butterfly.cli.progress import show_progress
+from butterfly.cli.output import ExitCode, say, show, show_progress
 from butterfly.errors import InputError
 
 

@@ -10,8 +10,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from butterfly.cli.options import WRITTEN, HandMass, Out
-from butterfly.cli.output import ExitCode, say, say_verdict
-from butterfly.cli.progress import show_progress
+from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
 from butterfly.errors import InputError
 
 Source = Annotated[Path, Parameter(name="SOURCE")]
