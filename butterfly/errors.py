@@ -1,8 +1,9 @@
-"""The errors that butterfly raises on purpose; everything else is a bug."""
+"""The errors that butterfly raises on purpose, and checks that do; any other error is a bug."""
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable
 from difflib import get_close_matches
 from numbers import Real
@@ -84,6 +85,35 @@ def require_number(source: str, *, positive: bool = False, unit: str = "", **val
         if not (number and math.isfinite(value) and (value > 0 or (value == 0 and not positive))):
             expected = f"a finite {sign} number" + (f" of {unit}" if unit else "")
             raise InputError(source, field, value, expected)
+
+
+_ASSUMED = 8 << 30  # bytes, of a machine that does not say
+_PREFIXES = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
+
+
+def require_room(source: object, field: str, value: object, size: float) -> None:
+    """Raise InputError if a value asks for more bytes than the machine has memory."""
+    there = memory()
+    if not size <= there:
+        room = f"less: it takes {size_text(size)} of memory, of which there are {size_text(there)}"
+        raise InputError(source, field, value, room)
+
+
+def memory() -> int:
+    """Return the bytes of memory that the machine has; 8 GiB where it does not say."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # Windows has no sysconf
+        return _ASSUMED
+
+
+def size_text(size: float) -> str:
+    """Return a number of bytes as one reads it, such as 1.9 TB."""
+    thousands = 0
+    while size >= 1000 and thousands < len(_PREFIXES) - 1:  # noqa: PLR2004 - of one in the next
+        size /= 1000
+        thousands += 1
+    return f"{size:.{min(thousands, 1)}f} {_PREFIXES[thousands]}"
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:

@@ -26,6 +26,9 @@ _RESERVED = re.compile(r"\.+|(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECAS
 _LONGEST = 255  # bytes of a name, on all file systems that matter
 _LONGEST_PATH = 4096
 
+_PACKED = 64  # times its size that a file of logs may hold
+_FREE = 256 << 20  # bytes that any may
+
 
 def is_name(text: str) -> bool:
     """Tell whether a text may name a folder: short, not of dots alone, not a device of Windows."""
@@ -41,6 +44,11 @@ def require_path(named: str, source: object, field: str) -> None:
     if longest > _LONGEST or len(named) > _LONGEST_PATH:
         found = f"{named[:40]}... ({len(named)} characters)"
         raise InputError(source, field, found, f"a path of names of up to {_LONGEST} bytes each")
+
+
+def most_in(packed: int) -> int:
+    """Return how many bytes a packed file of so many may hold: more is damage, or worse."""
+    return max(_FREE, _PACKED * packed)
 
 
 @contextmanager

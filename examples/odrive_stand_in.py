@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING
 
 import can
 import numpy as np
 from can.interfaces.virtual import VirtualBus
 
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import Hand, TorqueDrive
-from butterfly.plant.joints import GreyBoxJoint
+from butterfly.model.parameters import Friction, Hand, TorqueDrive
+from butterfly.plant.joints import GreyBoxJoint, Joint
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Encoder
 from examples.odrive_can import AxisState, Command
-
-if TYPE_CHECKING:
-    from butterfly.plant.motor import Joint
 
 ROBOT = Robot(
     hand=Hand(mass=0.5, com_distance=0.25, inertia=0.006),

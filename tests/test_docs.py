@@ -5,9 +5,9 @@ from dataclasses import fields
 from pathlib import Path
 
 from butterfly.cli.output import ExitCode
-from butterfly.document import HEAD
 from butterfly.experiment.methods import ESTIMATORS
 from butterfly.model.terms import TERMS, FrictionTerms, offered
+from butterfly.result import HEAD
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -14,7 +14,7 @@ from butterfly.cli.output import ExitCode
 from butterfly.logs.csv import write_csv
 from butterfly.logs.log import Sine
 from butterfly.logs.mat import write_mat
-from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import quasi_linear_response
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, simulated, wild
 

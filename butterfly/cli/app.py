@@ -21,8 +21,14 @@ from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptio
 from butterfly import __version__
 from butterfly.cli.output import Asked, ExitCode, asked, tell_no_more, write_json
 from butterfly.cli.output import warn as print_warning
-from butterfly.errors import ButterflyError, InputError, StoppedError, UnusableError
-from butterfly.sizes import memory, said
+from butterfly.errors import (
+    ButterflyError,
+    InputError,
+    StoppedError,
+    UnusableError,
+    memory,
+    size_text,
+)
 
 
 class Command(NamedTuple):
@@ -234,7 +240,7 @@ def main() -> None:
         unusable = isinstance(error, UnusableError)
         _end(str(error), ExitCode.NOT_TO_BE_USED if unusable else ExitCode.BAD_INPUT)
     except MemoryError:
-        _end(f"more memory is needed than there is ({said(memory())})", ExitCode.BAD_INPUT)
+        _end(f"more memory is needed than there is ({size_text(memory())})", ExitCode.BAD_INPUT)
     except BrokenPipeError:
         _leave_stdout()
         sys.exit(ExitCode.UNREAD)
@@ -279,14 +285,12 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 def _write_refusal(kind: str, reasons: tuple[str, ...]) -> None:
     """Write the verdict on values that no joint has, as the answer."""
-    from butterfly.document import Told  # noqa: PLC0415 - slow to import
+    from butterfly.result import document  # noqa: PLC0415 - slow to import
     from butterfly.verdict import Level, Verdict  # noqa: PLC0415
 
     verdict = Verdict(Level.WARNING, reasons)
     title = "Nothing is made of values that no joint has"
-    write_json(
-        Told(kind=kind, title=title, verdict=verdict, summary=(verdict.sentence,)).document()
-    )
+    write_json(document(kind, title, {}, verdict=verdict, summary=(verdict.sentence,)))
 
 
 def _end(why: str, code: ExitCode) -> NoReturn:

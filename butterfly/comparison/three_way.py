@@ -59,7 +59,7 @@ def compare_three(
     """
     predictor = data.simulations
     found = []
-    torques = residual_torques(data, estimate, numbers).logs
+    torques = residual_torques(data, estimate, numbers)
     for number, residual in zip(track(numbers, "Simulating twice"), torques, strict=True):
         log = data.logs[number]
         setting = predictor.setting(number, estimate)

@@ -11,8 +11,6 @@ from functools import partial
 import numpy as np
 
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
-from butterfly.experiment.control import ControlSpec
-from butterfly.experiment.provenance import versions
 from butterfly.experiment.record import (
     FAILED,
     OK,
@@ -23,7 +21,7 @@ from butterfly.experiment.record import (
     RunRecord,
     Task,
 )
-from butterfly.experiment.schema import Experiment
+from butterfly.experiment.schema import ControlSpec, Experiment
 from butterfly.experiment.simulate import data_set_of, packed, simulate
 from butterfly.experiment.source import filled
 from butterfly.identification.data import DataSet
@@ -36,6 +34,7 @@ from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log
 from butterfly.orbit.study import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
+from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
 
@@ -204,11 +203,19 @@ class _Run:
             refused = EstimateRecord(estimator=spec.label, error=str(error))
             self.estimates.append(refused)
             return
-        found, fit = identification.estimate, identification.fit
+        found = identification.estimate
         self.identifications[spec.label] = identification
-        held = np.array(list(identification.held_out.values()))
-        holdout = FitSummary.of(held) if held.size else None
-        record = EstimateRecord.of(spec.label, found, fit, self._truth, holdout)
+        held_out = np.array(list(identification.held_out.values()))
+        record = EstimateRecord(
+            estimator=spec.label,
+            estimate=found,
+            truth={
+                name: float(getattr(self._truth, name))
+                for name in (*found.names, *found.known.fixed)
+            },
+            fit=identification.fit,
+            holdout=FitSummary.of(held_out) if held_out.size else None,
+        )
         self.estimates.append(self._validated(record, data, spec))
 
     def _threaded(self, spec: Estimator) -> Estimator:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +16,6 @@ from pydantic import (
 )
 
 from butterfly.errors import InputError
-from butterfly.experiment.control import ControlSpec
 from butterfly.experiment.methods import (
     DEFAULT_OF_EXPERIMENTS,
     ESTIMATORS,
@@ -28,20 +28,24 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Uncertain
-from butterfly.model.friction import Friction
-from butterfly.model.harmonic import LARGEST_SWING, predicted_swing
-from butterfly.model.known import Knowledge
+from butterfly.model.energy import Orbit
+from butterfly.model.linear import LARGEST_SWING, predicted_swing
 from butterfly.model.parameters import (
     AddedMass,
+    Friction,
     Hand,
     LumpedParameters,
     TorqueDrive,
     VoltageDrive,
 )
+from butterfly.model.prior import Prior
+from butterfly.orbit.controller import Observer, VelocityEstimator
+from butterfly.orbit.loop import OrbitSchedule
+from butterfly.orbit.recalibration import RecalibrationOptions
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot
-from butterfly.plant.sensors import Clock, Encoder, Faults
+from butterfly.plant.sensors import Clock, Encoder, Faults, FilteredDifference
 from butterfly.signals.excitations import (
     Chirp,
     Excitation,
@@ -51,7 +55,7 @@ from butterfly.signals.excitations import (
     SteppedSine,
     Table,
 )
-from butterfly.yaml_input import OneOf, StrictModel
+from butterfly.yaml_files import OneOf, StrictModel
 
 _ORBIT_STREAM = 2**32 - 1  # a number that no run has
 
@@ -136,6 +140,70 @@ class SignalSpec(OneOf):
     file: TableFile | None = None
 
 
+class StateSpec(StrictModel):
+    """A state of the hand in rad and rad/s."""
+
+    angle: float
+    velocity: float
+
+
+class TargetSpec(OneOf):
+    """The orbit to hold: by its amplitude in rad, its energy in J, or a state on it."""
+
+    amplitude: float | None = None
+    energy: float | None = None
+    state: StateSpec | None = None
+
+    def __call__(self, parameters: LumpedParameters) -> Orbit:
+        """Return the orbit that a hand of these parameters has."""
+        if self.amplitude is not None:
+            return Orbit.of_amplitude(parameters, self.amplitude)
+        if self.energy is not None:
+            return Orbit.of_energy(parameters, self.energy)
+        assert self.state is not None  # noqa: S101 - one of the three is
+        return Orbit.of_state(parameters, self.state.angle, self.state.velocity)
+
+
+class DifferenceSpec(StrictModel):
+    """A filtered difference; its low pass in s."""
+
+    time_constant: Annotated[float, Field(gt=0)] = 0.003
+
+
+class ObserverSpec(StrictModel):
+    """Luenberger's observer; its bandwidth in rad/s."""
+
+    bandwidth: Annotated[float, Field(gt=0)] = 60.0
+
+
+class VelocitySpec(OneOf):
+    """How the controller knows the velocity."""
+
+    filtered_difference: DifferenceSpec | None = None
+    observer: ObserverSpec | None = None
+
+    def __call__(self, parameters: LumpedParameters, zero: float) -> VelocityEstimator:
+        """Return a fresh estimator for a hand of these parameters."""
+        if self.observer is not None:
+            return Observer(parameters, zero, self.observer.bandwidth)
+        assert self.filtered_difference is not None  # noqa: S101 - one of the two is
+        return FilteredDifference(self.filtered_difference.time_constant)
+
+
+_DIFFERENCE = VelocitySpec(filtered_difference=DifferenceSpec())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlSpec(OrbitSchedule):
+    """An orbit to hold, what each round does, and what is compared at the end."""
+
+    target: TargetSpec
+    velocity: VelocitySpec = _DIFFERENCE
+    believed: LumpedParameters | None = None  # of the bare hand; identified if not given
+    recalibration: RecalibrationOptions = RecalibrationOptions()
+    cross_check: tuple[float, ...] = ()  # amplitudes in rad (see `study_orbit`)
+
+
 class ValidationSpec(StrictModel):
     """What is left out together, to be predicted by the rest."""
 
@@ -213,7 +281,7 @@ class Experiment(StrictModel):
 
     @model_validator(mode="after")
     def _possible(self) -> Experiment:
-        Knowledge.told(self.known)
+        Prior.of(self.known)
         self.plant.clock.count(self.duration)
         for added in self.added_masses:
             self.plant.robot.loaded(added)
@@ -266,4 +334,4 @@ class Experiment(StrictModel):
     @property
     def input_kind(self) -> InputKind:
         """What the commands mean."""
-        return self.plant.rig.input_kind
+        return self.plant.robot.input_kind

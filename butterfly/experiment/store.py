@@ -23,7 +23,6 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from butterfly.errors import InputError
-from butterfly.experiment.columns import TABLES, SweepColumns
 from butterfly.experiment.record import (
     OK,
     SCHEMA,
@@ -33,6 +32,7 @@ from butterfly.experiment.record import (
     digest_of,
     origin_of,
 )
+from butterfly.experiment.sweep_tables import TABLES, SweepColumns
 from butterfly.files import DRAFT, replacing
 
 SWEEP = "sweep.json"

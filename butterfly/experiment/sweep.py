@@ -7,24 +7,31 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError, StoppedError
 from butterfly.experiment.perform import execute
-from butterfly.experiment.provenance import fingerprint, versions
-from butterfly.experiment.record import FAILED, OK, SCHEMA, SweepRecord, Task
+from butterfly.experiment.record import FAILED, OK, SCHEMA, SweepRecord, Task, digest_of
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source, signal_digest
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep_spec import apply
 from butterfly.experiment.workers import Engine
+from butterfly.files import shipped
 from butterfly.identification.estimators import Estimator
 from butterfly.progress import Track, untracked
+from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
 _NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it
 _ASKED_OTHERWISE = {"method", "terms", "estimators", "signals"}
+
+_PACKAGE = Path(__file__).parents[1]
+_COMPUTING = (  # subpackages that a run computes with
+    *("model", "plant", "signals", "logs", "identification", "thesis", "orbit", "experiment"),
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,6 +98,29 @@ def address(experiment: Experiment, content: Mapping[str, Any]) -> str:
 def _options(estimator: Estimator) -> dict[str, object]:
     """Return the options of an estimator that its result depends on."""
     return {name: value for name, value in asdict(estimator).items() if name != "workers"}
+
+
+@cache
+def fingerprint() -> str:
+    """Return a hash over `computing_sources`; it takes some milliseconds, once for a process."""
+    return hash_of(computing_sources())
+
+
+def computing_sources() -> dict[str, Path]:
+    """Return the files that a run computes with, by name: sources, and the shipped robots."""
+    models = shipped("models")
+    sources = [path for name in _COMPUTING for path in (_PACKAGE / name).rglob("*.py")]
+    return {path.relative_to(_PACKAGE).as_posix(): path for path in sources} | {
+        path.relative_to(models).as_posix(): path for path in models.rglob("*.xml")
+    }
+
+
+def hash_of(files: dict[str, Path]) -> str:
+    """Return a hash over the names and contents of files, whatever their order."""
+    total = hashlib.sha256()
+    for name, path in sorted(files.items()):
+        total.update(f"{name} {digest_of(path.read_bytes())}\n".encode())
+    return total.hexdigest()
 
 
 @dataclass(frozen=True, kw_only=True)

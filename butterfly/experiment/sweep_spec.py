@@ -13,9 +13,8 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 from scipy.special import ndtri
 
-from butterfly.errors import InputError
-from butterfly.sizes import require_room
-from butterfly.yaml_input import OneOf, StrictModel
+from butterfly.errors import InputError, require_room
+from butterfly.yaml_files import OneOf, StrictModel
 
 Overrides = dict[str, Any]
 

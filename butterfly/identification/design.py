@@ -19,8 +19,7 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.logs.log import Sine
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import LARGEST_SWING
-from butterfly.model.linear import resonance_frequency
+from butterfly.model.linear import LARGEST_SWING, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
 from butterfly.progress import Track, in_threads, untracked
 from butterfly.signals.excitations import Excitation, FreeDecay, Multisine, initial_angle

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.logs.log import InitialState, Log
-from butterfly.model.greybox import simulate
+from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters, compressed
-from butterfly.model.sensitivities import Columns, Readings, differentiate
-from butterfly.signals import hermite, hold
+from butterfly.signals import hold, polynomials
+from butterfly.signals.frequency_response import STEADY_SECONDS, steady_span
 from butterfly.signals.sine_fit import sine_basis, with_transient
 from butterfly.signals.spectrum import uniform_grid
-from butterfly.signals.window import STEADY_SECONDS, steady_span
 
 Samples = NDArray[np.float64]
 
@@ -84,14 +83,14 @@ class Simulation:
     ) -> Samples:
         """Return the simulated angles in rad at increasing instants in s."""
         angle, speed = self.run(parameters, zero, begin)
-        return hermite.interpolate(self.grid, angle, speed, instants)
+        return polynomials.interpolate(self.grid, angle, speed, instants)
 
     def squared_error(
         self, parameters: LumpedParameters, zero: float, begin: Begin = None
     ) -> float:
         """Return the sum of squares in rad^2 of `at_stamps` less the measured angles."""
         angle, speed = self.run(parameters, zero, begin)
-        return hermite.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
+        return polynomials.squared_distance(self.grid, angle, speed, self.log.time, self.log.angle)
 
     def error_and_angles(
         self, instants: Samples, parameters: LumpedParameters, zero: float, begin: Begin = None
@@ -100,8 +99,8 @@ class Simulation:
         angle, speed = self.run(parameters, zero, begin)
         log = self.log
         return (
-            hermite.squared_distance(self.grid, angle, speed, log.time, log.angle),
-            hermite.interpolate(self.grid, angle, speed, instants),
+            polynomials.squared_distance(self.grid, angle, speed, log.time, log.angle),
+            polynomials.interpolate(self.grid, angle, speed, instants),
         )
 
     def linearised(
@@ -132,7 +131,7 @@ class Simulation:
     def averaged(self, values: Samples) -> Samples:
         """Average (n,) values at all samples, those that count, as `linearised` does the errors."""
         log, first = self.log, self._first
-        return hermite.averages(self.grid, log.time[first:], values[first:])[2]
+        return polynomials.averages(self.grid, log.time[first:], values[first:])[2]
 
     def mean_inputs(self, parameters: LumpedParameters) -> Samples:
         """Return the (m,) means of the delivered input where `linearised` has errors."""
@@ -172,7 +171,9 @@ class Simulation:
     def _averages(self) -> tuple[Readings, Samples]:
         """What is read off, and the (m,) averages of the measured angle."""
         log, first = self.log, self._first
-        into, weights, measured = hermite.averages(self.grid, log.time[first:], log.angle[first:])
+        into, weights, measured = polynomials.averages(
+            self.grid, log.time[first:], log.angle[first:]
+        )
         return Readings(into=into, weights=weights), measured
 
     def _inputs(self, delay: float, compression: float) -> Samples:

@@ -13,7 +13,7 @@ import numpy as np
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import MIN_SAMPLES, Log
-from butterfly.signals.window import MIN_PERIODS
+from butterfly.signals.frequency_response import MIN_PERIODS
 
 FOLDS = 5
 """Parts into which frequencies, logs or time are divided, where there are enough of them."""
@@ -65,7 +65,7 @@ class Division:
         for number, log in enumerate(data.logs):
             stretch = samples.get(number)
             pieces += [log] if stretch is None else excluding_interval(log, stretch)
-        return DataSet.of(pieces, name=data.name, known=data.told)
+        return DataSet.of(pieces, name=data.name, known=data.given)
 
 
 def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -> Division:

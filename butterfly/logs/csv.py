@@ -17,7 +17,7 @@ import pyarrow
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_room, size_text
 from butterfly.files import replacing
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
@@ -30,7 +30,6 @@ from butterfly.logs.formats import (
 )
 from butterfly.logs.log import AS_WRITTEN, MIN_SAMPLES, FileReading, Log
 from butterfly.logs.units import AS_IS, UNITS, Units, known_factor
-from butterfly.sizes import require_room, said
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
 _PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
@@ -213,7 +212,7 @@ def _numeric(path: Path, table: TextTable, number: int, name: str) -> Samples:
 def read_text_table(path: Path) -> TextTable:
     """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
     size = path.stat().st_size if path.is_file() else 0
-    require_room(path, "content", f"{said(size)} of an unusual form", _PER_BYTE * size)
+    require_room(path, "content", f"{size_text(size)} of an unusual form", _PER_BYTE * size)
     text, encoding = _decoded(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]

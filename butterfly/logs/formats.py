@@ -1,12 +1,15 @@
-"""The file formats of logs, by the endings of their names, and which column holds what."""
+"""The formats of logs: files, by the endings of their names, and tables; what holds what."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeAlias, TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.logs.log import SAMPLED, Log
@@ -107,3 +110,60 @@ def unit_in(name: str) -> str | None:
     """Return the text in brackets behind a column's name; None if there is none."""
     found = _UNIT.search(name)
     return None if found is None else found[1]
+
+
+class Frame(Protocol):
+    """What pandas and others like it have."""
+
+    @property
+    def columns(self) -> Iterable[Any]:
+        """Names of the columns."""
+
+    def __getitem__(self, name: Any, /) -> Any:  # noqa: ANN401 - whatever names a column
+        """Return a column."""
+
+
+Table: TypeAlias = Frame | Mapping[str, Any] | NDArray[Any]
+"""Columns by name, or by number."""
+
+
+def is_table(source: object) -> TypeGuard[Table]:
+    """Whether an object is a frame, a mapping, or an array."""
+    if isinstance(source, Mapping | np.ndarray):
+        return True
+    return hasattr(source, "columns") and hasattr(source, "__getitem__")
+
+
+def log_of_table(
+    table: Table,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
+) -> Log:
+    """Make a log of a table in memory (see `read_log`).
+
+    A plain array has its columns in the order of `SAMPLED`, unless others are named.
+    """
+    found = _columns(table)
+    names = list(found)
+    if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
+        columns = dict(zip(SAMPLED, range(len(names)), strict=False))
+    elif columns is None:
+        columns = DEFAULT_COLUMNS | {each: each for each in names if each == "velocity"}
+    chosen: dict[str, Any] = {
+        field: found[names[place("table", names, name)]]
+        for field, name in checked_map("table", columns).items()
+    }
+    return Log(**chosen, source="table", **properties).converted(units)
+
+
+def _columns(table: Table) -> dict[str, Any]:
+    """Return the columns by name; those of a plain array by number."""
+    if not isinstance(table, np.ndarray):
+        names = table if isinstance(table, Mapping) else table.columns
+        return {str(name): table[name] for name in names}
+    if table.dtype.names is not None:
+        return {name: table[name] for name in table.dtype.names}
+    if table.ndim != 2:  # noqa: PLR2004 - a matrix
+        raise InputError("read", "source", f"an array of shape {table.shape}", "columns (n, k)")
+    return {str(k): column for k, column in enumerate(table.T)}

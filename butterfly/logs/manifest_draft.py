@@ -19,7 +19,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
-from butterfly.model.known import known_of
+from butterfly.model.prior import known_of
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _QUESTIONS = {

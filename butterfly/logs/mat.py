@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat, whosmat
 
-from butterfly.errors import InputError, nearest
-from butterfly.files import replacing
+from butterfly.errors import InputError, nearest, size_text
+from butterfly.files import most_in, replacing
 from butterfly.logs.formats import ColumnMap, checked_map
 from butterfly.logs.log import SAMPLED, Log
 from butterfly.logs.mat5 import whole
 from butterfly.logs.units import AS_IS, Units
-from butterfly.sizes import most_in, said
 
 _MATRIX = "D"
 _OBJECTS = (
@@ -212,7 +211,7 @@ class _Room:
     def take(self, size: int) -> None:
         """Raise ValueError if there are not as many: a file may claim any size."""
         if not 0 <= size <= self.left:
-            raise ValueError(f"arrays of {said(size)} more than there may be")
+            raise ValueError(f"arrays of {size_text(size)} more than there may be")
         self.left -= size
 
 

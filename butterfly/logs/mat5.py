@@ -17,7 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from butterfly.sizes import most_in
+from butterfly.files import most_in
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15

@@ -11,11 +11,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, size_text
+from butterfly.files import most_in
 from butterfly.logs.formats import DEFAULT_COLUMNS, VELOCITY, ColumnMap, checked_map, place
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Units
-from butterfly.sizes import most_in, said
 
 _BYTES = 8  # of a number
 _AT_A_TIME = 1 << 20  # samples
@@ -52,8 +52,9 @@ def _columns(
         wanted[welcome] = names.index(welcome)
     most = most_in(path.stat().st_size)
     if not 0 <= file.metadata.num_rows * len(wanted) * _BYTES <= most:
-        found = f"{file.metadata.num_rows} rows in {said(path.stat().st_size)}"
-        raise InputError(path, "content", found, f"a whole Parquet file, of up to {said(most)}")
+        found = f"{file.metadata.num_rows} rows in {size_text(path.stat().st_size)}"
+        expected = f"a whole Parquet file, of up to {size_text(most)}"
+        raise InputError(path, "content", found, expected)
     arrays = {}
     for field, number in wanted.items():
         kind = file.schema_arrow.types[number]

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from butterfly.model.kinematics import Motion
-from butterfly.model.linear import Linearisation
-from butterfly.model.pade import DelayStates
+from butterfly.model.linear import DelayStates, Linearisation
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
 

@@ -1,12 +1,31 @@
-"""Integrate the grey-box equation with set-valued Coulomb friction by compiled RK4."""
+"""The grey-box model, with set-valued Coulomb friction: compiled simulation, and its derivatives.
+
+The derivatives are those of the discrete simulation, not of the equation: exact at reversals of the
+velocity, while the joint sticks and where it breaks loose, so that they agree with differences of
+simulations as far as rounding lets them (Maly & Petzold, Applied Numerical Mathematics 20, 1996;
+Galan, Feehery & Barton, Applied Numerical Mathematics 31, 1999, for the jumps).
+"""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.model.kernel import Constants, State, integrate, interval
-from butterfly.model.parameters import LumpedParameters
+from butterfly.errors import InputError, nearest
+from butterfly.model import kernel
+from butterfly.model.kernel import COLUMNS, Constants, State, integrate, interval
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.terms import TERMS
+
+Samples = NDArray[np.float64]
+
+INITIAL = {"zero": -1.0, "velocity": 1.0}
+"""What moves the beginning of a simulation, the encoder's zero in rad and the velocity in rad/s,
+and the derivatives of the initial angle and velocity by it."""
 
 
 def simulate(
@@ -34,3 +53,123 @@ def simulate(
 def step(constants: Constants, state: State, torque: float, duration: float) -> State:
     """Return the state after ``duration`` s as `simulate` finds it, p4 times the input held."""
     return interval(state, (torque, torque, torque), duration, constants)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Columns:
+    """Which k columns the kernel carries, and how n parameters are made of them."""
+
+    # (k,) numbers of the kernel's constants (see `butterfly.model.kernel.COLUMNS`) and drives
+    column: NDArray[np.int64]
+    initial: Samples  # (4, k) derivatives of the initial state
+    mixture: Samples  # (k, n) derivatives of what the columns stand for by the parameters
+
+    @classmethod
+    def of(
+        cls, names: Sequence[str], parameters: LumpedParameters, added: AddedMass = NO_ADDED_MASS
+    ) -> Columns:
+        """Return the columns for some parameters of the bare hand that carries ``added``.
+
+        `names` are parameters and those of `INITIAL`. An InputError if one is unknown, or the model
+        has no derivative by it at these values.
+        """
+        loaded = parameters.with_added_mass(added)
+        own = _parts(loaded, added)
+        for name in names:
+            _require_derivative(name, own, loaded)
+        different = list(dict.fromkeys(key for name in names for key in own[name]))
+        mixture = np.zeros((len(different), len(names)))
+        for column, name in enumerate(names):
+            for key, share in own[name].items():
+                mixture[different.index(key), column] = share
+        initial = np.zeros((4, len(different)))
+        for state, (name, slope) in enumerate(INITIAL.items()):
+            if name in different:
+                initial[state, different.index(name)] = slope
+        numbers = [-1 if key in INITIAL else COLUMNS[key] for key in different]
+        return cls(column=np.array(numbers, dtype=np.int64), initial=initial, mixture=mixture)
+
+    @property
+    def drives(self) -> int:
+        """How many of p4, delay and compression, in this order, are needed of the input."""
+        return max(int(self.column.max(initial=-1)) + 1 - len(Constants._fields), 0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """What is read off a simulation: m sums over the state at both ends of single intervals."""
+
+    into: NDArray[np.int64]  # (n - 1,) number of the sum that an interval gives; -1 for none
+    weights: Samples  # (4, m) of angle and velocity at the start, and of those at the end
+
+    @classmethod
+    def angles(cls, count: int) -> Readings:
+        """Return those of the angle at the end of each of ``count`` intervals."""
+        weights = np.zeros((4, count))
+        weights[2] = 1.0
+        return cls(into=np.arange(count), weights=weights)
+
+
+def differentiate(  # noqa: PLR0917 - a simulation, and what is differentiated of it
+    parameters: LumpedParameters,
+    time: Samples,
+    inputs: Samples,
+    start: tuple[float, float],
+    readings: Readings,
+    columns: Columns,
+) -> tuple[Samples, Samples]:
+    """Simulate as `simulate` does; return what is read off, differentiated.
+
+    `time` has (n,) increasing instants in s; `inputs` (q, n - 1, 3) values at the start, middle and
+    end of each interval: the input, already delayed, and as far as `Columns.drives` asks for them
+    its derivatives by delay and compression; `start` is in rad and rad/s. Returns (m,) readings and
+    their (m, k) derivatives by the columns.
+    """
+    values = np.empty(readings.weights.shape[1])
+    rows = np.empty((values.size, columns.column.size))
+    drives, constants = parameters.p4 * inputs[0], Constants.of(parameters)
+    state = (*start, 0.0, 0.0)
+    kernel.differentiate(
+        *(time, drives, state, constants, readings.into, readings.weights, values),
+        *(columns.column, columns.initial, inputs, rows),
+    )
+    return values, rows
+
+
+def _parts(loaded: LumpedParameters, added: AddedMass) -> Mapping[str, Mapping[str, float]]:
+    """Return what every parameter moves, of the kernel's constants and drives and of `INITIAL`.
+
+    Friction below 0 counts as none: there it moves nothing.
+    """
+    brakes = loaded.coulomb >= 0
+    held = loaded.stribeck < -max(loaded.coulomb, 0.0)  # at that, so that friction is none at rest
+    level = {"coulomb": 1.0} | ({"stribeck": -1.0} if held else {}) if brakes else {}
+    own = {name: {name: 1.0} for name in (*COLUMNS, *INITIAL)}
+    return own | {
+        "p2": {"viscous": 1.0},
+        "back_emf": {"back_emf": 1.0, "viscous": -1.0},
+        "coulomb": level,
+        "load": {name: slope * added.weight for name, slope in level.items()},
+        "stribeck": {} if held else {"stribeck": 1.0},
+        "delay": {"delay": loaded.p4},
+        "compression": {"compression": loaded.p4},
+        "tilt": {"p3": -added.gravity_moment * math.sin(loaded.tilt)},
+        "time_constant": {"lag": 1.0},
+    }
+
+
+def _require_derivative(
+    name: str, own: Mapping[str, Mapping[str, float]], loaded: LumpedParameters
+) -> None:
+    """Raise InputError unless the model has a derivative by a parameter at its value."""
+    if name not in {*TERMS, *INITIAL} or name not in own:
+        known = [each for each in (*TERMS, *INITIAL) if each in own]
+        raise InputError("sensitivities", "parameter", name, nearest(name, known))
+    if name == "time_constant" and not loaded.time_constant > 0:
+        expected = "more than 0 s, for a derivative by it (without it the current has no lag)"
+        raise InputError("sensitivities", name, loaded.time_constant, expected)
+    if name.startswith("bristle_") and not Constants.of(loaded).bristle_stiffness > 0:
+        stiffness, coulomb = loaded.bristle_stiffness, loaded.coulomb
+        expected = "both more than 0, for bristles to be differentiated"
+        found = f"{stiffness:g} N m/rad and {coulomb:g} N m"
+        raise InputError("sensitivities", "bristle_stiffness and coulomb", found, expected)

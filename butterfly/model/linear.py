@@ -1,4 +1,10 @@
-"""The linearisation of the model about rest: one for responses, resonances and control objects."""
+"""The model made linear: about rest, seen through a hold, with its delay, or for one swing.
+
+For a sine of finite amplitude harmonic balance keeps the fundamental only: each torque enters by
+its describing function, the term p3 sin th as p3 2 J1(a)/a th, Coulomb friction as j 4 T_c/(pi a)
+th, so that the model stays linear in its parameters (Gelb & Vander Velde, Multiple-Input Describing
+Functions, 1968, ch. 2).
+"""
 
 from __future__ import annotations
 
@@ -8,8 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from butterfly.errors import InputError
 from butterfly.model.energy import stiffness
+from butterfly.model.kinematics import Motion
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.terms import TERMS
+
+HIGHEST_ORDER = 10
+"""Of this order a delay of half a turn is exact to rounding."""
+
+LARGEST_SWING = 1.0
+"""Swing in rad beyond which harmonics, and jumps of the resonance, set in."""
+
+_SMALLEST_SWING = 1e-6  # rad
+
+_DESCRIBED = tuple(row for row in TERMS.values() if row.describing and row.name != "p2")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,3 +118,134 @@ def resonance_frequency(parameters: LumpedParameters) -> float:
     Zero when the damping is so large, or gravity so small, that there is no peak (Lemma 6).
     """
     return Linearisation.of(parameters).resonance
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldSystem:
+    """The difference equation y[k+2] + a1 y[k+1] + a0 y[k] = b1 u[k+1] + b0 u[k] (46)."""
+
+    # a1, a0, b1, b0: Its coefficients (47)-(50); the last two in rad per unit of input
+    a1: float
+    a0: float
+    b1: float
+    b0: float
+    step: float  # Sampling period in s
+
+    @classmethod
+    def of(cls, parameters: LumpedParameters, step: float) -> HeldSystem:
+        """Discretise the linearisation about the hanging position.
+
+        An InputError if it is not underdamped (45), or the step not positive.
+        """
+        p = parameters
+        if not step > 0:
+            raise InputError("HeldSystem", "step", step, "a positive number of s")
+        damping = p.p2 / (2 * math.sqrt(p.p1 * p.p3)) if p.p3 > 0 else math.inf
+        if not 0 < damping < 1:
+            raise InputError(
+                "HeldSystem", "damping ratio", f"{damping:.3g}", "between 0 and 1 (45)"
+            )
+        natural = math.sqrt(p.p3 / p.p1)
+        root = math.sqrt(1 - damping**2)
+        decay = math.exp(-step * damping * natural)
+        turn, beta = step * natural * root, math.acos(damping)
+        gain = p.p4 / p.p3
+        return cls(
+            a1=-2 * decay * math.cos(turn),
+            a0=decay**2,
+            b1=gain * (1 - decay / root * math.sin(turn + beta)),
+            b0=gain * (decay**2 + decay / root * math.sin(turn - beta)),
+            step=step,
+        )
+
+    def response(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """G_q(e^(j w step)) at frequencies in rad/s; it holds for a held input only."""
+        z = np.exp(1j * np.asarray(omega, dtype=np.float64) * self.step)
+        return np.asarray((self.b1 * z + self.b0) / (z**2 + self.a1 * z + self.a0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DelayStates:
+    """x' = a x + b u, y = c x + feedthrough u, where y is u later."""
+
+    # a, b, c: (n, n), (n,) and (n,)
+    a: NDArray[np.float64]
+    b: NDArray[np.float64]
+    c: NDArray[np.float64]
+    feedthrough: float  # 1 or -1: every frequency comes through at its size
+
+    @classmethod
+    def of(cls, delay: float, order: int) -> DelayStates:
+        """Approximate exp(-s delay) by a fraction of polynomials, both of the same order.
+
+        At w rad/s it is off by (n!)^2/((2n)! (2n + 1)!) (w delay)^(2n + 1) and less beyond (Baker &
+        Graves-Morris, Padé Approximants, 1996, 1.2).
+
+        The delay, in s, is above 0 and the order n from 1 to `HIGHEST_ORDER`: an InputError
+        otherwise.
+        """
+        if not delay > 0:
+            raise InputError("Padé", "delay", delay, "a positive number of s")
+        if not isinstance(order, int) or order not in range(1, HIGHEST_ORDER + 1):
+            raise InputError(
+                "Padé", "order", order, f"a whole number between 1 and {HIGHEST_ORDER}"
+            )
+        powers = np.arange(order + 1)
+        size = [
+            math.comb(order, int(k)) * math.perm(2 * order - int(k), order - int(k)) for k in powers
+        ]
+        # In time in units of delay/rate all coefficients are of one size.
+        rate = float(size[0]) ** (1 / order)
+        below = np.array(size, dtype=np.float64) * rate ** (powers - order)
+        sign = (-1.0) ** powers
+        a = np.diag(np.ones(order - 1), 1)
+        a[-1] = -below[:-1]
+        feedthrough = sign[-1]
+        return cls(
+            a=a * rate / delay,
+            b=np.eye(order)[-1] * rate / delay,
+            c=(sign * below - feedthrough * below)[:-1],
+            feedthrough=float(feedthrough),
+        )
+
+
+def quasi_linear_response(
+    parameters: LumpedParameters, omega: ArrayLike, amplitude: ArrayLike
+) -> NDArray[np.complex128]:
+    """Ratio of the angle's to the input's fundamental when the angle swings with ``amplitude``.
+
+    The swing is taken to be about angle 0; what has no describing function (bias, offset, cosine of
+    cogging, bristles, compression) is left out.
+
+    Of the loaded hand; frequencies in rad/s and amplitudes in rad broadcast.
+    """
+    linear = Linearisation.of(parameters)
+    w, a = np.asarray(omega, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
+    motion = Motion.of(parameters, 0.0, 0.0)
+    torque = linear.brake(w)
+    for row in _DESCRIBED:
+        value = getattr(parameters, row.name)
+        if value:
+            assert row.describing is not None  # noqa: S101 - or it would not be here
+            torque = torque + value * row.describing(w, a, motion)
+    return np.asarray(linear.drive(w) / torque)
+
+
+def predicted_swing(parameters: LumpedParameters, omega: float, amplitude: float) -> float:
+    """Return the steady amplitude in rad that a sine will drive the joint to, by harmonic balance.
+
+    Where several are possible (a pendulum's resonance bends over) it is the largest. Zero if
+    Coulomb friction holds the joint, infinite if no swing below pi balances the drive.
+
+    Of the loaded hand; the input has `omega` in rad/s and `amplitude` in its own unit.
+    """
+    swings = np.linspace(_SMALLEST_SWING, np.pi, 4096)
+    excess = swings / np.abs(quasi_linear_response(parameters, omega, swings)) - abs(amplitude)
+    falls_short = np.flatnonzero(excess < 0)
+    if falls_short.size == 0:
+        return 0.0
+    last = int(falls_short[-1])
+    if last == swings.size - 1:
+        return math.inf
+    share = excess[last] / (excess[last] - excess[last + 1])
+    return float(swings[last] + share * (swings[last + 1] - swings[last]))

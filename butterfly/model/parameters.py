@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.friction import Friction
-from butterfly.model.terms import FrictionTerms
+from butterfly.model.terms import TERMS, FrictionTerms
 
 GRAVITY = 9.81
 """Acceleration due to gravity in m/s^2, the thesis's value (61)."""
@@ -23,28 +22,15 @@ _Inputs = TypeVar("_Inputs", float, "NDArray[np.float64]")
 
 @dataclass(frozen=True, kw_only=True)
 class Hand:
-    """The rigid hand with the rotor of its motor.
+    """The rigid hand with the rotor of its motor."""
 
-    Parameters
-    ----------
-    mass
-        m_p in kg.
-    com_distance
-        l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies
-        above the pivot at angle 0.
-    com_offset
-        Distance in m of the centre of mass from that line, towards positive angles.
-    inertia
-        J_p about the centre of mass, in kg m^2.
-    tilt
-        Angle in rad of the axis out of the horizontal; gravity then acts with its cosine.
-    """
-
-    mass: float
+    mass: float  # m_p in kg
+    # l_c, pivot to centre of mass along the line to the added mass, in m; negative if it lies above
+    # the pivot at angle 0
     com_distance: float
-    com_offset: float = 0.0
-    inertia: float
-    tilt: float = 0.0
+    com_offset: float = 0.0  # In m, from that line to the centre of mass, to positive angles
+    inertia: float  # J_p about the centre of mass, in kg m^2
+    tilt: float = 0.0  # In rad, of the axis out of the horizontal: gravity acts with its cosine
 
     def __post_init__(self) -> None:
         require_number("Hand", positive=True, mass=self.mass)
@@ -58,37 +44,18 @@ class Hand:
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageDrive:
-    """A DC motor fed with a voltage (4).
+    """A DC motor fed with a voltage (4)."""
 
-    Parameters
-    ----------
-    resistance
-        R in Ohm.
-    torque_constant
-        k_i in N m/A.
-    back_emf_constant
-        k_emf in V s/rad; equal to k_i in SI units for a lossless motor.
-    inductance
-        L in H; 0 lets the current follow at once, as (5) does.
-    """
-
-    resistance: float
-    torque_constant: float
-    back_emf_constant: float
-    inductance: float = 0.0
+    resistance: float  # R in Ohm
+    torque_constant: float  # k_i in N m/A
+    back_emf_constant: float  # k_emf in V s/rad; equal to k_i in SI units for a lossless motor
+    inductance: float = 0.0  # L in H; 0 lets the current follow at once, as (5) does
 
     def __post_init__(self) -> None:
-        require_number(
-            "VoltageDrive",
-            positive=True,
-            resistance=self.resistance,
-            torque_constant=self.torque_constant,
-        )
-        require_number(
-            "VoltageDrive",
-            back_emf_constant=self.back_emf_constant,
-            inductance=self.inductance,
-        )
+        require_number("VoltageDrive", positive=True, resistance=self.resistance)
+        require_number("VoltageDrive", positive=True, torque_constant=self.torque_constant)
+        require_number("VoltageDrive", back_emf_constant=self.back_emf_constant)
+        require_number("VoltageDrive", inductance=self.inductance)
 
     @property
     def gain(self) -> float:
@@ -108,15 +75,9 @@ class VoltageDrive:
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueDrive:
-    """A current-controlled motor: the command sets the torque and no back EMF is felt.
+    """A current-controlled motor: the command sets the torque and no back EMF is felt."""
 
-    Parameters
-    ----------
-    gain
-        p4 in N m per unit of command.
-    """
-
-    gain: float
+    gain: float  # p4 in N m per unit of command
 
     def __post_init__(self) -> None:
         require_number("TorqueDrive", positive=True, gain=self.gain)
@@ -133,6 +94,33 @@ class TorqueDrive:
 
 
 Drive = VoltageDrive | TorqueDrive
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(FrictionTerms):
+    """Friction at the pivot, all terms (see `FrictionTerms`)."""
+
+    viscous: float = 0.0  # k_f in N m s/rad
+
+    def __post_init__(self) -> None:
+        require_number("Friction", viscous=self.viscous)
+        require_number("Friction", positive=True, stribeck_velocity=self.stribeck_velocity)
+        for name, value in self.terms().items():
+            if TERMS[name].lower == 0:
+                require_number("Friction", **{name: value})
+            elif not math.isfinite(value):
+                raise InputError("Friction", name, value, "a finite number")
+        require_periods("Friction", self.cogging_periods)
+        if self.bristle_stiffness > 0 and not self.coulomb > 0:
+            raise InputError(
+                "Friction", "coulomb", self.coulomb, "more than 0, for bristles to bend"
+            )
+
+
+def require_periods(source: str, periods: float) -> None:
+    """Raise InputError unless periods of cogging in a turn are 1, 2, 3, and so on."""
+    if not (periods >= 1 and float(periods).is_integer()):
+        raise InputError(source, "cogging_periods", periods, "1, 2, 3, ...")
 
 
 class JointKind(StrEnum):

@@ -8,8 +8,8 @@ the motor's with the basis -u. Whatever needs a fact about a parameter (its unit
 torque, its potential, which estimators offer it) takes it from here; the compiled kernel and the
 MJCF are written by hand and held to this table by a test. A further term is a field of
 `FrictionTerms` and a row below, a line in `butterfly.plant.mjcf`, and in `butterfly.model.kernel` a
-constant with its number (`constants`), a torque (`equation`) and its derivatives (`linearise`; and
-where a joint breaks loose, `events`, if it acts at rest).
+constant with its number, a torque and its derivatives (`equation`; and where a joint breaks loose,
+`events`, if it acts at rest).
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.model.describing import (
+from butterfly.model.kinematics import (
+    Motion,
+    Term,
     cogging_describing_function,
     coulomb_describing_function,
     drag_describing_function,
     gravity_describing_function,
     stribeck_describing_function,
 )
-from butterfly.model.kinematics import Motion, Term
 
 PARAMETERS = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 """The parameters that estimators find unasked, in their order."""

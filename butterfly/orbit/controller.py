@@ -13,8 +13,7 @@ from butterfly.model.energy import Orbit, energy
 from butterfly.model.kinematics import Motion, Term
 from butterfly.model.parameters import LumpedParameters, compressed
 from butterfly.model.terms import CONSERVATIVE, DISSIPATIVE, torque_of
-from butterfly.plant.control_loop import ControlLaw
-from butterfly.plant.motor import Reading
+from butterfly.plant.motor import ControlLaw, Reading
 from butterfly.plant.sensors import FilteredDifference
 
 Target = Callable[[LumpedParameters], Orbit]

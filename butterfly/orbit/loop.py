@@ -23,7 +23,7 @@ from butterfly.orbit.controller import (
     gain_for,
 )
 from butterfly.orbit.recalibration import Recalibration, RecalibrationOptions, recalibrate
-from butterfly.plant.control_loop import ControlLaw
+from butterfly.plant.motor import ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
 

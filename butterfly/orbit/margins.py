@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError, require_number
 from butterfly.model.energy import Orbit, energy, pull, stiffness
 from butterfly.model.kinematics import Motion
-from butterfly.model.pade import DelayStates
+from butterfly.model.linear import DelayStates
 from butterfly.model.terms import DISSIPATIVE, torque_of
 
 _ORDER = 8  # of Padé's approximation; to 6e-8 at the third harmonic of the orbit a quarter late

@@ -12,7 +12,7 @@ from butterfly.errors import IdentifiabilityError, InputError, require_number
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.normal_equations import Regression
-from butterfly.identification.test_functions import SPACING, weak_signals
+from butterfly.identification.test_functions import SPACING
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.controller import EnergyShaping, Target, gain_for
@@ -25,8 +25,7 @@ from butterfly.orbit.recalibration import (
     estimate_of,
     from_ratios,
 )
-from butterfly.plant.control_loop import ControlLaw
-from butterfly.plant.motor import CommandPath, Reading
+from butterfly.plant.motor import CommandPath, ControlLaw, Reading
 
 _FEWEST = 20  # readings in a test function
 _MARGIN = 3  # readings by which the buffer is longer than a test function
@@ -101,8 +100,7 @@ class OnlineRecalibration:
             source="control loop",
         )
         names = ("p1", *self._names)
-        known = options.known(0.0)
-        signals = weak_signals(log, names, known, options.half_width, options.balance)
+        signals = options.averaging(log, 0.0).signals(names, delay=options.delay)
         if not signals.moving[0]:
             return False
         self._rows.append((self._count, np.array([signals.mean[name][0] for name in names])))
@@ -138,7 +136,7 @@ class OnlineRecalibration:
         equations = LoopEquations(
             regression=regression, run=np.zeros(len(self._rows), dtype=np.intp)
         )
-        ratios = Finding(kind=FindingKind.RATIOS)
+        ratios = Finding(FindingKind.RATIOS)
         return estimate_of(equations, regression.solve(), "on-line", ratios)
 
     def _regression(self) -> Regression:

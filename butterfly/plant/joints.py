@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
 from butterfly.errors import InputError
-from butterfly.logs.log import InputKind
 from butterfly.model.greybox import step
 from butterfly.model.kernel import Constants, State, interval, least_steps
-from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, Drive, VoltageDrive
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, VoltageDrive
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import LARGEST_ANGLE
 from butterfly.plant.robot import Assistance, Robot
@@ -27,11 +26,6 @@ _WHOLE = 0  # mj_forwardSkip: no stage of the dynamics is skipped,
 _NO_SENSORS = 1  # but sensors are
 
 
-def kind_of(drive: Drive) -> InputKind:
-    """Tell what a drive's command means."""
-    return InputKind.VOLTAGE if isinstance(drive, VoltageDrive) else InputKind.TORQUE
-
-
 def steps_of(duration: float) -> int:
     """Count the equal steps of at most `LONGEST_STEP` that make up ``duration`` s."""
     if duration <= LONGEST_STEP:  # the usual cycle, in a loop that must be fast
@@ -39,21 +33,35 @@ def steps_of(duration: float) -> int:
     return math.ceil(duration / LONGEST_STEP * (1 - 1e-9))
 
 
-class _DrivenJoint(ABC):
-    """What both joints have in common: a robot and what it carries, at rest at ``angle`` rad."""
+class Joint(ABC):
+    """A simulated joint: a robot and what it carries, first at rest at ``angle`` rad."""
 
     def __init__(
         self, robot: Robot, added: AddedMass = NO_ADDED_MASS, *, angle: float = 0.0
     ) -> None:
         self._drive = robot.drive
+        self.input_kind = robot.input_kind
         self._loaded = robot.loaded(added)
         self._constants = Constants.of(self._loaded)
         self._initial = float(angle)
 
     @property
-    def input_kind(self) -> InputKind:
-        """What the command means."""
-        return kind_of(self._drive)
+    @abstractmethod
+    def angle(self) -> float:
+        """True angle in rad."""
+
+    @property
+    @abstractmethod
+    def velocity(self) -> float:
+        """True velocity in rad/s."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Go back to rest at time 0."""
+
+    @abstractmethod
+    def advance(self, command: float, duration: float) -> None:
+        """Move on for ``duration`` s with ``command`` held."""
 
     def current(self, command: float) -> float:
         """Armature current in A (4) under ``command``; NaN for a torque drive, which hides it."""
@@ -62,13 +70,8 @@ class _DrivenJoint(ABC):
         back_emf = self._drive.back_emf_constant * self.velocity
         return (command - back_emf) / self._drive.resistance
 
-    @property
-    @abstractmethod
-    def velocity(self) -> float:
-        """True velocity in rad/s."""
 
-
-class MujocoJoint(_DrivenJoint):
+class MujocoJoint(Joint):
     """The robot in MuJoCo; with a ``scene`` its ``model`` and ``data`` can be looked at."""
 
     def __init__(
@@ -198,7 +201,7 @@ def _as_one(column: NDArray[np.float64]) -> NDArray[Any]:
     return column if column.size == 1 else column.view(np.complex128)
 
 
-class GreyBoxJoint(_DrivenJoint):
+class GreyBoxJoint(Joint):
     """The same robot by the grey-box equation, with set-valued friction and without play."""
 
     def __init__(
@@ -236,7 +239,7 @@ class GreyBoxJoint(_DrivenJoint):
         """Return the (n,) angles in rad at ``stamps`` in s of a whole run, the joint left as it is.
 
         Each of the (n,) commands is held from ``delay`` s after its instant until the next takes
-        effect; before the first there is none. It is what `butterfly.plant.motor.SimulatedMotor`
+        effect; before the first there is none. It is what `butterfly.plant.rig.SimulatedMotor`
         does from cycle to cycle, the same arithmetic in the same order. NaN from the instant on at
         which the joint has turned beyond `LARGEST_ANGLE`.
         """

@@ -1,19 +1,19 @@
-"""The motor wrapper: what a control law may do to a joint, real or simulated."""
+"""The motor wrapper: what a control law may do to a joint, real or simulated, and its loop."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
-from butterfly.logs.log import InputKind, Log
+from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.parameters import compressed
-from butterfly.plant.sensors import Encoder, rounded
+from butterfly.plant.sensors import Clock, filtered_difference, rounded, stamps_of
 
 LARGEST_COMMAND = 1e10
 """In units of the command; MuJoCo takes none from there on."""
@@ -30,6 +30,11 @@ class Reading(NamedTuple):
     time: float
     angle: float
     current: float
+
+
+ControlLaw = Callable[[Reading], float]
+Signal = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Sample = tuple[float, float, float]  # stamp in s, command as it was set, angle in rad as read
 
 
 class Motor(Protocol):
@@ -83,8 +88,12 @@ class CommandPath:
     def __post_init__(self) -> None:
         if not self.limit > 0:
             raise InputError("CommandPath", "limit", self.limit, "a positive number")
-        require_number("CommandPath", resolution=self.resolution, delay=self.delay)
-        require_number("CommandPath", compression=self.compression)
+        require_number(
+            "CommandPath",
+            resolution=self.resolution,
+            delay=self.delay,
+            compression=self.compression,
+        )
 
     def shape(self, value: float) -> float:
         """Return the command that leaves the path: rounded, then saturated."""
@@ -108,111 +117,11 @@ class CommandPath:
         return compressed(values, self.compression)
 
 
-class Joint(Protocol):
-    """A simulated joint: its state, and how it moves under a constant command."""
-
-    @property
-    def input_kind(self) -> InputKind:
-        """What the command means."""
-
-    @property
-    def angle(self) -> float:
-        """True angle in rad."""
-
-    def reset(self) -> None:
-        """Go back to rest at time 0."""
-
-    def advance(self, command: float, duration: float) -> None:
-        """Move on for ``duration`` s with ``command`` held."""
-
-    def current(self, command: float) -> float:
-        """Armature current in A under ``command``; NaN if the drive hides it."""
-
-
-class SimulatedMotor:
-    """A motor whose joint is simulated, with a command path and an encoder.
-
-    Parameters
-    ----------
-    joint
-        In MuJoCo or the grey box.
-    path
-        Between command and terminals. A delayed command takes effect at its own instant, not at
-        the next cycle.
-    encoder
-        Reads the angle.
-    rng
-        Source of the encoder's noise.
-    """
-
-    def __init__(
-        self,
-        joint: Joint,
-        *,
-        path: CommandPath = CommandPath(),
-        encoder: Encoder = Encoder(),
-        rng: np.random.Generator | None = None,
-    ) -> None:
-        self._joint = joint
-        self._path = path
-        self._encoder = encoder
-        self._rng = rng or np.random.default_rng(0)
-        self._pending: deque[tuple[float, float]] = deque()
-        self._time = self._applied = 0.0
-
-    @property
-    def input_kind(self) -> InputKind:
-        """What the command means."""
-        return self._joint.input_kind
-
-    def start(self) -> None:
-        """Put the joint to rest at time 0."""
-        self._joint.reset()
-        self._pending.clear()
-        self._time = self._applied = 0.0
-
-    def stop(self) -> None:
-        """Set the terminals to 0."""
-        self._pending.clear()
-        self._applied = 0.0
-
-    def command(self, value: float) -> float:
-        """Set the command; see `Motor`."""
-        value = self._path.shape(value)
-        delivered = compressed(value, self._path.compression)
-        if self._path.delay > 0:
-            self._pending.append((self._time + self._path.delay, delivered))
-        else:
-            self._applied = delivered
-        return value
-
-    def read(self) -> Reading:
-        """Read the encoder; see `Motor`."""
-        angle = self._encoder.read_one(self._time, self._joint.angle, self._rng)
-        return Reading(self._time, angle, self._joint.current(self._applied))
-
-    def wait(self, duration: float) -> None:
-        """Simulate ``duration`` s, switching to each delayed command at its own instant."""
-        end = self._time + duration
-        while self._pending and self._pending[0][0] < end:
-            instant, value = self._pending.popleft()
-            if instant > self._time:
-                self._joint.advance(self._applied, instant - self._time)
-                self._time = instant
-            self._applied = value
-        self._joint.advance(self._applied, end - self._time)
-        self._time = end
-
-
 class ReplayMotor:
     """A recorded log in the place of a motor: its angles come back, whatever is commanded.
 
-    Tells what a controller, an observer or an estimator would have seen and done on that day.
-
-    Parameters
-    ----------
-    log
-        With increasing stamps. Between them the angle is interpolated; time starts at 0.
+    Tells what a controller, an observer or an estimator would have seen and done on that day. Time
+    starts at 0; between the log's increasing stamps the angle is interpolated.
     """
 
     def __init__(self, log: Log) -> None:
@@ -223,11 +132,6 @@ class ReplayMotor:
     def input_kind(self) -> InputKind:
         """What the log's input meant."""
         return self._log.input_kind
-
-    @property
-    def duration(self) -> float:
-        """Length of the log in s."""
-        return float(self._log.time[-1] - self._log.time[0])
 
     def start(self) -> None:
         """Go back to the first sample."""
@@ -249,5 +153,89 @@ class ReplayMotor:
     def wait(self, duration: float) -> None:
         """Move on in the log, which must not end before."""
         self._time += duration
-        if self._time > self.duration * (1 + 1e-9):
-            raise InputError(self._log.source, "time", f"{self.duration:.6g} s", "a longer log")
+        length = float(self._log.time[-1] - self._log.time[0])
+        if self._time > length * (1 + 1e-9):
+            raise InputError(self._log.source, "time", f"{length:.6g} s", "a longer log")
+
+
+class ControlLoop:
+    """A motor under control: starts it on entering, stops it on leaving, come what may.
+
+    The clock is that of the loop; its jitter is drawn from ``rng``.
+    """
+
+    def __init__(
+        self, motor: Motor, *, clock: Clock = Clock(), rng: np.random.Generator | None = None
+    ) -> None:
+        self._motor = motor
+        self._clock = clock
+        self._rng = rng or np.random.default_rng(0)
+
+    def __enter__(self) -> ControlLoop:
+        self._motor.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._motor.stop()
+
+    def run(self, law: ControlLaw, duration: float, **about: Any) -> Log:  # noqa: ANN401
+        """Read, let the law decide, command, wait for the next cycle; so on for ``duration`` s.
+
+        ``about`` are fields of the log that describe the run: ``added_mass``, ``excitation``,
+        ``source``. The log has stamps, commands as they were set, and angles as they were read; its
+        velocity is the filtered difference of the angles. A duration that is not positive, or a law
+        or a joint that yields a value that is not finite, is an InputError.
+        """
+        return self._recorded(self._samples(law, self._clock.cycles(duration, self._rng)), about)
+
+    def play(self, signal: Signal, duration: float, **about: Any) -> Log:  # noqa: ANN401
+        """Command a signal, from (n,) stamps in s to (n,) commands, at the cycles' planned stamps.
+
+        The rest is as in `run`.
+        """
+        return self._recorded(self.samples(signal, duration), about)
+
+    def samples(self, signal: Signal, duration: float) -> Iterator[Sample]:
+        """Yield the samples of `play` one by one, each when its cycle begins."""
+        cycles = self._clock.cycles(duration, self._rng)
+        commands = iter(signal(stamps_of(cycles)).tolist())
+        return self._samples(lambda _: next(commands), cycles)
+
+    def _samples(self, law: ControlLaw, cycles: NDArray[np.float64]) -> Iterator[Sample]:
+        motor = self._motor
+        for cycle in [*cycles.tolist(), 0.0]:
+            reading = motor.read()
+            yield reading.time, motor.command(law(reading)), reading.angle
+            if cycle > 0:
+                motor.wait(cycle)
+
+    def _recorded(self, samples: Iterator[Sample], about: dict[str, Any]) -> Log:
+        stamps, commands, angles = [], [], []  # of numbers, which the garbage collector ignores
+        for stamp, command, angle in samples:
+            stamps.append(stamp)
+            commands.append(command)
+            angles.append(angle)
+        columns = np.array(stamps), np.array(commands), np.array(angles)
+        return recorded(*columns, input_kind=self._motor.input_kind, **about)
+
+
+def recorded(
+    time: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    *,
+    source: str = "bench",
+    **about: Any,  # noqa: ANN401 - the other fields of Log
+) -> Log:
+    """Make the log of a controller that held each input until the next (zero-order hold)."""
+    if not (np.abs(angle) < LARGEST_ANGLE).all():
+        raise InputError(source, "angle", "a joint that diverged", "smaller commands")
+    return Log(
+        time=time,
+        input=inputs,
+        angle=angle,
+        velocity=filtered_difference(time, angle),
+        intersample=Intersample.ZERO_ORDER_HOLD,
+        source=source,
+        **about,
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -10,13 +11,77 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.logs.log import InputKind, Log, Sine
-from butterfly.model.parameters import AddedMass
-from butterfly.plant.control_loop import ControlLaw, ControlLoop, recorded
-from butterfly.plant.joints import GreyBoxJoint, MujocoJoint, kind_of
-from butterfly.plant.motor import CommandPath, SimulatedMotor
+from butterfly.model.parameters import AddedMass, compressed
+from butterfly.plant.joints import GreyBoxJoint, Joint, MujocoJoint
+from butterfly.plant.motor import CommandPath, ControlLaw, ControlLoop, Reading, recorded
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, Faults
 from butterfly.signals.excitations import Excitation, initial_angle
+
+
+class SimulatedMotor:
+    """A motor whose joint is simulated, with a command path and an encoder, its noise from ``rng``.
+
+    A delayed command takes effect at its own instant, not at the next cycle.
+    """
+
+    def __init__(
+        self,
+        joint: Joint,
+        *,
+        path: CommandPath = CommandPath(),
+        encoder: Encoder = Encoder(),
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self._joint = joint
+        self._path = path
+        self._encoder = encoder
+        self._rng = rng or np.random.default_rng(0)
+        self._pending: deque[tuple[float, float]] = deque()
+        self._time = self._applied = 0.0
+
+    @property
+    def input_kind(self) -> InputKind:
+        """What the command means."""
+        return self._joint.input_kind
+
+    def start(self) -> None:
+        """Put the joint to rest at time 0."""
+        self._joint.reset()
+        self._pending.clear()
+        self._time = self._applied = 0.0
+
+    def stop(self) -> None:
+        """Set the terminals to 0."""
+        self._pending.clear()
+        self._applied = 0.0
+
+    def command(self, value: float) -> float:
+        """Set the command; see `Motor`."""
+        value = self._path.shape(value)
+        delivered = compressed(value, self._path.compression)
+        if self._path.delay > 0:
+            self._pending.append((self._time + self._path.delay, delivered))
+        else:
+            self._applied = delivered
+        return value
+
+    def read(self) -> Reading:
+        """Read the encoder; see `Motor`."""
+        angle = self._encoder.read_one(self._time, self._joint.angle, self._rng)
+        return Reading(self._time, angle, self._joint.current(self._applied))
+
+    def wait(self, duration: float) -> None:
+        """Simulate ``duration`` s, switching to each delayed command at its own instant."""
+        end = self._time + duration
+        while self._pending and self._pending[0][0] < end:
+            instant, value = self._pending.popleft()
+            if instant > self._time:
+                self._joint.advance(self._applied, instant - self._time)
+                self._time = instant
+            self._applied = value
+        self._joint.advance(self._applied, end - self._time)
+        self._time = end
 
 
 class Simulator(StrEnum):
@@ -41,11 +106,6 @@ class Rig:
     faults: Faults = Faults()
 
     @property
-    def input_kind(self) -> InputKind:
-        """What the commands mean."""
-        return kind_of(self.robot.drive)
-
-    @property
     def runs_open_loop(self) -> bool:
         """Whether a compiled loop can do its runs: the grey box's all, MuJoCo's only some.
 
@@ -63,7 +123,7 @@ class Rig:
             return MujocoJoint(self.robot, added, angle=angle, scene=scene)
         return GreyBoxJoint(self.robot, added, angle=angle)
 
-    def loop(self, joint: MujocoJoint | GreyBoxJoint, rng: np.random.Generator) -> ControlLoop:
+    def loop(self, joint: Joint, rng: np.random.Generator) -> ControlLoop:
         """Return a control loop about a joint; all that is random is drawn from ``rng``."""
         motor = SimulatedMotor(joint, path=self.path, encoder=self.encoder, rng=rng)
         return ControlLoop(motor, clock=self.clock, rng=rng)
@@ -104,7 +164,7 @@ class Rig:
         """
         angle = self.encoder.read(time, true, rng)
         about = self._about(*run)
-        log = recorded(time, commands, angle, input_kind=self.input_kind, **about)
+        log = recorded(time, commands, angle, input_kind=self.robot.input_kind, **about)
         return self.faults.apply(log, rng)
 
     def _about(self, added: AddedMass, excitation: Excitation | None = None) -> dict[str, Any]:

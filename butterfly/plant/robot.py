@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from butterfly.errors import InputError, require_number
-from butterfly.model.friction import Friction
+from butterfly.logs.log import InputKind
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
     AddedMass,
     Drive,
+    Friction,
     Hand,
     JointKind,
     LumpedParameters,
+    VoltageDrive,
     least_mass,
     lump,
     unlump,
@@ -96,6 +98,11 @@ class Robot:
             return cls.of_lumped(parameters, mass), added
         whole = None if mass is None else mass + added.mass
         return cls.of_lumped(parameters.with_added_mass(added), whole), NO_ADDED_MASS
+
+    @property
+    def input_kind(self) -> InputKind:
+        """What the drive's command means."""
+        return InputKind.VOLTAGE if isinstance(self.drive, VoltageDrive) else InputKind.TORQUE
 
     @property
     def lumped(self) -> LumpedParameters:

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, compressed
-from butterfly.plant.joints import GreyBoxJoint, steps_of
+from butterfly.plant.joints import GreyBoxJoint, Joint, steps_of
 from butterfly.plant.mjcf import compile_model, mount
-from butterfly.plant.motor import Joint
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.sensors import stamps_of
 from butterfly.progress import Track, untracked

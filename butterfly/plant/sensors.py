@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.compiled import compiled
-from butterfly.errors import InputError, require_number
+from butterfly.errors import InputError, require_number, require_room
 from butterfly.logs.log import Log
-from butterfly.sizes import require_room
 
 VELOCITY_LAG = 0.006
 """Lag in s of the velocity that the Butterfly robot's own controller records."""

@@ -13,7 +13,7 @@ from plotly.subplots import make_subplots
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.identification import Identification
-from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE, add, grams, look, rank_by_fit

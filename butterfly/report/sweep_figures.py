@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Heatmap, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.experiment.recovery import Estimates
+from butterfly.experiment.sweep_tables import Estimates
 from butterfly.model.terms import TERMS
 from butterfly.report.figures import GREY, PALETTE
 from butterfly.report.format import field_label

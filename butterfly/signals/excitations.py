@@ -10,9 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import InputError, require_number
+from butterfly.errors import InputError, require_number, require_room
 from butterfly.logs.log import Sine
-from butterfly.sizes import require_room
 
 _IN_CACHE = 1024  # instants at a time, whose sines stay in the processor's cache
 _POINTS = 16  # in a period of the highest harmonic
@@ -75,40 +74,26 @@ class SteppedSine:
         return np.asarray(np.array(self.amplitudes)[step] * np.sin(phase))
 
 
-@dataclass(frozen=True)
-class _Lines:
-    """Harmonics of one base frequency: amplitudes 1, phases free."""
-
-    harmonics: tuple[int, ...]
-    phases: NDArray[np.float64]
-
-    def over_a_period(self, points: int) -> NDArray[np.float64]:
-        spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
-        spectrum[list(self.harmonics)] = 0.5 * points * np.exp(1j * self.phases)
-        return np.fft.irfft(spectrum, points)
-
-    def clipped(self, signal: NDArray[np.float64]) -> _Lines:
-        """Take the phases of their signal with its peaks cut off."""
-        peak = _CLIP * np.abs(signal).max()
-        spectrum = np.fft.rfft(np.clip(signal, -peak, peak))
-        return _Lines(self.harmonics, np.angle(spectrum[list(self.harmonics)]))
-
-
 @lru_cache(maxsize=32)
-def _of_low_crest(harmonics: tuple[int, ...], seed: int, points: int) -> tuple[_Lines, float]:
+def _phases_of_low_crest(
+    harmonics: tuple[int, ...], seed: int
+) -> tuple[NDArray[np.float64], float]:
     """Find phases of a low peak by clipping it (Van der Ouderaa et al., 1988), and that peak.
 
     The runs of a sweep share them.
     """
     phases = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(harmonics))
-    lines = best = _Lines(harmonics, phases)
-    least = math.inf
+    best, least = phases, math.inf
+    lines, points = list(harmonics), _POINTS * max(harmonics)
     for _ in range(_CLIPPINGS + 1):
-        signal = lines.over_a_period(points)
+        spectrum = np.zeros(points // 2 + 1, dtype=np.complex128)
+        spectrum[lines] = 0.5 * points * np.exp(1j * phases)
+        signal = np.fft.irfft(spectrum, points)
         peak = float(np.abs(signal).max())
         if peak < least:
-            best, least = lines, peak
-        lines = lines.clipped(signal)
+            best, least = phases, peak
+        clipped = np.clip(signal, -_CLIP * peak, _CLIP * peak)
+        phases = np.angle(np.fft.rfft(clipped)[lines])
     return best, least
 
 
@@ -139,26 +124,19 @@ class Multisine:
             raise InputError("Multisine", "harmonics", self.harmonics, "positive whole numbers")
         if len(set(self.harmonics)) != len(self.harmonics):
             raise InputError("Multisine", "harmonics", self.harmonics, "each harmonic once")
-        size = _BYTES_PER_POINT * self._points
+        size = _BYTES_PER_POINT * _POINTS * max(self.harmonics)
         require_room("Multisine", "harmonics", max(self.harmonics), size)
         object.__setattr__(self, "harmonics", tuple(self.harmonics))
 
-    @property
-    def _points(self) -> int:
-        return _POINTS * max(self.harmonics)
-
-    def _of_low_crest(self) -> tuple[_Lines, float]:
-        return _of_low_crest(self.harmonics, self.seed, self._points)
-
     def sample(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (n,) input at (n,) instants in s."""
-        lines, peak = self._of_low_crest()
+        phases, peak = _phases_of_low_crest(self.harmonics, self.seed)
         omegas = self.base * np.array(self.harmonics)
         values = np.empty(time.size)
         for begin in range(0, time.size, _IN_CACHE):
             rows = slice(begin, begin + _IN_CACHE)
             angles = np.outer(time[rows], omegas)
-            angles += lines.phases
+            angles += phases
             values[rows] = np.cos(angles, out=angles).sum(axis=1)
         return self.peak / peak * values
 

@@ -1,4 +1,4 @@
-"""Frequency-response points of a set of sine logs."""
+"""Frequency-response points of sine logs, each from the part in which its response is steady."""
 
 from __future__ import annotations
 
@@ -24,10 +24,15 @@ from butterfly.signals.sine_fit import (
     with_transient,
 )
 from butterfly.signals.spectrum import resample, uniform_grid
-from butterfly.signals.window import STEADY_SECONDS, steady_window
 
 if TYPE_CHECKING:
     import control
+
+STEADY_SECONDS = 30.0
+"""Length of the window at the log's end, as in the thesis; the transient before it is left out."""
+
+MIN_PERIODS = 3
+"""Fewest whole periods that a window must hold."""
 
 LOUD = 0.1
 """Of the swing: what else moves, from which on a transient is looked for."""
@@ -39,6 +44,44 @@ _FEWEST = 2 * (1 + 2 * HARMONICS)  # samples in both halves of a window, for wha
 
 MIN_COHERENCE = 0.5
 """Smallest share of the input's variance that the commanded sine must explain."""
+
+
+def steady_window(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> NDArray[np.bool_]:
+    """Return the (n,) mask of the last whole periods of a log (see `steady_span`)."""
+    return np.asarray(log.time > log.time[-1] - steady_span(log, omega, seconds))
+
+
+def steady_span(log: Log, omega: float, seconds: float = STEADY_SECONDS) -> float:
+    """Return the length in s of the last whole periods of a log.
+
+    Whole periods keep the sine, its harmonics and the mean orthogonal on a uniform clock.
+
+    At most `seconds`, if that holds `MIN_PERIODS` periods; as many are used of slower sines. A log
+    shorter than `seconds` is used whole, one shorter than `MIN_PERIODS` periods is an InputError.
+    """
+    period = 2 * math.pi / omega
+    available = float(log.time[-1] - log.time[0])
+    whole = math.floor(available / period)
+    if whole < MIN_PERIODS:
+        raise InputError(
+            log.source,
+            "time",
+            f"{available:.3g} s",
+            f"at least {MIN_PERIODS} periods of {period:.3g} s",
+        )
+    longest = math.floor(min(seconds, available) / period)
+    return max(longest, MIN_PERIODS) * period
+
+
+def first_counted(log: Log, seconds: float = STEADY_SECONDS) -> int:
+    """Return the number of the first sample whose free-run error counts.
+
+    It begins the last ``seconds`` of a sine's log, whose start depends on how the joint came to
+    rest; logs of other inputs count from their first sample.
+    """
+    if log.excitation is None:
+        return 0
+    return int(np.searchsorted(log.time, log.time[-1] - seconds))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,16 +13,16 @@ from butterfly.files import replacing, shipped
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.reading import read_entry
-from butterfly.model.discrete import HeldSystem
-from butterfly.model.linear import frequency_response
+from butterfly.model.linear import HeldSystem, frequency_response
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
-from butterfly.thesis.scripts import scripted_amplitude
-from butterfly.thesis.synthetic import Synthetic, synthetic_log
+from butterfly.thesis.method import scripted_amplitude
 from butterfly.thesis.tables import (
     COARSE,
+    Synthetic,
     has_real_logs,
     scripted_point,
+    synthetic_log,
 )
 
 Columns = dict[str, NDArray[np.float64]]

@@ -252,7 +252,7 @@ def test_several_sources_are_read_together_each_with_its_own_repairs(data, sine_
     (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(manifest))
     together = bf.read([tmp_path, data, sine_log])
     assert len(together.logs) == 1 + len(data.logs) + 1
-    assert together.known.exact == {"p4": 0.5}
+    assert together.known.fixed == {"p4": 0.5}
     assert bf.read([tmp_path]).manifest is not None
 
 

@@ -13,8 +13,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError
 from butterfly.logs.log import Sine
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.mjcf import mjcf
 from butterfly.plant.rig import Rig
 from butterfly.plant.robot import Robot

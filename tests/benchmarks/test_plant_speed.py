@@ -8,8 +8,7 @@ from mujoco.rollout import Rollout
 
 from butterfly.logs.log import Sine
 from butterfly.model.energy import Orbit
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.plant.mjcf import compile_model
 from butterfly.plant.motor import Reading

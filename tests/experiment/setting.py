@@ -2,9 +2,9 @@
 
 import yaml
 
-from butterfly.experiment.columns import TABLES
 from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
+from butterfly.experiment.sweep_tables import TABLES
 
 SWEEP = {
     "name": "small",

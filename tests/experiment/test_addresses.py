@@ -8,13 +8,20 @@ import yaml
 
 from butterfly.errors import InputError
 from butterfly.experiment import source as reading
-from butterfly.experiment.provenance import computing_sources, fingerprint, hash_of, versions
 from butterfly.experiment.record import OK
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
-from butterfly.experiment.sweep import address, plan_sweep, run_sweep
+from butterfly.experiment.sweep import (
+    address,
+    computing_sources,
+    fingerprint,
+    hash_of,
+    plan_sweep,
+    run_sweep,
+)
 from butterfly.experiment.sweep_spec import SweepSpec
+from butterfly.result import versions
 from tests.experiment.setting import SWEEP, HereEngine
 
 ONE = "identification/estimators/output_error.py"

@@ -6,11 +6,10 @@ import yaml
 
 from butterfly.cli.output import ExitCode
 from butterfly.cli.sweeps import without_formulas
-from butterfly.errors import InputError
+from butterfly.errors import InputError, memory, require_room, size_text
 from butterfly.experiment.source import read_experiment
 from butterfly.experiment.sweep_spec import SweepSpec
 from butterfly.files import is_name
-from butterfly.sizes import memory, require_room, said
 
 TOO_MUCH = {
     "a duration": ({"duration": 1e12}, r"duration: got 1e\+12 s; expected less: it takes .* EB|PB"),
@@ -67,7 +66,7 @@ def test_room_is_that_of_the_machine():
     require_room("test", "size", 1, memory())
     with pytest.raises(InputError, match="it takes inf EB of memory"):
         require_room("test", "size", 1, float("inf"))
-    assert [said(size) for size in (17, 1.5e3, 2.4e12)] == ["17 bytes", "1.5 kB", "2.4 TB"]
+    assert [size_text(size) for size in (17, 1.5e3, 2.4e12)] == ["17 bytes", "1.5 kB", "2.4 TB"]
 
 
 def test_texts_are_no_markup(butterfly, quick_data, tmp_path):

@@ -22,7 +22,7 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.model.parameters import AddedMass
 from butterfly.verdict import Level
 
-ON_BOUND = Finding(kind=FindingKind.ON_BOUND, parameters=("p2",), number=1.5, severity=Level.CARE)
+ON_BOUND = Finding(FindingKind.ON_BOUND, ("p2",), number=1.5, severity=Level.CARE)
 FOUND = Estimate(
     method="output error",
     names=("p2", "p3"),

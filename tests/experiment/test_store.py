@@ -11,11 +11,11 @@ import pyarrow as pa
 import pytest
 
 from butterfly.errors import InputError
-from butterfly.experiment.columns import ESTIMATES, RUNS, SweepColumns
 from butterfly.experiment.record import FAILED, Outcome, RunRecord, SweepRecord, SweepRun
 from butterfly.experiment.source import Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import plan_sweep, run_sweep
+from butterfly.experiment.sweep_tables import ESTIMATES, RUNS, SweepColumns
 from tests.experiment.setting import HereEngine, small_plan
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from butterfly.experiment.columns import ESTIMATES, RUNS
 from butterfly.experiment.record import OK, REFUSED
 from butterfly.experiment.source import EXPERIMENT, Source
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import plan_sweep, run_sweep
+from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
 from butterfly.experiment.workers import LocalEngine
 from butterfly.identification.data import read_data_set
 from butterfly.logs.manifest import read_manifest

@@ -12,11 +12,11 @@ from functools import partial
 import pytest
 
 from butterfly.errors import ButterflyError
-from butterfly.experiment.columns import RUNS
 from butterfly.experiment.perform import execute
 from butterfly.experiment.record import FAILED, OK
 from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
+from butterfly.experiment.sweep_tables import RUNS
 from butterfly.experiment.workers import DaskEngine, LocalEngine
 from tests.experiment.jobs import EndsWorker, Job, work
 from tests.experiment.setting import small_plan, tables_of

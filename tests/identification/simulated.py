@@ -9,7 +9,7 @@ import numpy as np
 
 from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import LumpedParameters
 from tests.conftest import MASSES
 

@@ -11,8 +11,13 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.estimators.equations import Equations, LogEquations, Loss, outlying
-from butterfly.identification.estimators.gauss_newton import minimise
+from butterfly.identification.estimators.gauss_newton import (
+    Equations,
+    LogEquations,
+    Loss,
+    minimise,
+    outlying,
+)
 
 MISRA_1A = np.array(
     [

@@ -14,7 +14,7 @@ from butterfly.identification.estimators.harmonic_balance_regression import (
     HarmonicBalanceFit,
     Phasors,
 )
-from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import quasi_linear_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_sentences

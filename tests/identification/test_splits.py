@@ -11,8 +11,8 @@ from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.splits import Split, divide, excluding_interval, remedy
 from butterfly.identification.validate import hold_out
 from butterfly.logs.log import Log, Sine
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
 from tests.identification.simulated import ROBOT, SLOW, steady, wild
 
 BALANCE = HarmonicBalance(terms=(), check=False)
@@ -48,7 +48,7 @@ def test_the_split_that_suits_the_logs_is_taken_and_said(sines):
         division = divide(data)
         assert division.split is split
         assert said in division.said
-    known = _other(bare, bare, HEAVY).knowing(Knowledge.told({"p4": 1.0}))
+    known = _other(bare, bare, HEAVY).knowing(Prior.of({"p4": 1.0}))
     assert divide(known).split is Split.LOG
 
 

@@ -180,4 +180,6 @@ def _excess(robot, estimator, estimate):
     problem = same.problem(data.logs, estimate.parameters, dict.fromkeys(robot.masses, zero))
     end = problem.equations(problem.initial)
     cost = float(sum(np.sum(log.residuals**2) for log in end.logs))
-    return cost / same.minimum(data.logs, truth, zeros)
+    best = same.problem(data.logs, truth, zeros)
+    least = best.descend(best.initial).at
+    return cost / float(sum(np.sum(log.residuals**2) for log in least.logs))

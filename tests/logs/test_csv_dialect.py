@@ -151,8 +151,8 @@ def test_a_table_that_may_be_a_log_has_samples_of_three_columns(tmp_path, rows, 
 def test_a_text_that_no_memory_holds_is_refused_before_it_is_read(tmp_path, monkeypatch):
     path = tmp_path / "table.txt"
     path.write_text("1 2 3\n" * 1000)
-    monkeypatch.setattr("butterfly.sizes.memory", lambda: 16 * 6000 - 1)
+    monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000 - 1)
     with pytest.raises(InputError, match=r"6\.0 kB of an unusual form; .* it takes 96\.0 kB"):
         read_text_table(path)
-    monkeypatch.setattr("butterfly.sizes.memory", lambda: 16 * 6000)
+    monkeypatch.setattr("butterfly.errors.memory", lambda: 16 * 6000)
     assert len(read_text_table(path).columns) == 3

@@ -56,7 +56,7 @@ def test_a_flipped_bit_that_ended_the_process_is_refused():
 
 
 def test_packed_data_are_not_unpacked_without_end(tmp_path, monkeypatch):
-    monkeypatch.setattr("butterfly.sizes._FREE", 1 << 20)
+    monkeypatch.setattr("butterfly.files._FREE", 1 << 20)
     path = tmp_path / "bomb.mat"
     packed = zlib.compress(bytes(1 << 22))
     header = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x0100) + b"IM"

@@ -59,8 +59,8 @@ def test_a_file_that_tells_of_more_rows_than_it_can_hold_is_refused(tmp_path, mo
     columns = {name: np.zeros(5000) for name in ("time", "input", "angle")}
     parquet.write_table(pa.table(columns), path)
     assert read_parquet(path).time.size == 5000
-    monkeypatch.setattr("butterfly.sizes._FREE", 0)
-    monkeypatch.setattr("butterfly.sizes._PACKED", 1)
+    monkeypatch.setattr("butterfly.files._FREE", 0)
+    monkeypatch.setattr("butterfly.files._PACKED", 1)
     with pytest.raises(InputError, match=r"5000 rows in .* kB; expected a whole"):
         read_parquet(path)
 

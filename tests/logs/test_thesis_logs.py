@@ -13,7 +13,7 @@ from butterfly.files import shipped
 from butterfly.logs import thesis_logs
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import digests, fetch, found_folder
-from butterfly.yaml_input import load_yaml
+from butterfly.yaml_files import load_yaml
 
 CONTENTS = {f"{group}/{k}.mat": f"{group}, log {k}".encode() * 500 for group in "ab" for k in "12"}
 FIRST, *_, LAST = CONTENTS

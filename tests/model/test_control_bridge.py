@@ -13,8 +13,8 @@ from butterfly.model.control_bridge import (
     nonlinear_system,
     transfer_function,
 )
-from butterfly.model.describing import coulomb_describing_function, gravity_describing_function
 from butterfly.model.greybox import simulate
+from butterfly.model.kinematics import coulomb_describing_function, gravity_describing_function
 from butterfly.model.linear import Linearisation, frequency_response
 from butterfly.model.parameters import AddedMass, LumpedParameters
 

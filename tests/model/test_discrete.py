@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.model.discrete import HeldSystem
+from butterfly.model.linear import HeldSystem
 from butterfly.model.parameters import LumpedParameters
 
 THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)

@@ -7,15 +7,19 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from butterfly.model.describing import (
+from butterfly.model.greybox import simulate
+from butterfly.model.kinematics import (
     coulomb_describing_function,
     drag_describing_function,
     gravity_describing_function,
     stribeck_describing_function,
 )
-from butterfly.model.greybox import simulate
-from butterfly.model.harmonic import predicted_swing, quasi_linear_response
-from butterfly.model.linear import frequency_response, resonance_frequency
+from butterfly.model.linear import (
+    frequency_response,
+    predicted_swing,
+    quasi_linear_response,
+    resonance_frequency,
+)
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.sine_fit import fit_sine
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.model.pade import HIGHEST_ORDER, DelayStates
+from butterfly.model.linear import HIGHEST_ORDER, DelayStates
 
 
 def _response(late, omega):

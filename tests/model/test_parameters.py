@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.model.friction import Friction
 from butterfly.model.parameters import (
     AddedMass,
+    Friction,
     Hand,
     JointKind,
     LumpedParameters,

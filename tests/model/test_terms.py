@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from butterfly.model.friction import Friction
-from butterfly.model.greybox import simulate
+from butterfly.model.greybox import Columns, Readings, differentiate, simulate
 from butterfly.model.kernel import Constants, rates
 from butterfly.model.kinematics import Motion
-from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, compressed
-from butterfly.model.sensitivities import Columns, Readings, differentiate
+from butterfly.model.parameters import (
+    AddedMass,
+    Friction,
+    Hand,
+    LumpedParameters,
+    TorqueDrive,
+    compressed,
+)
 from butterfly.model.terms import TERMS, FrictionTerms
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.robot import Robot

@@ -8,13 +8,12 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, pull, stiffness
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
+from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, gain_for
 from butterfly.orbit.margins import loop_margins, loop_multiplier
-from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint
-from butterfly.plant.motor import CommandPath, SimulatedMotor
+from butterfly.plant.motor import CommandPath, ControlLoop
+from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 from tests.orbit.analysis import multiplier_of

@@ -11,12 +11,11 @@ from scipy.special import ellipe, ellipk
 
 from butterfly.errors import InputError
 from butterfly.model.energy import Orbit, energy, potential
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import Hand, LumpedParameters, TorqueDrive
+from butterfly.model.parameters import Friction, Hand, LumpedParameters, TorqueDrive
 from butterfly.orbit.controller import EnergyShaping, Observer, gain_for
-from butterfly.plant.control_loop import ControlLoop
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.motor import CommandPath, Reading, SimulatedMotor
+from butterfly.plant.motor import CommandPath, ControlLoop, Reading
+from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder, FilteredDifference
 from tests.orbit.analysis import (

@@ -45,8 +45,8 @@ def _examples(kind):
     severities = (Level.NOTE,) if kind in _PRECISION else tuple(Level)
     return [
         Finding(
-            kind=kind,
-            parameters=_CONCERNED.get(kind, ("stribeck_velocity", "p1")),
+            kind,
+            _CONCERNED.get(kind, ("stribeck_velocity", "p1")),
             number=number,
             severity=severity,
             logs=("a.mat", "b.mat"),
@@ -59,11 +59,7 @@ def _examples(kind):
 def _example_of_slip(slip):
     parameters = ("mass", "50 g", "3") if slip is UnitError.MASS else (str(slip),)
     return Finding(
-        kind=FindingKind.UNIT_ERROR,
-        parameters=parameters,
-        number=0.001,
-        severity=Level.WARNING,
-        logs=("a.mat",),
+        FindingKind.UNIT_ERROR, parameters, number=0.001, severity=Level.WARNING, logs=("a.mat",)
     )
 
 

@@ -9,12 +9,11 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
-from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
-from butterfly.plant.control_loop import ControlLoop
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
-from butterfly.plant.motor import CommandPath, ReplayMotor, SimulatedMotor
+from butterfly.plant.motor import CommandPath, ControlLoop, ReplayMotor
+from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Robot
 from butterfly.plant.sensors import Clock, Encoder
 

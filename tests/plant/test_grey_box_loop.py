@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.log import SAMPLED, Sine
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.motor import LARGEST_COMMAND, CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot

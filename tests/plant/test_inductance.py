@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from butterfly.model.friction import Friction
 from butterfly.model.linear import frequency_response
-from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
-from butterfly.plant.control_loop import ControlLoop
+from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.mjcf import mjcf
-from butterfly.plant.motor import SimulatedMotor
+from butterfly.plant.motor import ControlLoop
+from butterfly.plant.rig import SimulatedMotor
 from butterfly.plant.robot import Clutch, Robot
 from butterfly.plant.sensors import Clock, Encoder
 from butterfly.signals.sine_fit import fit_sine

@@ -8,9 +8,8 @@ from PIL import Image
 from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.logs.log import Sine
-from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Hand, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, VoltageDrive
 from butterfly.plant.mjcf import compile_model, disc_radius, mjcf, mount
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig

@@ -8,8 +8,7 @@ from scipy.integrate import solve_ivp
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.joints import GreyBoxJoint, MujocoJoint
 from butterfly.plant.robot import Robot
 from butterfly.plant.rollout import replay_input

@@ -6,8 +6,7 @@ import pytest
 
 from butterfly.errors import InputError
 from butterfly.logs.log import Sine
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, JointKind, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, JointKind, VoltageDrive
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.robot import Clutch, Robot

@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind, Sine
-from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive, VoltageDrive
 from butterfly.plant.mjcf import compile_model, mount
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Rig

@@ -11,9 +11,15 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.friction import Friction
 from butterfly.model.greybox import simulate
-from butterfly.model.parameters import AddedMass, Hand, LumpedParameters, TorqueDrive, VoltageDrive
+from butterfly.model.parameters import (
+    AddedMass,
+    Friction,
+    Hand,
+    LumpedParameters,
+    TorqueDrive,
+    VoltageDrive,
+)
 from butterfly.plant.joints import GreyBoxJoint
 from butterfly.plant.robot import HAND_MASS, Clutch, Robot
 from butterfly.plant.rollout import replay_input

@@ -64,7 +64,7 @@ def _verdict_and_more(*findings, ending=Ending.CONVERGED):
     estimate = SimpleNamespace(
         names=("p2", "p4", "tilt"),
         values=np.array([1e-3, -0.5, 0.2]),
-        held={},
+        fixed={},
         findings=findings,
         ending=ending,
     )
@@ -82,7 +82,7 @@ def _said(*findings):
 def test_every_kind_of_finding_has_a_sentence_with_its_number_and_parameters(kind):
     number, shown = NUMBERS.get(kind, (None, ""))
     names = OF_BODY.get(kind, ("p2", "tilt"))
-    (said,) = _said(Finding(kind=kind, parameters=names, number=number, logs=("first",)))
+    (said,) = _said(Finding(kind, names, number=number, logs=("first",)))
     assert re.fullmatch(r"\S.*\.", said)
     assert shown in said
     assert ("first" in said) is (kind in OF_LOGS)
@@ -95,9 +95,7 @@ def test_every_kind_of_finding_has_a_sentence_with_its_number_and_parameters(kin
 
 
 def test_no_two_kinds_say_the_same():
-    said = [
-        _said(Finding(kind=k, parameters=OF_BODY.get(k, ("p2",)), number=5.0))[0] for k in PLAIN
-    ]
+    said = [_said(Finding(k, OF_BODY.get(k, ("p2",)), number=5.0))[0] for k in PLAIN]
     assert len(set(said)) == len(said)
 
 
@@ -106,9 +104,9 @@ def test_no_two_kinds_say_the_same():
     [(Level.CARE, "Use with care: "), (Level.WARNING, "Do not use: ")],
 )
 def test_the_verdict_comes_first_with_its_reasons_which_are_not_said_again(severity, opening):
-    known = Finding(kind=FindingKind.PRECISE, parameters=("p4",), number=0.1)
-    reason = Finding(kind=FindingKind.POOR_FIT, number=61.3, severity=severity)
-    verdict, *others = _verdict_and_more(known, reason, Finding(kind=FindingKind.UNCHECKED))
+    known = Finding(FindingKind.PRECISE, ("p4",), number=0.1)
+    reason = Finding(FindingKind.POOR_FIT, number=61.3, severity=severity)
+    verdict, *others = _verdict_and_more(known, reason, Finding(FindingKind.UNCHECKED))
     assert verdict.startswith(opening)
     assert "61.3 %" in verdict
     assert not any("61.3 %" in each for each in others)
@@ -122,13 +120,13 @@ def test_what_did_not_settle_is_not_to_be_used_and_says_why():
 
 
 def test_a_model_that_runs_away_is_said_to():
-    (said,) = _said(Finding(kind=FindingKind.POOR_FIT, number=-np.inf))
+    (said,) = _said(Finding(FindingKind.POOR_FIT, number=-np.inf))
     assert "runs away" in said
 
 
 def test_a_bound_that_the_data_would_cross_is_said_otherwise_than_one_that_they_respect():
     held = [
-        Finding(kind=FindingKind.ON_BOUND, parameters=("p2",), severity=severity)
+        Finding(FindingKind.ON_BOUND, ("p2",), severity=severity)
         for severity in (Level.NOTE, Level.CARE)
     ]
     (respected,) = _said(held[0])
@@ -138,9 +136,9 @@ def test_a_bound_that_the_data_would_cross_is_said_otherwise_than_one_that_they_
 
 
 def test_how_well_parameters_are_known_comes_first_and_in_one_sentence():
-    known = Finding(kind=FindingKind.PRECISE, parameters=("p4",), number=0.1)
-    hidden = Finding(kind=FindingKind.NOT_FROM_ZERO, parameters=("p2", "tilt"))
-    said = _said(Finding(kind=FindingKind.UNCHECKED), known, hidden)
+    known = Finding(FindingKind.PRECISE, ("p4",), number=0.1)
+    hidden = Finding(FindingKind.NOT_FROM_ZERO, ("p2", "tilt"))
+    said = _said(Finding(FindingKind.UNCHECKED), known, hidden)
     assert said[0] == "p4 known within 10 %; p2, tilt not distinguishable from zero."
     assert len(said) == 2
 
@@ -162,7 +160,7 @@ def test_health_is_told_by_severity(counts, said):
 
 def test_a_fit_that_did_not_converge_is_not_to_be_trusted():
     findings = [
-        Finding(kind=FindingKind.SIMULATIONS, number=60.0, severity=severity)
+        Finding(FindingKind.SIMULATIONS, number=60.0, severity=severity)
         for severity in (Level.NOTE, Level.WARNING)
     ]
     stopped, converged = _verdict_and_more(*findings)
@@ -171,18 +169,18 @@ def test_a_fit_that_did_not_converge_is_not_to_be_trusted():
 
 
 def test_three_masses_of_which_none_can_be_left_out_are_not_called_few():
-    (said,) = _said(Finding(kind=FindingKind.FEW_MASSES, number=3.0))
+    (said,) = _said(Finding(FindingKind.FEW_MASSES, number=3.0))
     assert "Fewer" not in said
     assert "cannot determine" in said
 
 
 def test_the_back_emf_constant_of_a_drive_is_bounded_by_its_resistance_and_gain():
     """k = R p4, for a motor with p4 = k/R."""
-    (said,) = _said(Finding(kind=FindingKind.TORQUE_DRIVEN, number=0.004))
+    (said,) = _said(Finding(FindingKind.TORQUE_DRIVEN, number=0.004))
     assert "below 0.002 V s/rad" in said
 
 
 @pytest.mark.parametrize(("fit", "said"), [(98.76, "98.8 %"), (-3e28, "less than -1000 %")])
 def test_a_fit_is_said_as_far_as_there_is_anything_to_know(fit, said):
-    poor = Finding(kind=FindingKind.POOR_FIT, number=fit, severity=Level.WARNING)
+    poor = Finding(FindingKind.POOR_FIT, number=fit, severity=Level.WARNING)
     assert f"a median FIT of {said} only" in _verdict_and_more(poor)[0]

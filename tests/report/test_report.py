@@ -17,7 +17,7 @@ from butterfly.identification.identify import identify
 from butterfly.identification.parameter import Parameter
 from butterfly.logs.health import examine
 from butterfly.model.control_bridge import linearised
-from butterfly.model.harmonic import quasi_linear_response
+from butterfly.model.linear import quasi_linear_response
 from butterfly.plant.rig import Simulator
 from butterfly.report.estimate_figures import (
     correlation_map,
@@ -363,7 +363,7 @@ def test_an_interval_without_limits_is_a_dash():
 
 def test_times_of_a_residual_are_true_wherever_the_clock_starts(simulated):
     result, _ = simulated
-    torque = residual_torques(result.data, result.estimate).logs[0]
+    torque = residual_torques(result.data, result.estimate)[0]
     late = dataclasses.replace(torque, time=torque.time + 1.7e9)
     page = residual_page(late, result.misfit.logs[0], result.verdict)
     drawn = np.asarray(page.figures["torque"].data[0].x)

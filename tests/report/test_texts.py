@@ -7,7 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
-from butterfly.experiment.recovery import Estimates
+from butterfly.experiment.sweep_tables import Estimates
 from butterfly.report.page import Link, Page, PageTable, Section, rendered, write_page
 from butterfly.report.pictures import draw, write_pictures
 from butterfly.report.sweep_figures import axis_figure

@@ -62,16 +62,6 @@ def test_standard_errors_hold_for_noise_that_is_correlated_over_a_second():
     assert np.std([f.amplitude for f in fits]) == pytest.approx(claimed, rel=0.25)
 
 
-@given(omega=st.floats(0.7, 20), harmonics=st.integers(1, 5))
-def test_the_basis_is_the_sines_themselves_to_rounding(omega, harmonics):
-    time = _stamps(np.random.default_rng(1), count=500)
-    basis = sine_basis(time, omega, harmonics)
-    angles = omega * np.outer(np.arange(1, harmonics + 1), time)
-    np.testing.assert_array_equal(basis[0], 1.0)
-    np.testing.assert_allclose(basis[1::2], np.cos(angles), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(basis[2::2], np.sin(angles), rtol=0, atol=1e-12)
-
-
 def test_a_fit_is_the_least_squares_solution_with_and_without_a_transient():
     rng = np.random.default_rng(5)
     time, omega, pole = _stamps(rng), 3.0, -0.2 + 2j

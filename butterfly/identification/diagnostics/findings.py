@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -65,7 +65,7 @@ class FindingKind(StrEnum):
     LEFT_OVER = "left-over"  # share of it that a missing term explains
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Finding:
     """One thing that was found.
 
@@ -75,6 +75,7 @@ class Finding:
 
     kind: FindingKind
     parameters: tuple[str, ...] = ()
+    _: KW_ONLY
     number: float | None = None
     severity: Level = Level.NOTE
     logs: tuple[str, ...] = ()

@@ -10,27 +10,39 @@ much of it a small value of that term would explain, as in a score test.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from statistics import NormalDist
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import (
-    CountedRun,
-    Errors,
+    LEVELS,
+    Curve,
     ResidualEquations,
     ResidualSummary,
-    free_run_errors,
-    less_shared,
+    SensorErrors,
+    absent_terms,
+    autocorrelation,
+    cross_correlation,
+    rms,
+    slow_velocity,
     summarise_residuals,
 )
-from butterfly.identification.diagnostics.sensor_errors import SensorErrors
+from butterfly.identification.draws import covariance_root, honest_covariance
 from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import Setting
 from butterfly.identification.inference.covariance import SPREADS
+from butterfly.identification.segments import Segments
+from butterfly.identification.simulation import Simulation
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.signals.frequency_response import first_counted
 
 Samples = NDArray[np.float64]
 
@@ -43,13 +55,11 @@ LONGEST_LAG = 2.0
 _DRAWN = 24  # sets of sensor errors
 _LEAST = 1e-3  # share of the motion for which a missing term must count, to be named
 _BY_CHANCE = 0.25  # share of logs that may be outside
+_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
+_NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
 _NOTHING = ResidualSummary(relative=0.0, noise=1.0, shares={})
 
-LEVELS = (0.95, 0.99)
-"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
-
-_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
-_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
+_LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,31 +69,27 @@ class ErrorBand:
     time: Samples  # (m,) instants in s
     reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
 
-    @classmethod
-    def of(cls, log: Errors, sensor: SensorErrors) -> ErrorBand:
-        """Add the spread of the parameters, to first order, to that of the readings."""
-        reach = SPREADS * np.hypot(log.reach, sensor.spread)
-        return cls(time=log.run.trajectory.middles(), reach=reach)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogMisfit:
-    """What the free run leaves over of one log, where its errors count (see `first_counted`)."""
+    """What the free run leaves over of one log, where its errors count (see `first_counted`).
+
+    The defaults are those of a log that could not be simulated, or in which nothing moves.
+    """
 
     name: str  # of the log
     label: str
     motion: float  # rms of the measured angle about its mean, in rad
     # rms of measured less simulated angle in rad, averaged over steps of the simulation
-    error: float
-    left: float  # the same, less what a small change of parameters would take from it
-    explained: float  # the same of errors drawn as the log's sensor makes them
-    sensor: SensorErrors
-    # of what is left with itself, and with the input before it; None where a simulation failed
-    autocorrelation: Curve | None
-    cross_correlation: Curve | None
-    left_over: ResidualSummary  # what it looks like, of the terms that the model lacks
-    # about the simulated angle, within which a reading is expected; None where a simulation failed
-    band: ErrorBand | None
+    error: float = np.inf
+    left: float = np.inf  # less what a small change of parameters would take from it
+    explained: float = 0.0  # the same of errors drawn as the log's sensor makes them
+    sensor: SensorErrors = _NO_ERRORS
+    # of what is left with itself, and with the input before it
+    autocorrelation: Curve | None = None
+    cross_correlation: Curve | None = None
+    left_over: ResidualSummary = _NOTHING  # what it looks like, of the terms that the model lacks
+    band: ErrorBand | None = None  # about the simulated angle, within which a reading is expected
 
     @cached_property
     def excess(self) -> tuple[float, float]:
@@ -108,6 +114,17 @@ class LogMisfit:
     def times(self) -> float:
         """What is left over what the sensor explains."""
         return self.left / self.explained if self.explained else np.inf
+
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs."""
+        sensor = self.sensor
+        lengths = (self.motion, self.error, self.left, self.explained, sensor.step, sensor.noise)
+        return {
+            "log": self.name,
+            **dict(zip(_LENGTHS, lengths, strict=True)),
+            "over_band": dict(zip(map(str, LEVELS), self.excess, strict=True)),
+            "left_over": self.left_over.numbers(),
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,39 +173,71 @@ class Misfit:
     def findings(self) -> list[Finding]:
         """Whether the misfit is beyond the sensors, how many times, and what it looks like."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
-        found = [Finding(kind=kind, number=self.times)]
+        found = [Finding(kind, number=self.times)]
         if self.left_over.terms:
             likeliest = self.left_over.terms[0]
             share = self.left_over.shares[likeliest]
             like = FindingKind.LEFT_OVER
-            found.append(Finding(kind=like, parameters=self.left_over.terms, number=share))
+            found.append(Finding(like, self.left_over.terms, number=share))
         return found
+
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs but for its findings: shares of the rms motion, over all logs."""
+        return {
+            "relative": self.relative,
+            "after_small_changes": self.left,
+            "by_sensors": self.explained,
+            "times_sensors": self.times,
+            "beyond_sensors": self.beyond_sensors,
+            "logs_outside": self.outside,
+            "left_over": self.left_over.numbers(),
+            "logs": [log.numbers() for log in self.logs],
+        }
+
+
+def misfit_units(joint: JointKind, place: str = "misfit.") -> dict[str, str]:
+    """Return the units of `Misfit.numbers` that stand in some place of a document."""
+    return {f"{place}logs.{name}": joint.way for name in _LENGTHS}
 
 
 def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:
     """Compare what the free runs of an estimate leave over with what the sensors explain."""
     found = free_run_errors(data, estimate)
     logs = [each for each in found if isinstance(each, Errors)]
-    if not logs:
-        failed = (_failed(each) for each in found if isinstance(each, CountedRun))
-        return Misfit(logs=tuple(failed), left_over=_NOTHING)
-    left = less_shared(logs, [log.less_own(log.whole[:, None]) for log in logs])
+    left_over, judged = _judged(logs) if logs else (_NOTHING, [])
+    rest = iter(judged)
+    return Misfit(
+        logs=tuple(
+            next(rest)
+            if isinstance(each, Errors)
+            else LogMisfit(name=each.log.name, label=each.log.label, motion=each.motion)
+            for each in found
+        ),
+        left_over=left_over,
+    )
+
+
+def _judged(logs: Sequence[Errors]) -> tuple[ResidualSummary, list[LogMisfit]]:
+    """Judge the errors of all logs together, and of each."""
+    left = less_shared(logs, [less(log.own, log.whole[:, None]) for log in logs])
     random = np.random.default_rng(0)
     sensors, drawn = zip(
         *(_drawn(log, rest[:, 0], random) for log, rest in zip(logs, left, strict=True)),
         strict=True,
     )
     errors = [np.column_stack(pair) for pair in zip(left, less_shared(logs, drawn), strict=True)]
-    overall, named = summarise_residuals(
-        [_balance(*pair) for pair in zip(logs, errors, strict=True)], _LEAST
-    )
-    logs_misfit = map(_log_misfit, logs, errors, sensors, named)
-    return Misfit(
-        logs=tuple(
-            _failed(each) if isinstance(each, CountedRun) else next(logs_misfit) for each in found
-        ),
-        left_over=overall,
-    )
+    equations = [
+        ResidualEquations(
+            left=own[:, 0],
+            known=log.shared,
+            candidates=log.missing,
+            whole=log.run.motion,
+            noise=rms(own[:, 1:]),
+        )
+        for log, own in zip(logs, errors, strict=True)
+    ]
+    overall, named = summarise_residuals(equations, _LEAST)
+    return overall, list(map(_log_misfit, logs, errors, sensors, named))
 
 
 def _drawn(log: Errors, left: Samples, random: np.random.Generator) -> tuple[SensorErrors, Samples]:
@@ -205,129 +254,178 @@ def _drawn(log: Errors, left: Samples, random: np.random.Generator) -> tuple[Sen
     for _ in range(_DRAWN):
         readings[counted] = sensor.draw(angle[counted], random, unsure=ALLOWED * run.motion)
         sets.append(run.trajectory.averaged(readings))
-    return sensor, log.less_own(np.column_stack(sets))
-
-
-def _balance(log: Errors, errors: Samples) -> ResidualEquations:
-    """Return what a log says of missing terms: errors (m, 1 + k) left of its own, and drawn."""
-    return ResidualEquations(
-        left=errors[:, 0],
-        known=log.shared,
-        candidates=log.missing,
-        whole=log.run.motion,
-        noise=_rms(errors[:, 1:]),
-    )
+    return sensor, less(log.own, np.column_stack(sets))
 
 
 def _log_misfit(
     log: Errors, errors: Samples, sensor: SensorErrors, left_over: ResidualSummary
 ) -> LogMisfit:
     """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
-    run, left, count = log.run, _rms(errors[:, 0]), errors.shape[0]
+    run, left, count = log.run, rms(errors[:, 0]), errors.shape[0]
     step = run.trajectory.step
     lags = max(1, min(round(LONGEST_LAG / step), count // 4))
     lag = step * np.arange(lags + 1)
     allowed = ALLOWED * run.motion / left if left else 0.0
     own = autocorrelation(errors, lags)
     crossed = cross_correlation(errors, run.trajectory.mean_inputs(run.setting.parameters), lags)
+    # the spread of the parameters, to first order, beside that of the readings
+    reach = SPREADS * np.hypot(log.reach, sensor.spread)
     return LogMisfit(
         name=run.log.name,
         label=run.log.label,
         motion=run.motion,
-        error=_rms(log.whole),
+        error=rms(log.whole),
         left=left,
-        explained=_rms(errors[:, 1:]),
+        explained=rms(errors[:, 1:]),
         sensor=sensor,
         autocorrelation=Curve.of(lag[1:], own, count, allowed**2),
         cross_correlation=Curve.of(lag, crossed, count, allowed),
         left_over=left_over,
-        band=ErrorBand.of(log, sensor),
+        band=ErrorBand(time=run.trajectory.middles(), reach=reach),
     )
-
-
-def _failed(run: CountedRun) -> LogMisfit:
-    """Return the misfit of a log that could not be simulated, or in which nothing moves."""
-    return LogMisfit(
-        name=run.log.name,
-        label=run.log.label,
-        motion=run.motion,
-        error=np.inf,
-        left=np.inf,
-        explained=0.0,
-        sensor=SensorErrors(step=0.0, noise=0.0),
-        autocorrelation=None,
-        cross_correlation=None,
-        left_over=_NOTHING,
-        band=None,
-    )
-
-
-def _rms(values: Samples) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Curve:
-    """A correlation over lags, and what sensors make of it."""
+class CountedRun:
+    """One log and its free run, where its errors count (see `first_counted`)."""
 
-    lag: Samples  # (l,) in s
-    value: Samples  # (l,) correlation, between -1 and 1
-    centre: Samples  # (l,) mean of that of a sensor's errors
-    reach: Samples  # (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`
-
-    @property
-    def excess(self) -> Samples:
-        """(2,) largest distance from the centre over the band's half-width, by `LEVELS`."""
-        return np.asarray((np.abs(self.value - self.centre) / self.reach).max(axis=1))
+    log: Log
+    setting: Setting  # what it is simulated with
+    first: int  # number of the first sample that counts
+    trajectory: Simulation | Segments
+    motion: float  # rms of the measured angle about its mean, in rad
 
     @classmethod
-    def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
-        """Put bands about a curve.
-
-        (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors; the number of errors, of
-        which white ones have correlations of variance 1/count; and by how much a misfit too small
-        to count may move the curve.
-        """
-        value, drawn = curves[:, 0], curves[:, 1:]
-        variance = _smoothed(drawn.var(axis=1, ddof=1)) * (1 + 1 / drawn.shape[1])
-        spread = np.sqrt(np.maximum(variance, 1 / count))
-        tails = [(1 - level) / (2 * _CURVES * lag.size) for level in LEVELS]
-        factors = np.array([-NormalDist().inv_cdf(tail) for tail in tails])
+    def of(cls, log: Log, setting: Setting) -> CountedRun:
+        """Make a log ready to be simulated."""
+        first = first_counted(log)
         return cls(
-            lag=lag,
-            value=value,
-            centre=drawn.mean(axis=1),
-            reach=factors[:, None] * spread + allowance,
+            log=log,
+            setting=setting,
+            first=first,
+            trajectory=setting.simulation(log, first),
+            motion=float(np.std(log.angle[first:])),
         )
 
-
-def autocorrelation(errors: Samples, lags: int) -> Samples:
-    """Return the (lags, k) correlations of (m, k) errors with themselves, from lag 1 on."""
-    size = _padded(errors.shape[0] + lags)
-    spectrum = np.fft.rfft(errors, size, axis=0)
-    sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
-    return np.asarray(sums[1:] / _or_one(sums[0]))
+    def simulated(self) -> Samples:
+        """Return the simulated angles in rad at all stamps."""
+        setting = self.setting
+        return self.trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
 
 
-def cross_correlation(errors: Samples, inputs: Samples, lags: int) -> Samples:
-    """Return the (lags + 1, k) correlations of (m, k) errors with (m,) inputs before them."""
-    size = _padded(errors.shape[0] + lags)
-    moving = inputs - inputs.mean()
-    product = np.fft.rfft(errors, size, axis=0) * np.conj(np.fft.rfft(moving, size))[:, None]
-    sums = np.fft.irfft(product, size, axis=0)[: lags + 1]
-    powers = np.sum(errors**2, axis=0) * np.sum(moving**2)
-    return np.asarray(sums / _or_one(np.sqrt(powers)))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Errors:
+    """Simulated less measured angle of one log, and its derivatives."""
+
+    run: CountedRun
+    whole: Samples  # (m,) errors in rad
+    # (k, j) orthonormal directions in which the log's own start moves them, k of m after k where
+    # the log is simulated in segments, each from a start of its own
+    own: tuple[Samples, ...]
+    shared: Samples  # (m, n) derivatives by what logs share, less those directions
+    # by term that the model lacks: (m,) derivatives by it, less those directions
+    missing: dict[str, Samples]
+    # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
+    # first order; zeros where the estimate says nothing of them
+    reach: Samples
 
 
-def _padded(size: int) -> int:
-    return 1 << (size - 1).bit_length()
+def free_run_errors(data: DataSet, estimate: Estimate) -> list[CountedRun | Errors]:
+    """Return the errors of each log's simulation and their derivatives.
+
+    It is the run alone where a simulation fails or nothing moves.
+    """
+    predictor, slow = data.simulations, slow_velocity(data.logs)
+    runs = [CountedRun.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
+    owners, missing = estimate.owners(data.unread), absent_terms(estimate, data.logs[0].added_mass)
+    varied = _Varied(estimate.names, _root_of(estimate), owners, missing)
+    return [_differentiated(run, varied, slow) or run for run in runs]
 
 
-def _or_one(values: Samples) -> Samples:
-    return np.where(values > 0, values, 1.0)
+def _root_of(estimate: Estimate) -> Samples:
+    """(n, n) root of the covariance, as wide as the intervals; zeros where there is none."""
+    try:
+        return covariance_root(honest_covariance(estimate))
+    except IdentifiabilityError:
+        return np.zeros((len(estimate.names),) * 2)
 
 
-def _smoothed(values: Samples) -> Samples:
-    window = np.ones(min(2 * _SMOOTHED + 1, values.size))
-    sums = np.convolve(values, window, "same")
-    return np.asarray(sums / np.convolve(np.ones_like(values), window, "same"))
+def less(directions: Sequence[Samples], errors: Samples) -> Samples:
+    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
+    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
+    pairs = zip(directions, np.split(errors, ends), strict=True)
+    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])
+
+
+def less_shared(logs: Sequence[Errors], errors: Sequence[Samples]) -> list[Samples]:
+    """Take from each log's (m, k) errors what a change of shared parameters explains, jointly.
+
+    Each log counts as it does in output error, by the mean square of its errors over its motion.
+    """
+    weights = [1 / (log.run.motion * log.whole.size**0.5) for log in logs]
+    rows = np.concatenate([w * log.shared for w, log in zip(weights, logs, strict=True)])
+    wanted = np.concatenate([w * each for w, each in zip(weights, errors, strict=True)])
+    sizes = np.linalg.norm(rows, axis=0)
+    sizes[sizes == 0] = 1.0
+    change = np.linalg.lstsq(rows / sizes, wanted, rcond=_INDEPENDENT)[0] / sizes[:, None]
+    return [each - log.shared @ change for log, each in zip(logs, errors, strict=True)]
+
+
+class _Varied(NamedTuple):
+    """By what errors are differentiated.
+
+    ``names`` of parameters that logs share, and the (n, n) ``root`` of their covariance;
+    ``owners`` of those that some logs share; names of terms that are ``missing``.
+    """
+
+    names: tuple[str, ...]
+    root: Samples
+    owners: list[tuple[str, AddedMass | str | None]]
+    missing: tuple[str, ...]
+
+
+def _differentiated(run: CountedRun, varied: _Varied, slow: float) -> Errors | None:
+    """Return a log's errors; None if they are no numbers, or nothing moves.
+
+    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
+    change of it moves the readings by 1 less what one of the zero does. Stribeck friction that is
+    missing is looked for below the velocity ``slow``.
+    """
+    names, root, owners, missing = varied
+    setting, log = run.setting, run.log
+    parameters = setting.parameters
+    if "stribeck" in missing:
+        parameters = replace(parameters, stribeck_velocity=slow)
+    local = dict.fromkeys(["zero", "velocity", *(name for name, _ in owners)])
+    asked = [*names, *local, *missing]
+    with np.errstate(all="ignore"):
+        errors, rows, mixture = run.trajectory.linearised(
+            asked, parameters, setting.zero, setting.velocity
+        )
+        slopes = dict(zip(asked, (rows @ mixture).T, strict=True))
+    finite = np.isfinite(errors).all() and all(np.isfinite(each).all() for each in slopes.values())
+    if not (finite and run.motion > 0):
+        return None
+    if isinstance(run.trajectory, Segments):
+        own = run.trajectory.directions(parameters, setting.zero)
+    else:
+        own = (_orthonormal(np.column_stack([1 - slopes["zero"], slopes["velocity"]])),)
+    mine = {None, log.added_mass, log.name}
+    shared = [slopes[name] for name in names]
+    shared += [slopes[name] * (whose in mine) for name, whose in owners]
+    return Errors(
+        run=run,
+        whole=errors,
+        own=own,
+        shared=less(own, np.column_stack(shared)),
+        missing={name: less(own, slopes[name]) for name in missing},
+        reach=np.linalg.norm(np.column_stack([slopes[name] for name in names]) @ root.T, axis=1),
+    )
+
+
+def _orthonormal(columns: Samples) -> Samples:
+    """(m, j) orthonormal columns that span those of (m, k) that are felt at all."""
+    sizes = np.linalg.norm(columns, axis=0)
+    felt = sizes > _INDEPENDENT * columns.shape[0] ** 0.5
+    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
+    return np.asarray(left[:, singular > _INDEPENDENT * singular.max(initial=0.0)])

@@ -48,12 +48,7 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
     least = min((found.p1 + mass.inertia for mass in masses), default=found.p1)
     if not least > 0:
         judged.append(
-            Finding(
-                kind=FindingKind.NO_INERTIA,
-                parameters=("p1",),
-                number=least,
-                severity=Level.WARNING,
-            )
+            Finding(FindingKind.NO_INERTIA, ("p1",), number=least, severity=Level.WARNING)
         )
     negative = [
         name
@@ -65,13 +60,9 @@ def judge_physics(estimate: Estimate, masses: Sequence[AddedMass]) -> list[Findi
         negative.append("load")
     if negative:
         severity = Level.CARE if negative == ["delay"] else Level.WARNING
-        judged.append(
-            Finding(kind=FindingKind.NEGATIVE, parameters=tuple(negative), severity=severity)
-        )
+        judged.append(Finding(FindingKind.NEGATIVE, tuple(negative), severity=severity))
     if found.p4 < 0 and "p4" not in estimate.known.parameters:
-        judged.append(
-            Finding(kind=FindingKind.NEGATIVE_GAIN, parameters=("p4",), severity=Level.CARE)
-        )
+        judged.append(Finding(FindingKind.NEGATIVE_GAIN, ("p4",), severity=Level.CARE))
     return judged
 
 
@@ -114,13 +105,7 @@ def judge_input(estimate: Estimate, kind: InputKind) -> list[Finding]:
     resistance = upper["p2"] / p4**2
     if resistance >= LEAST_RESISTANCE:
         return []
-    return [
-        Finding(
-            kind=FindingKind.TORQUE_DRIVEN,
-            parameters=("p2", "p4"),
-            number=resistance,
-        )
-    ]
+    return [Finding(FindingKind.TORQUE_DRIVEN, ("p2", "p4"), number=resistance)]
 
 
 def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
@@ -130,9 +115,9 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     with the hand weighed at least that of its centre of mass besides.
     """
     carrier = data.logs[0].added_mass
-    sources = apart(data.told, data.input_kind, carrier.joint)
+    sources = apart(data.given, data.input_kind, carrier.joint)
     found = [
-        Finding(kind=FindingKind.TOLD_APART, parameters=(name,), number=far, severity=Level.CARE)
+        Finding(FindingKind.TOLD_APART, (name,), number=far, severity=Level.CARE)
         for name, far in sources.items()
         if far > CLEARLY_APART
     ]
@@ -143,8 +128,8 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     if below:
         found.append(
             Finding(
-                kind=FindingKind.CONTRADICTED,
-                parameters=tuple(below),
+                FindingKind.CONTRADICTED,
+                tuple(below),
                 number=max(below.values()),
                 severity=Level.CARE,
             )
@@ -157,7 +142,7 @@ def judge_fit(fits: NDArray[np.float64], names: Sequence[str]) -> list[Finding]:
     median = float(np.median(fits))
     if not median >= GOOD_FIT:
         severity = Level.CARE if median >= LEAST_FIT else Level.WARNING
-        return [Finding(kind=FindingKind.POOR_FIT, number=median, severity=severity)]
+        return [Finding(FindingKind.POOR_FIT, number=median, severity=severity)]
     return _lost(fits, names, median, FindingKind.UNFOLLOWED)
 
 
@@ -178,7 +163,7 @@ def _lost(
         return []
     return [
         Finding(
-            kind=kind,
+            kind,
             number=float(fits[lost].min()),
             severity=Level.CARE,
             logs=tuple(names[k] for k in lost.tolist()),

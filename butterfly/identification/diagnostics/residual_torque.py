@@ -14,18 +14,19 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.residuals import (
     ResidualEquations,
     ResidualSummary,
+    SensorErrors,
     absent_terms,
+    rms,
     slow_velocity,
     summarise_residuals,
 )
-from butterfly.identification.diagnostics.sensor_errors import SensorErrors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.test_functions import AveragingSettings, WeakSignals, weak_signals
+from butterfly.identification.test_functions import Averaging, WeakSignals
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import TERMS, FrictionTerms
 
 Samples = NDArray[np.float64]
 
@@ -54,17 +55,9 @@ class ResidualTorque:
     left_over: ResidualSummary  # what it looks like
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ResidualTorques:
-    """What the model leaves over of the torque in several logs, and in all of them together."""
-
-    logs: tuple[ResidualTorque, ...]
-    overall: ResidualSummary
-
-
 def residual_torques(
     data: DataSet, estimate: Estimate, numbers: Sequence[int] | None = None
-) -> ResidualTorques:
+) -> tuple[ResidualTorque, ...]:
     """Subtract all terms of an estimate from the torque, and name what is left by one it lacks.
 
     Averaged over a bump phi, the acceleration becomes int phi'' th, so nothing is differentiated
@@ -84,8 +77,8 @@ def residual_torques(
         model.balance(each, _sensor_torque(each, predictor.run_with(k, each.setting)))
         for k, each in zip(chosen, averaged, strict=True)
     ]
-    overall, left = summarise_residuals(balances, LEAST_SIZE)
-    logs = (
+    _, left = summarise_residuals(balances, LEAST_SIZE)
+    return tuple(
         ResidualTorque(
             label=each.log.label,
             time=each.signals.time[each.moving],
@@ -96,7 +89,6 @@ def residual_torques(
         )
         for each, balance, own in zip(averaged, balances, left, strict=True)
     )
-    return ResidualTorques(logs=tuple(logs), overall=overall)
 
 
 class _Averaged(NamedTuple):
@@ -127,7 +119,7 @@ class _Model(NamedTuple):
     def balance(self, each: _Averaged, noise: float) -> ResidualEquations:
         """Return what one log says, ``noise`` being the torque in N m of its sensor's errors."""
         inertia = each.loaded.p1 * each.mean("p1")
-        motor = _rms(each.loaded.p4 * each.mean("p4")) or _rms(inertia)
+        motor = rms(each.loaded.p4 * each.mean("p4")) or rms(inertia)
         columns = [self._column(name, each) for name in self.names]
         columns += [self._owned(name, whose, each) for name, whose in self.owners]
         return ResidualEquations(
@@ -159,13 +151,9 @@ def _averaged(log: Log, setting: Setting, slow: float) -> _Averaged:
     loaded = parameters.with_added_mass(log.added_mass)
     half_width = _half_width(log, loaded)
     sought = parameters if parameters.stribeck else replace(parameters, stribeck_velocity=slow)
-    known = AveragingSettings(
-        zero=setting.zero,
-        delay=parameters.delay,
-        compression=parameters.compression,
-        settings=sought,
+    signals = Averaging(log, setting.zero, half_width, sought).signals(
+        _AVERAGED, delay=parameters.delay, compression=parameters.compression
     )
-    signals = weak_signals(log, _AVERAGED, known, half_width)
     return _Averaged(log, setting, loaded, signals, half_width)
 
 
@@ -192,11 +180,5 @@ def _sensor_torque(each: _Averaged, run: FreeRun) -> float:
     log = each.log
     angle = run.simulated if np.isfinite(run.simulated).all() else log.angle
     errors = SensorErrors.of(log.angle, angle).draw(angle, np.random.default_rng(0), unsure=0.0)
-    noisy = weak_signals(
-        replace(log, angle=errors), ["p1"], AveragingSettings(zero=0.0), each.half_width
-    )
-    return each.loaded.p1 * float(np.std(noisy.mean["p1"]))
-
-
-def _rms(values: Samples) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+    noisy = Averaging(replace(log, angle=errors), 0.0, each.half_width, FrictionTerms())
+    return each.loaded.p1 * float(np.std(noisy.signals(["p1"]).mean["p1"]))

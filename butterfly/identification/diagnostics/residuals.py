@@ -1,32 +1,43 @@
-"""Which term of the table, missing from a model, looks like what it leaves over.
+"""What a model leaves over: how much of it sensors explain, how it correlates, what it looks like.
 
-That may be torque or, as a score test has it, errors of the free run. What a change of the model's
+It may be torque or, as a score test has it, errors of the free run. What a change of the model's
 own coefficients would add is first taken from it and from every candidate, jointly over all logs:
-only what is new can be missing.
+only what is new can be a missing term of the table.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.errors import IdentifiabilityError
-from butterfly.identification.data import DataSet
-from butterfly.identification.draws import covariance_root, honest_covariance
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.free_run import Setting
-from butterfly.identification.segments import Segments
-from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
-from butterfly.signals.window import first_counted
 
 Samples = NDArray[np.float64]
+
+LEVELS = (0.95, 0.99)
+"""Shares of logs without a misfit whose two curves both stay inside the inner and outer band."""
+
+_CURVES = 2  # autocorrelation and cross-correlation, which share the false alarms
+_SMOOTHED = 10  # lags on either side over which the spread of drawn curves is averaged
+
+_SAME = 1e-9  # rad, closer than which two readings are one
+_FEWEST_GAPS = 3  # between different readings, of which a step can be told
+_NEAR = 10  # steps, up to which gaps are looked at
+_OFF = 0.1  # of a step, by which a gap may miss a whole number of them
+_REGULAR = 0.95  # share of gaps that are whole numbers of steps where there are any
+_MOST_SAMPLES = 20_000  # of a log, from which its noise is told
+_HALVINGS = 10  # of the interval that holds the noise
+_UNIFORM = 12.0  # square of the width of a uniform distribution over its variance
+_CURVATURE = 6.0  # variance of a second difference of white noise over its own
 
 _SURE = 4.0  # standard errors from 0 at which a coefficient counts as one
 _LIKE = 0.3  # share that a term must explain of what is more than noise, to be named
@@ -36,7 +47,149 @@ _ALIKE = 0.8  # of the likeliest one's share, from which another term looks like
 _SLOW = 0.3  # share of the rms velocity at which Stribeck friction is looked for
 _PIECES = 10  # of a log, between which what is left is taken to be independent
 _SINGULAR = 1e-8  # size over the largest, below which columns say the same
-_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorErrors:
+    """The errors of one log's readings: white noise, then rounding to a step of the encoder.
+
+    Where the noise is less than a step the error is not white: it depends on the angle, and the
+    slower that moves the longer the error stays.
+    """
+
+    step: float  # of the encoder in rad; 0 if the readings lie on no grid
+    noise: float  # standard deviation in rad of the noise before rounding
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation in rad of a reading: of the noise, and of rounding to a step."""
+        return math.hypot(self.noise, self.step / math.sqrt(_UNIFORM))
+
+    @classmethod
+    def of(cls, measured: Samples, angle: Samples) -> SensorErrors:
+        """Tell step and noise from (n,) readings and the angles in rad that a model gives for them.
+
+        The step is the distance of neighbouring readings. The noise is what makes the second
+        differences of the errors as large as they are: what a model misses is smooth from sample to
+        sample and hardly enters them.
+        """
+        step = encoder_step(measured)
+        some = slice(_MOST_SAMPLES)
+        roughness = _roughness(measured[some] - angle[some])
+        upper = float(np.sqrt(roughness / _CURVATURE))
+        if not step:
+            return cls(step=0.0, noise=upper)
+        white = np.random.default_rng(0).standard_normal(angle[some].size)
+        lower = 0.0
+        if _roughness(_errors(angle[some], 0.0 * white, step)) >= roughness:
+            return cls(step=step, noise=0.0)
+        for _ in range(_HALVINGS):
+            middle = (lower + upper) / 2
+            if _roughness(_errors(angle[some], middle * white, step)) < roughness:
+                lower = middle
+            else:
+                upper = middle
+        return cls(step=step, noise=lower)
+
+    def draw(self, angle: Samples, random: np.random.Generator, *, unsure: float) -> Samples:
+        """Return (n,) errors in rad that readings of (n,) angles in rad may have.
+
+        All angles together may be off by a standard deviation of ``unsure`` rad.
+        """
+        shifted = angle + unsure * random.standard_normal()
+        if not self.noise:
+            return _errors(shifted, np.zeros(1), self.step)
+        return _errors(shifted, self.noise * random.standard_normal(angle.size), self.step)
+
+
+def encoder_step(readings: Samples) -> float:
+    """Return the step in rad of the grid on which (n,) readings in rad lie; 0 if on none."""
+    gaps = np.diff(np.unique(readings))
+    gaps = gaps[gaps > _SAME]
+    if gaps.size < _FEWEST_GAPS:
+        return 0.0
+    least = float(np.percentile(gaps, 5))
+    step = float(np.median(gaps[gaps < 1.5 * least]))
+    steps = gaps[gaps < _NEAR * step] / step
+    regular = np.mean(np.abs(steps - np.rint(steps)) < _OFF)
+    return step if regular > _REGULAR else 0.0
+
+
+def _errors(angle: Samples, noise: Samples, step: float) -> Samples:
+    read = angle + noise
+    return (step * np.rint(read / step) if step else read) - angle
+
+
+def _roughness(errors: Samples) -> float:
+    """Mean square of the second differences of (n,) errors."""
+    return float(np.mean(np.diff(errors, 2) ** 2))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """A correlation over lags, and what sensors make of it."""
+
+    lag: Samples  # (l,) in s
+    value: Samples  # (l,) correlation, between -1 and 1
+    centre: Samples  # (l,) mean of that of a sensor's errors
+    reach: Samples  # (2, l) half-widths of the bands about it that hold whole curves, by `LEVELS`
+
+    @property
+    def excess(self) -> Samples:
+        """(2,) largest distance from the centre over the band's half-width, by `LEVELS`."""
+        return np.asarray((np.abs(self.value - self.centre) / self.reach).max(axis=1))
+
+    @classmethod
+    def of(cls, lag: Samples, curves: Samples, count: int, allowance: float) -> Curve:
+        """Put bands about a curve.
+
+        (l,) lags in s; (l, 1 + k) the curve, and k of a sensor's errors; the number of errors, of
+        which white ones have correlations of variance 1/count; and by how much a misfit too small
+        to count may move the curve.
+        """
+        value, drawn = curves[:, 0], curves[:, 1:]
+        variance = _smoothed(drawn.var(axis=1, ddof=1)) * (1 + 1 / drawn.shape[1])
+        spread = np.sqrt(np.maximum(variance, 1 / count))
+        tails = [(1 - level) / (2 * _CURVES * lag.size) for level in LEVELS]
+        factors = np.array([-NormalDist().inv_cdf(tail) for tail in tails])
+        return cls(
+            lag=lag,
+            value=value,
+            centre=drawn.mean(axis=1),
+            reach=factors[:, None] * spread + allowance,
+        )
+
+
+def autocorrelation(errors: Samples, lags: int) -> Samples:
+    """Return the (lags, k) correlations of (m, k) errors with themselves, from lag 1 on."""
+    size = _padded(errors.shape[0] + lags)
+    spectrum = np.fft.rfft(errors, size, axis=0)
+    sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
+    return np.asarray(sums[1:] / _or_one(sums[0]))
+
+
+def cross_correlation(errors: Samples, inputs: Samples, lags: int) -> Samples:
+    """Return the (lags + 1, k) correlations of (m, k) errors with (m,) inputs before them."""
+    size = _padded(errors.shape[0] + lags)
+    moving = inputs - inputs.mean()
+    product = np.fft.rfft(errors, size, axis=0) * np.conj(np.fft.rfft(moving, size))[:, None]
+    sums = np.fft.irfft(product, size, axis=0)[: lags + 1]
+    powers = np.sum(errors**2, axis=0) * np.sum(moving**2)
+    return np.asarray(sums / _or_one(np.sqrt(powers)))
+
+
+def _padded(size: int) -> int:
+    return 1 << (size - 1).bit_length()
+
+
+def _or_one(values: Samples) -> Samples:
+    return np.where(values > 0, values, 1.0)
+
+
+def _smoothed(values: Samples) -> Samples:
+    window = np.ones(min(2 * _SMOOTHED + 1, values.size))
+    sums = np.convolve(values, window, "same")
+    return np.asarray(sums / np.convolve(np.ones_like(values), window, "same"))
 
 
 class ResidualEquations(NamedTuple):
@@ -80,6 +233,16 @@ class ResidualSummary:
             return f"{self.looks_like} ({100 * self.relative:.2g} % of {whole})"
         share = f"{100 * self.shares[self.terms[0]]:.0f} % of its variance"
         return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
+
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs."""
+        return {
+            "looks_like": list(self.terms),
+            "relative": self.relative,
+            "size": self.size,
+            "noise_share": self.noise,
+            "shares": self.shares,
+        }
 
 
 def absent_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
@@ -175,151 +338,6 @@ def _summarised(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CountedRun:
-    """One log and its free run, where its errors count (see `first_counted`)."""
-
-    log: Log
-    setting: Setting  # what it is simulated with
-    first: int  # number of the first sample that counts
-    trajectory: Simulation | Segments
-    motion: float  # rms of the measured angle about its mean, in rad
-
-    @classmethod
-    def of(cls, log: Log, setting: Setting) -> CountedRun:
-        """Make a log ready to be simulated."""
-        first = first_counted(log)
-        return cls(
-            log=log,
-            setting=setting,
-            first=first,
-            trajectory=setting.simulation(log, first),
-            motion=float(np.std(log.angle[first:])),
-        )
-
-    def simulated(self) -> Samples:
-        """Return the simulated angles in rad at all stamps."""
-        setting = self.setting
-        return self.trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Errors:
-    """Simulated less measured angle of one log, and its derivatives."""
-
-    run: CountedRun
-    whole: Samples  # (m,) errors in rad
-    # (k, j) orthonormal directions in which the log's own start moves them, k of m after k where
-    # the log is simulated in segments, each from a start of its own
-    own: tuple[Samples, ...]
-    shared: Samples  # (m, n) derivatives by what logs share, less those directions
-    # by term that the model lacks: (m,) derivatives by it, less those directions
-    missing: dict[str, Samples]
-    # (m,) standard deviations in rad that the parameters' own errors give the simulated angle, to
-    # first order; zeros where the estimate says nothing of them
-    reach: Samples
-
-    def less_own(self, errors: Samples) -> Samples:
-        """Take from (m, k) errors what a change of the log's own start explains."""
-        return less(self.own, errors)
-
-
-def free_run_errors(data: DataSet, estimate: Estimate) -> list[CountedRun | Errors]:
-    """Return the errors of each log's simulation and their derivatives.
-
-    It is the run alone where a simulation fails or nothing moves.
-    """
-    predictor, slow = data.simulations, slow_velocity(data.logs)
-    runs = [CountedRun.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
-    owners, missing = estimate.owners(data.unread), absent_terms(estimate, data.logs[0].added_mass)
-    varied = _Varied(estimate.names, _root_of(estimate), owners, missing)
-    return [_differentiated(run, varied, slow) or run for run in runs]
-
-
-def _root_of(estimate: Estimate) -> Samples:
-    """(n, n) root of the covariance, as wide as the intervals; zeros where there is none."""
-    try:
-        return covariance_root(honest_covariance(estimate))
-    except IdentifiabilityError:
-        return np.zeros((len(estimate.names),) * 2)
-
-
-def less(directions: Sequence[Samples], errors: Samples) -> Samples:
-    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
-    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
-    pairs = zip(directions, np.split(errors, ends), strict=True)
-    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])
-
-
-def less_shared(logs: Sequence[Errors], errors: Sequence[Samples]) -> list[Samples]:
-    """Take from each log's (m, k) errors what a change of shared parameters explains, jointly.
-
-    Each log counts as it does in output error, by the mean square of its errors over its motion.
-    """
-    weights = [1 / (log.run.motion * log.whole.size**0.5) for log in logs]
-    rows = np.concatenate([w * log.shared for w, log in zip(weights, logs, strict=True)])
-    wanted = np.concatenate([w * each for w, each in zip(weights, errors, strict=True)])
-    sizes = np.linalg.norm(rows, axis=0)
-    sizes[sizes == 0] = 1.0
-    change = np.linalg.lstsq(rows / sizes, wanted, rcond=_INDEPENDENT)[0] / sizes[:, None]
-    return [each - log.shared @ change for log, each in zip(logs, errors, strict=True)]
-
-
-class _Varied(NamedTuple):
-    """By what errors are differentiated.
-
-    ``names`` of parameters that logs share, and the (n, n) ``root`` of their covariance;
-    ``owners`` of those that some logs share; names of terms that are ``missing``.
-    """
-
-    names: tuple[str, ...]
-    root: Samples
-    owners: list[tuple[str, AddedMass | str | None]]
-    missing: tuple[str, ...]
-
-
-def _differentiated(run: CountedRun, varied: _Varied, slow: float) -> Errors | None:
-    """Return a log's errors; None if they are no numbers, or nothing moves.
-
-    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
-    change of it moves the readings by 1 less what one of the zero does. Stribeck friction that is
-    missing is looked for below the velocity ``slow``.
-    """
-    names, root, owners, missing = varied
-    setting, log = run.setting, run.log
-    parameters = setting.parameters
-    if "stribeck" in missing:
-        parameters = replace(parameters, stribeck_velocity=slow)
-    local = dict.fromkeys(["zero", "velocity", *(name for name, _ in owners)])
-    asked = [*names, *local, *missing]
-    with np.errstate(all="ignore"):
-        errors, rows, mixture = run.trajectory.linearised(
-            asked, parameters, setting.zero, setting.velocity
-        )
-        slopes = dict(zip(asked, (rows @ mixture).T, strict=True))
-    finite = np.isfinite(errors).all() and all(np.isfinite(each).all() for each in slopes.values())
-    if not (finite and run.motion > 0):
-        return None
-    if isinstance(run.trajectory, Segments):
-        own = run.trajectory.directions(parameters, setting.zero)
-    else:
-        own = (_orthonormal(np.column_stack([1 - slopes["zero"], slopes["velocity"]])),)
-    mine = {None, log.added_mass, log.name}
-    shared = [slopes[name] for name in names]
-    shared += [slopes[name] * (whose in mine) for name, whose in owners]
-    return Errors(
-        run=run,
-        whole=errors,
-        own=own,
-        shared=less(own, np.column_stack(shared)),
-        missing={name: less(own, slopes[name]) for name in missing},
-        reach=np.linalg.norm(np.column_stack([slopes[name] for name in names]) @ root.T, axis=1),
-    )
-
-
-def _orthonormal(columns: Samples) -> Samples:
-    """(m, j) orthonormal columns that span those of (m, k) that are felt at all."""
-    sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > _INDEPENDENT * columns.shape[0] ** 0.5
-    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
-    return np.asarray(left[:, singular > _INDEPENDENT * singular.max(initial=0.0)])
+def rms(values: Samples) -> float:
+    """Return the root mean square of (n,) values; 0 of none."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0

@@ -156,9 +156,7 @@ def _of_one_log(data: DataSet, quick: Estimator, before: Trial) -> list[Explanat
 
 
 def _grams() -> Finding:
-    return Finding(
-        kind=FindingKind.UNIT_ERROR, parameters=(UnitError.GRAMS,), number=1e-3, severity=Level.CARE
-    )
+    return Finding(FindingKind.UNIT_ERROR, (UnitError.GRAMS,), number=1e-3, severity=Level.CARE)
 
 
 def suspicious(data: DataSet, estimate: Estimate) -> bool:
@@ -363,8 +361,8 @@ def _explanation(data: DataSet, corrected: _Corrected, ways: int) -> Explanation
     whole = _is_whole(suspect, data)
     certain = suspect.evidence > _CERTAIN
     finding = Finding(
-        kind=FindingKind.UNIT_ERROR,
-        parameters=(UnitError.MASS, str(suspect.told), str(ways)),
+        FindingKind.UNIT_ERROR,
+        (UnitError.MASS, str(suspect.told), str(ways)),
         number=float(corrected.mass.mass),
         severity=Level.WARNING if certain else Level.CARE,
         logs=() if whole else tuple(data.logs[k].name for k in suspect.logs),

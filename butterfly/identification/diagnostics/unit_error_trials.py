@@ -114,9 +114,7 @@ class Explanation:
     @classmethod
     def of(cls, slip: UnitError, factor: float, trial: Trial) -> Explanation:
         """Return what a trial of a whole data set without a slip says."""
-        finding = Finding(
-            kind=FindingKind.UNIT_ERROR, parameters=(slip,), number=factor, severity=Level.WARNING
-        )
+        finding = Finding(FindingKind.UNIT_ERROR, (slip,), number=factor, severity=Level.WARNING)
         return cls(finding=finding, misfit=trial.misfit)
 
     def of_a_mass(self, other: Explanation) -> bool:

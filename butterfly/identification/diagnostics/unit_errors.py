@@ -237,8 +237,8 @@ def _of_omega(ratio: float, *logs: Log) -> Finding:
 
 def _finding(slip: UnitError, factor: float, *logs: Log) -> Finding:
     return Finding(
-        kind=FindingKind.UNIT_ERROR,
-        parameters=(slip,),
+        FindingKind.UNIT_ERROR,
+        (slip,),
         number=factor,
         severity=Level.WARNING,
         logs=tuple(log.name for log in logs),

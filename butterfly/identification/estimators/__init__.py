@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from butterfly.identification.estimators.base import Estimator as Estimator
-from butterfly.identification.estimators.equations import Loss as Loss
+from butterfly.identification.estimators.gauss_newton import Loss as Loss
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance as HarmonicBalance
 from butterfly.identification.estimators.harmonic_balance import Linear as Linear
 from butterfly.identification.estimators.output_error import OutputError as OutputError

@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Ending, Finding, FindingKind
 from butterfly.identification.encoder_offset import reading_of
-from butterfly.identification.estimators.equations import Equations, LogEquations, Loss
-from butterfly.identification.estimators.gauss_newton import Minimum
+from butterfly.identification.estimators.gauss_newton import (
+    MOST,
+    Equations,
+    LogEquations,
+    Loss,
+    Minimum,
+    minimise_robustly,
+)
 from butterfly.identification.estimators.local_parameters import (
     Key,
     columns_of,
@@ -21,49 +27,38 @@ from butterfly.identification.estimators.local_parameters import (
     local_keys,
 )
 from butterfly.identification.inference.covariance import FEW, blocks_of
+from butterfly.identification.inference.identifiability import SINGULAR_CONDITION, Conditioning
+from butterfly.identification.inference.submodels import Nested
+from butterfly.identification.inference.term_choice import (
+    NEGLIGIBLE,
+    SLACK_OF_STRETCHES,
+    TermChoice,
+    choose_terms,
+    folds_of,
+    stretches_of,
+)
 from butterfly.identification.normal_equations import SolvedEquations
-from butterfly.identification.prior import Prior
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
+from butterfly.model.greybox import INITIAL
 from butterfly.model.kinematics import Motion
-from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.sensitivities import INITIAL
-from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
-from butterfly.signals.window import first_counted
+from butterfly.model.prior import Known, Penalty, Prior
+from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
+from butterfly.signals.frequency_response import first_counted
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
+
+CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck", "stribeck_velocity")
+"""Terms that are tried where none are told."""
 
 LOCAL = ("zero", "bias", "velocity")
 """What may differ from mass to mass or from log to log."""
 
 _STILL = 1e-9  # rad, finer than which no encoder reads
 _PHASES = np.linspace(0, 2 * np.pi, 401)  # reversals among them, where Stribeck friction acts
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choice:
-    """What is fitted."""
-
-    terms: tuple[str, ...]
-    fixed: tuple[str, ...]
-    per_mass: tuple[str, ...]
-    per_log: tuple[str, ...]
-    window: float
-    horizon: float  # longest stretch in s that is simulated at a time
-    workers: int
-    known: Knowledge = NOTHING  # what is known of the robot
-    # of a residual, beside which what is known with an uncertainty is weighed
-    variance: float = 1.0
-
-    @property
-    def shared(self) -> tuple[str, ...]:
-        """Names of the parameters that all logs share, the encoder's zero aside."""
-        owned = {*self.fixed, *self.per_mass, *self.per_log}
-        every = self.known.fitted((*PARAMETERS, *self.terms))
-        return tuple(name for name in every if name not in owned)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,10 +74,11 @@ class FreeRunResiduals:
     initial: Samples
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    prior: Prior | None  # what is known of the scaled parameters with an uncertainty
+    prior: Penalty | None  # what is known of the scaled parameters with an uncertainty
     simulations: tuple[Simulation | Segments, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     workers: int
+    loss: Loss
 
     @classmethod
     def of(
@@ -90,45 +86,53 @@ class FreeRunResiduals:
         logs: Sequence[Log],
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
-        choice: Choice,
+        *,
+        shared: Sequence[str],
+        per_mass: Sequence[str],
+        per_log: Sequence[str],
+        window: float,
+        horizon: float,
+        workers: int,
+        loss: Loss,
+        known: Prior,
+        variance: float,
     ) -> FreeRunResiduals:
         """Make logs ready to be fitted.
 
         ``logs``: the logs, each of a name of its own; ``start``: first guess of the parameters, and
         the values of those that are not fitted; ``zeros``: first guess of the encoder's reading in
-        rad of the hand at rest, per added mass; ``choice``: what is fitted.
+        rad of the hand at rest, per added mass; ``shared``: the parameters of all logs that are
+        fitted, the encoder's zero aside; ``horizon``: longest stretch in s that is simulated at a
+        time; ``variance``: of a residual, beside which uncertain knowledge is weighed.
         """
-        start = replace(start, **choice.known.exact)
-        first = [first_counted(log, choice.window) for log in logs]
+        start = replace(start, **known.fixed)
+        first = [first_counted(log, window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
-        told_velocity = "velocity" in {*choice.per_mass, *choice.per_log}
         simulations = tuple(
             simulation_of(
                 log,
                 start,
-                choice.horizon,
+                horizon,
                 k,
-                velocity_known=told_velocity,
+                velocity_known="velocity" in {*per_mass, *per_log},
                 free=len(logs) <= FEW,
                 warm=True,
             )
             for log, k in zip(logs, first, strict=True)
         )
-        hangs = not choice.known.weightless(log.added_mass for log in logs)
+        hangs = not known.weightless(log.added_mass for log in logs)
         anchored = [each.log for each in simulations if not isinstance(each, Segments)]
-        owned = local_keys(logs, choice.per_mass, choice.per_log, hangs=hangs, anchored=anchored)
-        keys = (*((name, None) for name in choice.shared), *owned)
+        owned = local_keys(logs, per_mass, per_log, hangs=hangs, anchored=anchored)
+        keys = (*((name, None) for name in shared), *owned)
         sizes = _scales(logs, start)
         scale = np.array([sizes[name] for name, _ in keys])
-        of_robot = choice.known.parameters
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
-        told: dict[Key, Known] = {(name, None): known for name, known in of_robot.items()}
-        told.update(known_zeros(keys, logs))
-        prior = Prior.of(keys, told, choice.variance)
+        told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
+        prior = Penalty.of(keys, {**told, **known_zeros(keys, logs)}, variance)
         return cls(
             start=start,
             keys=keys,
-            shared=len(choice.shared),
+            shared=len(shared),
             scale=scale,
             lower=np.asarray(lower_bounds([name for name, _ in keys]) / scale),
             initial=np.array(guesses) / scale,
@@ -136,8 +140,14 @@ class FreeRunResiduals:
             prior=None if prior is None else prior.turned(1 / scale, np.zeros(scale.size)),
             simulations=simulations,
             motion=motion,
-            workers=choice.workers,
+            workers=workers,
+            loss=loss,
         )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """(n,) what the parameters are called, and of whom."""
+        return tuple(name if whose is None else f"{name} of {whose}" for name, whose in self.keys)
 
     def equations(self, scaled: Samples) -> Equations:
         """Return errors relative to each log's rms motion; a log's squares sum to their mean."""
@@ -155,19 +165,8 @@ class FreeRunResiduals:
         chosen = [self.simulations[k] for k in numbers]
         concerned = {k for each in chosen for k in columns_of(self.keys, each.log)}
         kept = np.array(sorted(concerned))
-        return (
-            replace(
-                self,
-                keys=tuple(self.keys[k] for k in kept),
-                scale=self.scale[kept],
-                lower=self.lower[kept],
-                initial=self.initial[kept],
-                prior=None if self.prior is None else self.prior.take(kept),
-                simulations=tuple(chosen),
-                motion=tuple(self.motion[k] for k in numbers),
-            ),
-            kept,
-        )
+        motion = tuple(self.motion[k] for k in numbers)
+        return replace(self._take(kept), simulations=tuple(chosen), motion=motion), kept
 
     def keeping(self, kept: NDArray[np.intp], initial: Samples) -> FreeRunResiduals:
         """Return the residuals in some of the parameters; terms that are not kept are absent.
@@ -180,24 +179,79 @@ class FreeRunResiduals:
             if k not in kept
         }
         return replace(
-            self,
+            self._take(kept),
             start=replace(self.start, **absent),
-            keys=tuple(self.keys[k] for k in kept),
             shared=int(np.sum(kept < self.shared)),
+            initial=initial,
+        )
+
+    def _take(self, kept: NDArray[np.intp]) -> FreeRunResiduals:
+        """Return the residuals in some of the parameters, as they are."""
+        return replace(
+            self,
+            keys=tuple(self.keys[k] for k in kept),
             scale=self.scale[kept],
             lower=self.lower[kept],
-            initial=initial,
+            initial=self.initial[kept],
             prior=None if self.prior is None else self.prior.take(kept),
         )
 
-    def solved(self, end: Minimum[Equations]) -> SolvedEquations:
+    def descend(
+        self, initial: Samples, known: Equations | None = None, most: int = MOST
+    ) -> Minimum:
+        """Return where a descent from (n,) scaled values ends (see `gauss_newton.minimise`)."""
+        return minimise_robustly(
+            self.equations, initial, self.lower, self.loss, known=known, most=most
+        )
+
+    def choose_terms(self, point: Samples, at: Equations, always: Sequence[str]) -> TermChoice:
+        """Choose the terms that help to predict the free runs of logs left out.
+
+        ``point``, ``at``: (n,) scaled values, and the equations about them; ``always``: names of
+        parameters that are not to be chosen, but fitted. Values of the choice are scaled.
+        """
+        optional = {name for name in CANDIDATES if name not in always}
+        masses = [each.log.added_mass for each in self.simulations]
+        stretches = stretches_of(len(masses))
+        at = at if stretches == 1 else at.cut(stretches)
+        nested = Nested(
+            names=self.labels,
+            values=point,
+            lower=self.lower,
+            curvature=at.curvatures,
+            gradient=at.gradients,
+            cost=at.squares,
+            folds=folds_of(masses) if stretches == 1 else np.arange(len(at.logs)),
+            negligible=NEGLIGIBLE,
+            slack=1.0 if stretches == 1 else SLACK_OF_STRETCHES,
+            prior=self.prior,
+        )
+        kept = tuple(label for label in self.labels if label not in optional)
+        return choose_terms([nested], always=kept)
+
+    def inseparable(self, at: Equations) -> tuple[str, ...]:
+        """Return a term, and what comes with it, that the equations cannot tell from the others."""
+        rows = np.concatenate([rows for rows, _ in at.compressed()])
+        names = tuple(name for name, _ in self.keys)
+        told = None if self.prior is None else self.prior.active
+        conditioning = Conditioning.of(rows, names, told)
+        doubtful = [n for n in conditioning.weakest if n in {*CANDIDATES, *offered("output-error")}]
+        if conditioning.number <= SINGULAR_CONDITION or not doubtful:
+            return ()
+        last = doubtful[-1]
+        leader = next((name for name, with_it in COMPANIONS.items() if with_it == last), last)
+        return tuple(
+            n for n in dict.fromkeys((leader, last, COMPANIONS.get(leader, last))) if n in names
+        )
+
+    def solved(self, end: Minimum) -> SolvedEquations:
         """Return the end of a descent with its equations, those of few logs in blocks of time."""
         blocks = blocks_of(len(self.simulations), len(self.keys))
         parts = end.at.compressed(blocks)
         rows, residuals = zip(*parts, strict=True)
         scale = self.scale
         took = Finding(
-            kind=FindingKind.SIMULATIONS,
+            FindingKind.SIMULATIONS,
             number=end.evaluations,
             severity=Level.NOTE if end.converged else Level.WARNING,
         )

@@ -8,22 +8,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError, IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimators.base import Estimator, usable
-from butterfly.identification.estimators.equations import Equations
 from butterfly.identification.estimators.free_run_residuals import FreeRunResiduals
 from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
 
 _HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
@@ -66,7 +61,7 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
-    said = ", ".join(f"{name} = {value:g}" for name, value in data.known.exact.items() if value)
+    said = ", ".join(f"{name} = {value:g}" for name, value in data.known.fixed.items() if value)
     told = f", of what was said to be known ({said})" if said else ""
     return IdentifiabilityError(
         f"no joint makes these angles from this input: its inertia would be {inertia:.3g}, not "
@@ -113,7 +108,7 @@ def _of_ratios(data: DataSet) -> Start | None:
     zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
     try:
-        ratios = WeakForm(check=False).of_logs(logs, zeros, Knowledge.told({"p4": 1.0})).parameters
+        ratios = WeakForm(check=False).of_logs(logs, zeros, Prior.of({"p4": 1.0})).parameters
     except ButterflyError:
         return None
     if not ratios.p1:
@@ -130,66 +125,31 @@ def _known(method: type[Estimator], terms: tuple[str, ...] | None) -> tuple[str,
     return tuple(name for name in terms if name in offered(method.method))
 
 
-class Descent(Protocol):
-    """What can descend."""
+def lowest_end(
+    problems: Sequence[FreeRunResiduals],
+) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
+    """Descend from the first guess of each problem; return the best end, and what of the others.
 
-    def descend(
-        self,
-        problem: FreeRunResiduals,
-        initial: NDArray[np.float64],
-        known: Equations | None = None,
-        most: int = ...,
-    ) -> Minimum[Equations]:
-        """Return where a descent ends."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Multistart:
-    """The best end of some descents."""
-
-    problem: FreeRunResiduals  # problem, end: its residuals and where it ended
-    end: Minimum[Equations]
-    findings: tuple[Finding, ...]  # what there is to say of the other ends
-
-    @classmethod
-    def of(cls, problems: Sequence[FreeRunResiduals], fit: Descent) -> Multistart:
-        """Descend from the first guess of each problem.
-
-        The first descent is made to its end; the others are, only where they come lower.
-        """
-        ends: list[_End] = []
-        refusals = []
-        for problem in problems:
-            try:
-                ends.append(_descended(problem, fit, ends))
-            except IdentifiabilityError as refusal:
-                refusals.append(refusal)
-        if not ends:
-            raise refusals[0]
-        (problem, end), *others = sorted(ends, key=_cost)
-        ratios = [_cost(each) / end.at.cost for each in others if each.end.converged]
-        elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
-        findings = tuple(
-            Finding(kind=FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1]
-        )
-        return cls(problem=problem, end=end, findings=findings)
-
-
-class _End(NamedTuple):
-    problem: FreeRunResiduals
-    end: Minimum[Equations]
-
-
-def _cost(each: _End) -> float:
-    return each.end.at.cost
-
-
-def _descended(problem: FreeRunResiduals, fit: Descent, before: Sequence[_End]) -> _End:
-    """Descend to the end, or so far that it shows that the end is no better than one before."""
-    if not before:
-        return _End(problem, fit.descend(problem, problem.initial))
-    least = min(map(_cost, before))
-    end = fit.descend(problem, problem.initial, most=_GLANCE)
-    if not end.converged and end.at.cost < least:
-        end = fit.descend(problem, end.point, end.at)
-    return _End(problem, end)
+    The first descent is made to its end; the others are, only where they come lower.
+    """
+    ends: list[tuple[FreeRunResiduals, Minimum]] = []
+    refusals = []
+    for problem in problems:
+        try:
+            if not ends:
+                end = problem.descend(problem.initial)
+            else:
+                end = problem.descend(problem.initial, most=_GLANCE)
+                if not end.converged and end.at.cost < min(each.at.cost for _, each in ends):
+                    end = problem.descend(end.point, end.at)
+        except IdentifiabilityError as refusal:
+            refusals.append(refusal)
+        else:
+            ends.append((problem, end))
+    if not ends:
+        raise refusals[0]
+    (problem, best), *others = sorted(ends, key=lambda each: each[1].at.cost)
+    ratios = [end.at.cost / best.at.cost for _, end in others if end.converged]
+    elsewhere = [ratio for ratio in ratios if ratio > _ELSEWHERE]
+    findings = tuple(Finding(FindingKind.OTHER_END, number=min(elsewhere)) for _ in elsewhere[:1])
+    return problem, best, findings

@@ -23,12 +23,14 @@ from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, require_names, require_usable
-from butterfly.identification.estimators.equations import Equations, Loss, outlying
-from butterfly.identification.estimators.free_run_residuals import LOCAL, Choice, FreeRunResiduals
-from butterfly.identification.estimators.free_run_terms import CANDIDATES, FreeRunTerms, inseparable
-from butterfly.identification.estimators.gauss_newton import MOST, Minimum, minimise
+from butterfly.identification.estimators.free_run_residuals import (
+    CANDIDATES,
+    LOCAL,
+    FreeRunResiduals,
+)
+from butterfly.identification.estimators.gauss_newton import Loss, Minimum
 from butterfly.identification.estimators.local_parameters import local_values
-from butterfly.identification.estimators.multistart import Multistart, Start, starts
+from butterfly.identification.estimators.multistart import Start, lowest_end, starts
 from butterfly.identification.inference.covariance import FEW, blocks_of
 from butterfly.identification.inference.identifiability import (
     is_driven,
@@ -40,11 +42,10 @@ from butterfly.identification.inference.term_choice import candidates, missing_t
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
-from butterfly.model.friction import require_periods
-from butterfly.model.known import NOTHING, Knowledge
-from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
-from butterfly.signals.window import STEADY_SECONDS
+from butterfly.signals.frequency_response import STEADY_SECONDS
 
 _LEAST_MASSES = 2  # of calm logs, which then stand for all: others cannot be predicted
 
@@ -123,7 +124,7 @@ class OutputError(Estimator):
         if few or len(calm.logs) == len(data.logs):
             return self.of_starts(data.logs, first, data.known)
         lost = {log.name for log in data.logs} - {log.name for log in calm.logs}
-        left_out = Finding(kind=FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
+        left_out = Finding(FindingKind.UNPREDICTABLE, logs=tuple(sorted(lost)))
         return self.of_starts(calm.logs, first, data.known).with_findings(left_out)
 
     def of_logs(
@@ -131,7 +132,7 @@ class OutputError(Estimator):
         logs: Sequence[Log],
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
@@ -142,7 +143,7 @@ class OutputError(Estimator):
         return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
 
     def of_starts(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
@@ -156,28 +157,33 @@ class OutputError(Estimator):
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         reference = ScaleParameter.of(masses, known, driven=driven)
-        variance = self._variance(logs, first, reference.held)
-        ends = self._ends(logs, first, reference.held, variance)
-        problem, end = ends.problem, ends.end
+        variance = self._variance(logs, first, reference.fixed)
+        problem, end, said = self._lowest_end(logs, first, reference.fixed, variance)
         rivals: tuple[NDArray[np.float64], ...] = ()
-        said = list(ends.findings)
         if self.terms is None:
-            chosen = FreeRunTerms.of(problem, end.point, end.at, tuple(known.uncertain))
-            problem, rivals = chosen.part, chosen.rivals
-            end = self.descend(problem, problem.initial)
-            said += chosen.choice.findings
-        while lost := inseparable(problem, end.at):
-            said.append(Finding(kind=FindingKind.INSEPARABLE, parameters=lost))
+            choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
+            names = [label for label in problem.labels if label in choice.names]
+            ends = [
+                np.array([values[name] for name in names])
+                for values in (choice.values, *choice.rivals)
+            ]
+            kept = np.flatnonzero([label in names for label in problem.labels])
+            problem = problem.keeping(kept, ends[0])
+            rivals = tuple((each * problem.scale)[: problem.shared] for each in ends[1:])
+            end = problem.descend(problem.initial)
+            said = (*said, *choice.findings)
+        while lost := problem.inseparable(end.at):
+            said = (*said, Finding(FindingKind.INSEPARABLE, parameters=lost))
             kept = np.flatnonzero([name not in lost for name, _ in problem.keys])
             rivals = tuple(each[kept[kept < each.size]] for each in rivals)
             problem = problem.keeping(kept, end.point[kept])
-            end = self.descend(problem, problem.initial)
+            end = problem.descend(problem.initial)
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
             """Fit from where the whole fit ended, whose equations give the first step."""
             rest = [k for k, log in enumerate(logs) if log.added_mass != mass]
             part, kept = problem.part(rest)
-            end_of_part = self.descend(part, end.point[kept], end.at.part(rest, kept))
+            end_of_part = part.descend(end.point[kept], end.at.part(rest, kept))
             return np.asarray((end_of_part.point * part.scale)[: problem.shared])
 
         left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
@@ -190,7 +196,7 @@ class OutputError(Estimator):
             rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
             shared=problem.shared + bool(reference.name),
             findings=[*few, *of_few_logs(len(logs)), *said],
-            held=self._held(problem, reference.name),
+            fixed=self._fixed(problem, reference.name),
             local=local_values(list(ended)[problem.shared :]),
             masses=masses,
             blocks=blocks_of(len(logs), len(problem.keys)),
@@ -203,7 +209,7 @@ class OutputError(Estimator):
         self,
         logs: Sequence[Log],
         first: Sequence[Start],
-        known: Knowledge,
+        known: Prior,
         found: Estimate,
     ) -> Estimate:
         """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
@@ -212,11 +218,11 @@ class OutputError(Estimator):
         horizon = lasting_horizon(logs, found)
         if not math.isfinite(horizon):
             return found
-        adds_up = Finding(kind=FindingKind.ADDS_UP, number=horizon)
+        adds_up = Finding(FindingKind.ADDS_UP, number=horizon)
         again = replace(self, horizon=horizon).of_starts(logs, first, known)
         return again.with_findings(adds_up)
 
-    def _require_told_once(self, known: Knowledge) -> None:
+    def _require_told_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
         for name in self.fixed:
             if name in known.uncertain:
@@ -228,21 +234,21 @@ class OutputError(Estimator):
                     expected = "what is not known of the robot already"
                     raise InputError(self.method, field, name, expected)
 
-    def _ends(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge, variance: float = 1.0
-    ) -> Multistart:
+    def _lowest_end(
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior, variance: float
+    ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
         problems = [
             self.problem(logs, each.parameters, each.zeros, known, variance) for each in first
         ]
-        return Multistart.of(problems, self)
+        return lowest_end(problems)
 
-    def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
+    def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Prior) -> float:
         """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
         zeros = (log.zero for log in logs if log.zero is not None)
-        if not known.uncertain and all(zero.exact for zero in zeros):
+        if not known.uncertain and all(zero.fixed for zero in zeros):
             return 1.0
-        ends = self._ends(logs, first, known, 0.0)
-        return ends.problem.solved(ends.end).realised_variance
+        problem, end, _ = self._lowest_end(logs, first, known, 0.0)
+        return problem.solved(end).realised_variance
 
     def _missing(
         self,
@@ -259,31 +265,21 @@ class OutputError(Estimator):
         more = candidates(CANDIDATES, zeros, found.known)
         every = replace(self, terms=tuple(dict.fromkeys((*self.terms, *more))))
         problem = every.problem(logs, found.parameters, zeros, found.known, variance)
-        at = self._counted(problem.equations(problem.initial))
+        at = problem.equations(problem.initial).counting(self.loss)
         try:
-            best = FreeRunTerms.of(problem, problem.initial, at, found.names)
+            choice = problem.choose_terms(problem.initial, at, found.names)
         except IdentifiabilityError:
             return []
-        return missing_terms(found, best.values)
-
-    def minimum(
-        self,
-        logs: Sequence[Log],
-        start: LumpedParameters,
-        zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
-    ) -> float:
-        """Return the least sum of squares, each log's being its mean square relative error."""
-        problem = self.problem(logs, start, zeros, known)
-        end = self.descend(problem, problem.initial)
-        return float(sum(np.sum(log.residuals**2) for log in end.at.logs))
+        shared = zip(problem.labels[: problem.shared], problem.scale.tolist(), strict=False)
+        best = {n: choice.values[n] * size for n, size in shared if n in choice.names}
+        return missing_terms(found, best)
 
     def problem(
         self,
         logs: Sequence[Log],
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         variance: float = 1.0,
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised.
@@ -291,21 +287,24 @@ class OutputError(Estimator):
         ``variance``: of a residual, beside which what is known with an uncertainty is weighed.
         """
         horizon = horizon_of(logs, start, zeros) if self.horizon is None else self.horizon
-        choice = Choice(
-            terms=self._names((log.added_mass for log in logs), known),
-            fixed=self.fixed,
+        every = known.fitted((*PARAMETERS, *self._names((log.added_mass for log in logs), known)))
+        owned = {*self.fixed, *self.per_mass, *self.per_log}
+        return FreeRunResiduals.of(
+            logs,
+            replace(start, cogging_periods=self.cogging_periods),
+            zeros,
+            shared=[name for name in every if name not in owned],
             per_mass=self.per_mass,
             per_log=self.per_log,
             window=self.window,
             horizon=horizon or math.inf,
             workers=self.workers or os.cpu_count() or 1,
+            loss=self.loss,
             known=known,
             variance=variance,
         )
-        turning = replace(start, cogging_periods=self.cogging_periods)
-        return FreeRunResiduals.of(logs, turning, zeros, choice)
 
-    def _names(self, masses: Iterable[AddedMass], known: Knowledge) -> tuple[str, ...]:
+    def _names(self, masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
         terms = self.terms
         if terms is None:
@@ -317,34 +316,7 @@ class OutputError(Estimator):
         brought = {COMPANIONS[name] for name in leaders} - settled
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
-    def descend(
-        self,
-        problem: FreeRunResiduals,
-        initial: NDArray[np.float64],
-        known: Equations | None = None,
-        most: int = MOST,
-    ) -> Minimum[Equations]:
-        """Return where a descent ends, its loss counted in."""
-        plain = minimise(problem.equations, initial, problem.lower, known, most)
-        if self.loss is Loss.LINEAR:
-            return plain
-        first = self._counted(plain.at)
-        found = minimise(
-            lambda scaled: replace(problem.equations(scaled), loss=self.loss, scale=first.scale),
-            plain.point,
-            problem.lower,
-            first,
-        )
-        return replace(found, evaluations=plain.evaluations + found.evaluations)
-
-    def _counted(self, at: Equations) -> Equations:
-        """Return equations whose residuals count as the loss says, by their own scatter."""
-        if self.loss is Loss.LINEAR:
-            return at
-        residuals = np.concatenate([log.residuals for log in at.logs])
-        return replace(at, loss=self.loss, scale=outlying(residuals))
-
-    def _held(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
+    def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
         fitted = {reference, *(name for name, _ in problem.keys)}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from butterfly.identification.prior import Prior
+from butterfly.model.prior import Penalty
 
 CONFIDENCE = 0.95
 """Level of all intervals."""
@@ -80,7 +80,7 @@ def compress_all(
 def cluster_covariance(
     rows: NDArray[np.float64],
     residuals: NDArray[np.float64],
-    prior: Prior | None = None,
+    prior: Penalty | None = None,
     considered: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the (p, p) bias-reduced cluster-robust covariance (CR2) and (p,) degrees of freedom.

@@ -13,8 +13,8 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import Prior
 from butterfly.verdict import Level
 
 WEAK_CONDITION = 1e3
@@ -78,12 +78,7 @@ class Conditioning:
         if self.number <= WEAK_CONDITION:
             return []
         return [
-            Finding(
-                kind=FindingKind.COMBINATION,
-                parameters=self.weakest,
-                number=self.number,
-                severity=Level.CARE,
-            )
+            Finding(FindingKind.COMBINATION, self.weakest, number=self.number, severity=Level.CARE)
         ]
 
 
@@ -114,11 +109,7 @@ def sort_by_precision(
         for kind in (FindingKind.PRECISE, FindingKind.ROUGH, FindingKind.NOT_FROM_ZERO)
     }
     return [
-        Finding(
-            kind=kind,
-            parameters=parameters,
-            number=_PRECISE if kind is FindingKind.PRECISE else None,
-        )
+        Finding(kind, parameters, number=_PRECISE if kind is FindingKind.PRECISE else None)
         for kind, parameters in groups.items()
         if parameters
     ]
@@ -129,15 +120,13 @@ def is_driven(logs: Iterable[Log]) -> bool:
     return any(bool(np.any(log.input)) for log in logs)
 
 
-def refuse_without_scale(
-    masses: Iterable[AddedMass], known: Knowledge, *, driven: bool = True
-) -> None:
+def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> None:
     """Raise IdentifiabilityError if nothing says how large the parameters are.
 
     All torques of the equation add up to 0, so that p1..p4 times any number would do as well: it
     takes two different added masses, or a parameter that is known and is not 0.
     """
-    if not driven and not {"p4", "delay"} <= known.exact.keys():
+    if not driven and not {"p4", "delay"} <= known.fixed.keys():
         raise IdentifiabilityError(
             "the input is zero throughout, so that p4 and the delay are not seen: add logs of a "
             "driven joint, or say what they are (--known p4=...,delay=0)"
@@ -173,7 +162,7 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
 def without_each_mass(
     masses: Iterable[AddedMass],
     refit: Callable[[AddedMass], NDArray[np.float64]],
-    known: Knowledge,
+    known: Prior,
     *,
     asked: bool,
     driven: bool = True,
@@ -186,9 +175,9 @@ def without_each_mass(
     """
     different = sorted(set(masses))
     if not asked:
-        return {}, [Finding(kind=FindingKind.UNCHECKED)]
+        return {}, [Finding(FindingKind.UNCHECKED)]
     left_out: dict[Hashable, NDArray[np.float64]] = {}
-    sure = known.within(known.exact)
+    sure = known.within(known.fixed)
     for mass in different if len(different) > 1 else ():
         rest = [other for other in different if other != mass]
         try:
@@ -196,7 +185,7 @@ def without_each_mass(
             left_out[mass] = refit(mass)
         except IdentifiabilityError:
             continue
-    few = Finding(kind=FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
+    few = Finding(FindingKind.FEW_MASSES, number=len(different), severity=Level.CARE)
     return left_out, [] if left_out or known.scale else [few]
 
 
@@ -204,4 +193,4 @@ def of_few_logs(count: int) -> list[Finding]:
     """Say of how many logs the intervals are, where these are few: blocks of time vary less."""
     if count > FEW:
         return []
-    return [Finding(kind=FindingKind.FEW_LOGS, number=count, severity=Level.CARE)]
+    return [Finding(FindingKind.FEW_LOGS, number=count, severity=Level.CARE)]

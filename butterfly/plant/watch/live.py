@@ -11,9 +11,9 @@ import numpy as np
 
 from butterfly.model.parameters import AddedMass
 from butterfly.plant import has_display
-from butterfly.plant.control_loop import Sample
 from butterfly.plant.joints import MujocoJoint
 from butterfly.plant.mjcf import compile_model
+from butterfly.plant.motor import Sample
 from butterfly.plant.rig import Rig
 from butterfly.plant.watch.picture import RenderingError
 from butterfly.signals.excitations import Excitation, initial_angle

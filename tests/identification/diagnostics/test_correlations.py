@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from butterfly.identification.diagnostics.misfit import Curve, autocorrelation, cross_correlation
+from butterfly.identification.diagnostics.residuals import Curve, autocorrelation, cross_correlation
 
 COUNT, LAGS = 3000, 150
 

@@ -15,12 +15,10 @@ from butterfly.identification.diagnostics.findings import (
 )
 from butterfly.verdict import Level
 
-NOTE = Finding(kind=FindingKind.PRECISE, parameters=("p1",))
-CARE = Finding(kind=FindingKind.FEW_MASSES, number=2, severity=Level.CARE)
-WARNING = Finding(kind=FindingKind.POOR_FIT, number=20.0, severity=Level.WARNING)
-SLIP = Finding(
-    kind=FindingKind.UNIT_ERROR, parameters=("degrees",), number=57.3, severity=Level.CARE
-)
+NOTE = Finding(FindingKind.PRECISE, ("p1",))
+CARE = Finding(FindingKind.FEW_MASSES, number=2, severity=Level.CARE)
+WARNING = Finding(FindingKind.POOR_FIT, number=20.0, severity=Level.WARNING)
+SLIP = Finding(FindingKind.UNIT_ERROR, ("degrees",), number=57.3, severity=Level.CARE)
 
 
 @pytest.mark.parametrize(
@@ -43,12 +41,12 @@ def test_the_gravest_finding_decides_and_is_the_reason(ending, findings, level, 
 @pytest.mark.parametrize(
     ("finding", "impossible"),
     [
-        (Finding(kind=FindingKind.NO_INERTIA, number=-1.0, severity=Level.WARNING), True),
-        (Finding(kind=FindingKind.NEGATIVE, severity=Level.WARNING), True),
-        (Finding(kind=FindingKind.NEGATIVE, severity=Level.CARE), False),
-        (Finding(kind=FindingKind.POOR_FIT, number=-math.inf, severity=Level.WARNING), True),
-        (Finding(kind=FindingKind.POOR_FIT, number=30.0, severity=Level.WARNING), False),
-        (Finding(kind=FindingKind.ROUNDS, number=60, severity=Level.WARNING), False),
+        (Finding(FindingKind.NO_INERTIA, number=-1.0, severity=Level.WARNING), True),
+        (Finding(FindingKind.NEGATIVE, severity=Level.WARNING), True),
+        (Finding(FindingKind.NEGATIVE, severity=Level.CARE), False),
+        (Finding(FindingKind.POOR_FIT, number=-math.inf, severity=Level.WARNING), True),
+        (Finding(FindingKind.POOR_FIT, number=30.0, severity=Level.WARNING), False),
+        (Finding(FindingKind.ROUNDS, number=60, severity=Level.WARNING), False),
     ],
 )
 def test_what_no_joint_can_have_is_told_from_what_is_not_to_be_used(finding, impossible):

@@ -10,15 +10,15 @@ from butterfly.identification.diagnostics.plausibility import judge_knowledge
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.implied import implied
 from butterfly.logs.log import InputKind
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS
+from butterfly.model.prior import Prior
 from butterfly.verdict import Level
 
 VALUES = np.array([0.00325, 0.00145, 0.04905, 0.025])
 
 
 def _judged(**known):
-    told = Knowledge.told(known)
+    told = Prior.of(known)
     errors = 0.01 * VALUES
     estimate = Estimate(
         method="",

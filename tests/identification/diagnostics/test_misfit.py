@@ -91,9 +91,9 @@ def test_a_term_that_the_model_has_is_never_named(term):
     robot = replace(ROBOT, **MISSING[term])
     data = _read(_tame(robot), Encoder(steps=8192, noise=1e-4))
     told = FIT.with_terms((term,))
-    estimate = replace(told(data), held={"stribeck_velocity": robot.stribeck_velocity})
-    for left in (judge_misfit(data, estimate).left_over, residual_torques(data, estimate).overall):
-        assert not {"coulomb", "p1", "p2", "p3", term} & set(left.shares)
+    estimate = replace(told(data), fixed={"stribeck_velocity": robot.stribeck_velocity})
+    for each in (judge_misfit(data, estimate), *residual_torques(data, estimate)):
+        assert not {"coulomb", "p1", "p2", "p3", term} & set(each.left_over.shares)
 
 
 def test_a_value_that_is_a_little_off_is_an_error_and_no_misfit(logs):
@@ -131,7 +131,7 @@ def test_the_residual_torque_is_that_of_the_missing_term(term):
     data = _read(_tame(robot), Encoder(steps=65536))
     told = replace(FIT(data), values=np.array([getattr(ROBOT, name) for name in FIT(data).names]))
     told = replace(told, local={None: {"zero": 0.0}})
-    for each, log in zip(residual_torques(data, told).logs, data.logs, strict=True):
+    for each, log in zip(residual_torques(data, told), data.logs, strict=True):
         v = each.velocity
         expected = {
             "drag": np.abs(v) * v,

@@ -9,8 +9,8 @@ import pytest
 
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.diagnostics.plausibility import judge_physics
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.model.terms import PARAMETERS
 from butterfly.verdict import Level
 from tests.conftest import MASSES
@@ -30,7 +30,7 @@ def _estimate(share=0.1, told=None, freedom=None, **changed):
         upper=values + reach,
         covariance=np.diag((reach / 2) ** 2),
         parameters=LumpedParameters(**known),
-        known=Knowledge.told(told or {}),
+        known=Prior.of(told or {}),
         freedom=None if freedom is None else np.full(values.size, freedom),
     )
 

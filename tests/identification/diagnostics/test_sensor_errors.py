@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.identification.diagnostics.sensor_errors import SensorErrors, encoder_step
+from butterfly.identification.diagnostics.residuals import SensorErrors, encoder_step
 from butterfly.plant.sensors import Encoder
 
 TIME = np.arange(0, 20, 1e-3)

@@ -26,9 +26,7 @@ from butterfly.verdict import Level
     ],
 )
 def test_the_unit_that_is_advised_has_the_factor_that_undoes_the_slip(slip, factor):
-    found = Finding(
-        kind=FindingKind.UNIT_ERROR, parameters=(slip,), number=factor, severity=Level.CARE
-    )
+    found = Finding(FindingKind.UNIT_ERROR, (slip,), number=factor, severity=Level.CARE)
     said = unit_error_text(found)
     name, unit = re.search(r"--units (\w+)=(\S+), ", said).groups()
     assert f"units: {{{name}: {unit}}}" in said

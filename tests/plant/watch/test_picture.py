@@ -6,8 +6,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 from butterfly.errors import InputError
-from butterfly.model.friction import Friction
-from butterfly.model.parameters import AddedMass, Hand, TorqueDrive
+from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.robot import Robot
 from butterfly.plant.watch.picture import Caption, Painter, RenderingError, caption_text, film
 

@@ -1,16 +1,16 @@
-"""Periodogram, amplitude (71), resampling and steady window."""
-
-from dataclasses import replace
+"""Periodogram, amplitude (71), uniform grid and the frequency at which a signal moves most."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from butterfly.errors import InputError
-from butterfly.logs.log import Sine
-from butterfly.signals.spectrum import periodogram, resample, rms_amplitude, uniform_grid
-from butterfly.signals.window import steady_window
+from butterfly.signals.spectrum import (
+    dominant_frequency,
+    periodogram,
+    rms_amplitude,
+    uniform_grid,
+)
 
 
 @given(periods=st.integers(1, 30), length=st.integers(3, 20), amplitude=st.floats(0.1, 10))
@@ -49,30 +49,17 @@ def test_the_uniform_grid_stays_within_the_stamps(step, count):
     np.testing.assert_allclose(uniform_grid(time), time)
 
 
-def test_resampling_is_exact_for_a_straight_line():
-    time = np.sort(np.random.default_rng(1).uniform(0, 1, 50))
-    grid = np.linspace(time[0], time[-1], 33)
-    np.testing.assert_allclose(resample(time, 3 * time - 1, grid), 3 * grid - 1)
+@pytest.mark.parametrize("omega", [0.7, 5.0, 40.0])
+def test_the_frequency_of_a_noisy_sine_is_found_on_any_clock(omega):
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(1e-3, 3e-3, 15_000))
+    values = 0.4 + np.sin(omega * time + 0.3) + 0.2 * rng.standard_normal(time.size)
+    found, share = dominant_frequency(time, values)
+    assert found == pytest.approx(omega, rel=1e-3)
+    assert 0.9 < share < 1.0
 
 
-@pytest.mark.parametrize("omega", [2.0, 4.75, 16.0])
-def test_the_steady_window_holds_whole_periods_at_the_end(sine_log, omega):
-    rows = steady_window(sine_log, omega, 30.0)
-    duration = rows.sum() * sine_log.mean_step
-    periods = duration * omega / (2 * np.pi)
-    assert rows[-1]
-    assert periods == pytest.approx(round(periods), abs=0.01)
-    assert 30 - 2 * np.pi / omega < duration <= 30.001
-
-
-def test_three_periods_of_a_slow_sine_may_take_longer_than_the_window(sine_log):
-    slowest = 3.5 * 2 * np.pi / (sine_log.time[-1] - sine_log.time[0])
-    seconds = 2.0 * np.pi / slowest  # room for one
-    rows = steady_window(sine_log, slowest, seconds)
-    assert rows.sum() * sine_log.mean_step == pytest.approx(3.0 * seconds, rel=1e-2)
-
-
-def test_a_log_of_too_few_periods_is_refused(sine_log):
-    short = replace(sine_log, excitation=Sine(omega=0.3, amplitude=1.0))
-    with pytest.raises(InputError, match="at least 3 periods"):
-        steady_window(short, 0.3)
+def test_a_long_log_is_thinned_and_a_constant_has_no_frequency():
+    time = np.arange(0, 100, 1e-3)
+    assert dominant_frequency(time, np.sin(3 * time))[0] == pytest.approx(3.0, rel=1e-5)
+    assert dominant_frequency(time, np.ones_like(time)) == (0.0, 0.0)

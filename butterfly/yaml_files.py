@@ -1,10 +1,13 @@
-"""Read YAML 1.2 files safely: any slip in one is one InputError with its file, line and field.
+"""YAML 1.2 files, read safely and written so that every reader reads the same.
 
-No tag builds an object, a date is a text, and what a small file may unfold to is bounded.
+Any slip in one is one InputError with its file, line and field. No tag builds an object, a date is
+a text, and what a small file may unfold to is bounded.
 """
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -15,10 +18,10 @@ from ruamel.yaml import YAML
 from ruamel.yaml.composer import ComposerError
 from ruamel.yaml.constructor import ConstructorError, DuplicateKeyError, SafeConstructor
 from ruamel.yaml.error import YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.representer import SafeRepresenter
 
-from butterfly.errors import InputError, nearest, shown
-from butterfly.sizes import said
+from butterfly.errors import InputError, nearest, shown, size_text
 
 _DEEPEST = 50  # mappings and lists within each other: more would end in a RecursionError
 _MOST = 300_000  # values, what aliases stand for counted each time
@@ -27,6 +30,10 @@ _LARGEST = 2_000_000  # bytes: more takes longer to read than anybody waits
 _UNKNOWN_KEY = {"extra_forbidden", "unexpected_keyword_argument"}
 
 _LONGEST = 120  # characters of a value that a message repeats
+
+_ONE_LINE = 1_000_000  # characters: nothing is wrapped
+# What needs no quotes, unless it reads as a value.
+_WORDS = re.compile(r"[^\W\d]([\w ./-]*[\w./-])?")
 
 _PLAINER = {
     "a valid dictionary": "a mapping",
@@ -226,7 +233,8 @@ def _text(path: Path) -> str:
     try:
         size = path.stat().st_size
         if size > _LARGEST:
-            raise InputError(path, "content", said(size), f"a YAML file of up to {said(_LARGEST)}")
+            expected = f"a YAML file of up to {size_text(_LARGEST)}"
+            raise InputError(path, "content", size_text(size), expected)
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", "an existing YAML file") from None
@@ -325,3 +333,37 @@ def _parsed(text: str) -> tuple[Any, Node]:
     if root is not None:
         _extent(root, {})
     return None if root is None else yaml.constructor.construct_document(root), root
+
+
+def yaml_text(content: dict[str, Any], *, flow: bool = False) -> str:
+    """Return plain values as YAML, in the order of their keys; mappings in braces if ``flow``."""
+    writer = YAML(typ="safe", pure=True)
+    writer.Representer = _PlainWriter
+    writer.default_flow_style = flow
+    writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # typed as None
+    writer.width = _ONE_LINE
+    text = io.StringIO()
+    writer.dump(content, text)
+    return text.getvalue()
+
+
+class _PlainWriter(SafeRepresenter):
+    """Writes numbers and texts so that every reader sees the same.
+
+    Readers of YAML 1.1 see numbers in 1.0e-05, not in 1e-05. Texts other than words are quoted:
+    ruamel.yaml 0.19 would write the text ``: 1`` bare in braces.
+    """
+
+    def represent_str(self, data: str) -> ScalarNode:
+        style = None if _WORDS.fullmatch(data) else '"'
+        return self.represent_scalar("tag:yaml.org,2002:str", data, style=style)
+
+    def represent_float(self, data: float) -> ScalarNode:
+        node = super().represent_float(data)
+        if "." not in node.value:
+            node.value = node.value.replace("e", ".0e")
+        return node
+
+
+_PlainWriter.add_representer(str, _PlainWriter.represent_str)
+_PlainWriter.add_representer(float, _PlainWriter.represent_float)

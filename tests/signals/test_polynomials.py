@@ -1,4 +1,4 @@
-"""Polynomials between the instants of a simulation, against SciPy's."""
+"""Polynomials between a simulation's instants, and slopes of local ones, against SciPy's."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
+from scipy.signal import savgol_filter
 
-from butterfly.signals import hermite
+from butterfly.signals import polynomials
+
+VALUES = np.cumsum(np.random.default_rng(0).standard_normal(3000))
 
 
 def _random(seed):
@@ -26,16 +29,16 @@ def _random(seed):
 def test_they_are_the_cubic_hermite_splines_and_go_on_beyond_the_end(seed):
     grid, angle, velocity, instants, values = _random(seed)
     expected = CubicHermiteSpline(grid, angle, velocity)(instants)
-    found = hermite.interpolate(grid, angle, velocity, instants)
+    found = polynomials.interpolate(grid, angle, velocity, instants)
     np.testing.assert_allclose(found, expected, atol=1e-12)
-    distance = hermite.squared_distance(grid, angle, velocity, instants, values)
+    distance = polynomials.squared_distance(grid, angle, velocity, instants, values)
     assert distance == pytest.approx(np.sum((expected - values) ** 2), rel=1e-10)
 
 
 @given(seed=st.integers(0, 10**6))
 def test_averages_are_those_over_the_instants_of_each_interval(seed):
     grid, angle, velocity, instants, values = _random(seed)
-    into, weights, means = hermite.averages(grid, instants, values)
+    into, weights, means = polynomials.averages(grid, instants, values)
     expected = CubicHermiteSpline(grid, angle, velocity)(instants)
     cell = np.clip(np.searchsorted(grid, instants, "right") - 1, 0, grid.size - 2)
     assert sorted(set(cell)) == np.flatnonzero(into >= 0).tolist()
@@ -44,3 +47,26 @@ def test_averages_are_those_over_the_instants_of_each_interval(seed):
         ends = [angle[k], velocity[k], angle[k + 1], velocity[k + 1]]
         assert weights[:, row] @ ends == pytest.approx(expected[inside].mean(), abs=1e-12)
         assert means[row] == pytest.approx(values[inside].mean(), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("size", "reach", "order"),
+    [(3000, 62, 4), (2150, 20, 4), (3000, 3, 4), (125, 62, 4), (126, 62, 4), (7, 3, 4), (99, 4, 2)],
+)
+def test_slopes_are_those_of_scipy_s_savitzky_golay_filter_up_to_the_ends(size, reach, order):
+    values, step = VALUES[:size], 0.01
+    found = polynomials.slope(values, reach, order, step)
+    expected = savgol_filter(values, 2 * reach + 1, order, deriv=1, delta=step, mode="interp")
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_the_slope_of_a_polynomial_is_exact_up_to_the_ends(order):
+    time = 0.02 * np.arange(200) - 1
+    found = polynomials.slope(time**order, 10, 4, 0.02)
+    np.testing.assert_allclose(found, order * time ** (order - 1), rtol=0, atol=1e-11)
+
+
+def test_at_rest_the_slope_is_0_to_the_last_bit():
+    """Its sign is the direction of friction."""
+    assert not polynomials.slope(np.full(300, 0.1), 20, 4, 1e-3).any()

@@ -14,8 +14,7 @@ from butterfly.errors import InputError
 from butterfly.experiment.source import Source
 from butterfly.experiment.sweep import plan_sweep
 from butterfly.files import shipped, shipped_experiments
-from butterfly.yaml_input import StrictModel, load_yaml, validate
-from butterfly.yaml_output import yaml_text
+from butterfly.yaml_files import StrictModel, load_yaml, validate, yaml_text
 
 
 def _content(folder, text):

@@ -1,0 +1,299 @@
+"""The tables of a sweep: where in the records each value is, and how the truth is recovered."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias, TypeVar
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from butterfly.experiment.record import EstimateRecord, OrbitRecord, RunRecord, SweepRun
+from butterfly.identification.diagnostics.findings import Ending
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.parameter import Parameter, or_none
+from butterfly.verdict import VERDICTS
+
+RUNS, ESTIMATES = "runs", "estimates"
+TABLES = (RUNS, ESTIMATES)
+"""Names of the tables."""
+
+MISSING = "missing"
+"""Status, in the table of runs, of one that has no record."""
+
+_TEXT, _NUMBER, _COUNT, _TRUTH = pa.string(), pa.float64(), pa.int64(), pa.bool_()
+
+_COLUMNS = (
+    *("number", "key", "estimator", "ending", "findings", "verdict"),
+    *("parameter", "known", "value", "lower", "upper", "true", "deviation", "fit_median"),
+)
+_MAIN = ("p1", "p3", "p4")
+
+_Row = TypeVar("_Row")
+
+
+class Found(NamedTuple):
+    """A row of the table of estimates: one parameter, of one estimate."""
+
+    record: EstimateRecord
+    estimate: Estimate
+    parameter: Parameter
+
+
+Column: TypeAlias = tuple[pa.DataType, Callable[[_Row], Any]]
+"""A column: its type, and its value for a row."""
+
+
+def _of_orbit(value: Callable[[OrbitRecord], Any], kind: pa.DataType = _NUMBER) -> _OfRun:
+    """Column of something that an orbit's record says, if there is one."""
+    return kind, lambda record: value(record.orbit) if record and record.orbit else None
+
+
+def _of_parameter(name: str) -> Column[Found]:
+    """Column of something that a parameter's record says."""
+    return _NUMBER, lambda row: getattr(row.parameter, name)
+
+
+def _of_fit(which: str, statistic: str) -> Column[Found]:
+    """Column of a statistic of FIT, if there is one."""
+    return _NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None)
+
+
+_OfRun: TypeAlias = Column[RunRecord | None]
+
+_PLACE: dict[str, Column[SweepRun]] = {
+    "number": (_COUNT, lambda run: run.number),
+    "key": (_TEXT, lambda run: run.key),
+    "repetition": (_COUNT, lambda run: run.repetition),
+    "seed": (_COUNT, lambda run: run.seed),
+}
+
+_RUN: dict[str, _OfRun] = {
+    "status": (_TEXT, lambda record: record.status if record else MISSING),
+    "error": (_TEXT, lambda record: record.reason if record else "not run"),
+    "logs": (_COUNT, lambda record: record.logs if record else None),
+    "verdict": (_TEXT, lambda record: record.verdict if record else None),
+    "unconverged": (_COUNT, lambda record: record.unconverged if record else None),
+    "orbit_rounds": _of_orbit(lambda orbit: len(orbit.amplitudes_rad), _COUNT),
+    "orbit_target": _of_orbit(lambda orbit: orbit.target_rad),
+    "orbit_amplitude": _of_orbit(lambda orbit: orbit.amplitudes_rad[-1]),
+    "orbit_error_generic": _of_orbit(lambda orbit: orbit.free_run_rms_rad.get("generic")),
+    "orbit_error_recalibrated": _of_orbit(
+        lambda orbit: orbit.free_run_rms_rad.get("re-calibrated")
+    ),
+}
+
+_ESTIMATE: dict[str, Column[Found]] = {
+    "estimator": (_TEXT, lambda row: row.record.estimator),
+    "verdict": (_TEXT, lambda row: row.record.verdict),
+    "ending": (_TEXT, lambda row: row.estimate.ending),
+    "findings": (_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
+    "parameter": (_TEXT, lambda row: row.parameter.name),
+    "on_bound": (_TRUTH, lambda row: row.parameter.on_bound),
+    "known": (_TRUTH, lambda row: row.parameter.known),
+    **{
+        name: _of_parameter(name)
+        for name in (
+            *("value", "standard_error", "lower", "upper", "least_left_out", "largest_left_out"),
+            *("true", "deviation"),
+        )
+    },
+    "condition": (_NUMBER, lambda row: or_none(row.estimate.condition)),
+    "fit_median": _of_fit("fit", "median"),
+    "fit_mean": _of_fit("fit", "mean"),
+    "fit_worst": _of_fit("fit", "worst"),
+    "held_out_median": _of_fit("held_out", "median"),
+    "held_out_worst": _of_fit("held_out", "worst"),
+    "holdout_median": _of_fit("holdout", "median"),
+    "holdout_worst": _of_fit("holdout", "worst"),
+}
+
+
+class SweepColumns:
+    """The columns of a sweep's tables: the fixed ones, and one for each field that varied.
+
+    The values of all runs decide on the types of the latter.
+    """
+
+    def __init__(self, fields: Sequence[str], runs: Iterable[SweepRun]) -> None:
+        varied = [field for field in fields if field != "seed"]  # it has a column anyway
+        values: dict[str, list[Any]] = {field: [] for field in varied}
+        for run in runs:
+            for field in varied:
+                values[field].append(run.overrides.get(field))
+        self._fields = {field: _kind(values[field]) for field in varied}
+
+    def schema(self, table: str) -> pa.Schema:
+        """Return the names and types of a table's columns."""
+        place = {name: kind for name, (kind, _) in _PLACE.items()}
+        own: dict[str, Column[Any]] = {**(_RUN if table == RUNS else _ESTIMATE)}
+        rest = {name: kind for name, (kind, _) in own.items()}
+        return pa.schema(list((place | self._fields | rest).items()))
+
+    def rows(self, table: str, run: SweepRun, record: RunRecord | None) -> Iterator[dict[str, Any]]:
+        """Yield the rows of a table that a run gives."""
+        place = {name: value(run) for name, (_, value) in _PLACE.items()}
+        place |= {f: _cell(run.overrides.get(f), kind) for f, kind in self._fields.items()}
+        if table == RUNS:
+            yield place | {name: value(record) for name, (_, value) in _RUN.items()}
+            return
+        for estimate in record.estimates if record else ():
+            for parameter in estimate.parameters:
+                assert estimate.estimate is not None  # noqa: S101 - it has parameters
+                found = Found(estimate, estimate.estimate, parameter)
+                yield place | {name: value(found) for name, (_, value) in _ESTIMATE.items()}
+
+
+def _kind(values: Iterable[Any]) -> pa.DataType:
+    """Type of a column that holds all of some values: numbers, truth values, or else texts."""
+    given = [value for value in values if value is not None]
+    if given and all(isinstance(value, bool) for value in given):
+        return _TRUTH
+    return _NUMBER if all(_is_number(value) for value in given) else _TEXT
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - whatever a field may be set to
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:
+        return False
+
+
+def _cell(value: Any, kind: pa.DataType) -> Any:  # noqa: ANN401
+    if value is None or kind == _TRUTH:
+        return value
+    return float(value) if kind == _NUMBER else _text(value)
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, dict) and not any(isinstance(v, dict | list) for v in value.values()):
+        return ", ".join(f"{key} {part}" for key, part in value.items())
+    return json.dumps(value, default=str) if isinstance(value, dict | list) else str(value)
+
+
+class Recovery(NamedTuple):
+    """How one estimator recovers one parameter.
+
+    The deviations from the truth are shares, NaN without any; so is the coverage of 95 % intervals.
+    """
+
+    estimator: str
+    parameter: str
+    runs: int
+    median: float
+    rms: float
+    largest: float
+    coverage: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Estimated parameters of a sweep as (n,) columns."""
+
+    columns: dict[str, NDArray[Any]]
+
+    @classmethod
+    def of(cls, table: pa.Table, fields: Sequence[str]) -> Estimates:
+        """Take from a result store's table what was estimated, with the fields that varied."""
+        wanted = {*_COLUMNS, *fields} & {*table.column_names}
+        every = cls({name: column(table, name) for name in wanted})
+        return every.take(~every["known"].astype(bool))
+
+    def take(self, rows: NDArray[np.bool_]) -> Estimates:
+        """Return the rows that a mask selects."""
+        return Estimates({name: column[rows] for name, column in self.columns.items()})
+
+    def where(self, **values: object) -> Estimates:
+        """Return the rows with these values in the columns of these names."""
+        masks = [self[name] == value for name, value in values.items()]
+        return self.take(np.logical_and.reduce(masks))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.columns[name]
+
+    def distinct(self, name: str) -> list[Any]:
+        """Return the different values of a column, in the order of their first row."""
+        return list(dict.fromkeys(self[name].tolist()))
+
+    @property
+    def deviating(self) -> Estimates:
+        """Those whose deviation from the truth is known, which is not 0."""
+        return self.take(np.isfinite(self["deviation"]))
+
+    def deviations(self) -> tuple[float, float, float]:
+        """Return median, rms and largest size of the known deviations; NaN without any."""
+        known = self.deviating["deviation"]
+        if not known.size:
+            return math.nan, math.nan, math.nan
+        rms = float(np.sqrt(np.mean(known**2)))
+        return float(np.median(known)), rms, float(np.abs(known).max())
+
+    @property
+    def coverage(self) -> float:
+        """Share of the intervals that hold the truth; NaN if there is no interval."""
+        there = np.isfinite(self["lower"]) & np.isfinite(self["upper"])
+        inside = (self["lower"] <= self["true"]) & (self["true"] <= self["upper"])
+        return float(inside[there].mean()) if there.any() else math.nan
+
+    def by_estimate(self, name: str) -> dict[tuple[float, str], Any]:
+        """Return the value of a column for each run and estimator."""
+        estimates = zip(self["number"].tolist(), self["estimator"].tolist(), strict=True)
+        return dict(zip(estimates, self[name].tolist(), strict=True))
+
+    @property
+    def unconverged(self) -> int:
+        """Number of estimates that did not converge."""
+        return sum(ending != Ending.CONVERGED for ending in self.by_estimate("ending").values())
+
+    @property
+    def verdicts(self) -> dict[str, dict[str, int]]:
+        """Number of estimates of each verdict, by estimator."""
+        found: dict[str, list[str]] = {each: [] for each in self.estimators}
+        for (_, estimator), verdict in self.by_estimate("verdict").items():
+            found[estimator].append(verdict)
+        return {
+            estimator: {each.verdict: verdicts.count(each.verdict) for each in VERDICTS}
+            for estimator, verdicts in found.items()
+        }
+
+    @property
+    def estimators(self) -> list[str]:
+        """Names of the estimators."""
+        return self.distinct("estimator")
+
+    def worst(self) -> Estimates:
+        """Return of each run and estimator the row of p1, p3 or p4 that deviates most."""
+        sizes = np.nan_to_num(np.abs(self["deviation"]))
+        found: dict[tuple[float, str], int] = {}
+        owners = zip(self["number"].tolist(), self["estimator"].tolist(), strict=True)
+        for row, (owner, name) in enumerate(zip(owners, self["parameter"], strict=True)):
+            if name in _MAIN and (owner not in found or sizes[row] > sizes[found[owner]]):
+                found[owner] = row
+        return self.take(np.isin(np.arange(sizes.size), list(found.values())))
+
+    def recovery(self) -> Iterator[Recovery]:
+        """Yield how well each parameter is recovered, by estimator."""
+        for estimator in self.estimators:
+            for parameter in self.distinct("parameter"):
+                group = self.where(estimator=estimator, parameter=parameter)
+                runs = int(group["value"].size)
+                if runs:
+                    spread = group.deviations()
+                    yield Recovery(estimator, parameter, runs, *spread, group.coverage)
+
+
+def column(table: pa.Table, name: str) -> NDArray[Any]:
+    """Return a column as floats, NaN where there is nothing, or as objects."""
+    column = table[name]
+    if str(column.type) in {"double", "int64"}:
+        floats = column.cast("double", safe=False)  # seeds have more digits than a float
+        return np.asarray(floats.to_numpy(zero_copy_only=False), dtype=np.float64)
+    coded = column.combine_chunks().dictionary_encode()  # few texts, each of them many times
+    texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+    return np.asarray(texts[coded.indices.fill_null(-1).to_numpy()])
