@@ -150,7 +150,7 @@ def _knowledge(**known):
         findings=(),
     )
     data = SimpleNamespace(
-        told=told,
+        given=told,
         known=implied(told, InputKind.VOLTAGE),
         input_kind=InputKind.VOLTAGE,
         logs=[SimpleNamespace(added_mass=NO_ADDED_MASS)],
