@@ -23,7 +23,7 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import about_data, chosen_options
 from butterfly.identification.identify import held_out_fits
 from butterfly.identification.parameter import unit_of
-from butterfly.identification.validate import Bootstrap, HeldOut, Structure
+from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.model.terms import TERMS
 from butterfly.report.finding_texts import estimate_numbers, estimate_verdict, misfit_numbers
@@ -102,7 +102,7 @@ class Validated(Tabulated):
         cls,
         data: DataSet,
         estimator: Estimator,
-        held: HeldOut,
+        held: CrossValidation,
         whole: Estimate,
         drawn: Bootstrap | None = None,
     ) -> Validated:
