@@ -40,6 +40,13 @@ def test_one_reading_or_all_at_once_carry_the_same_noise():
     assert np.std(encoder.read(time, angle, rng) - angle) > 1e-3
 
 
+def test_the_encoder_reads_whole_steps_around_the_true_angle():
+    angle, step = np.linspace(-3, 3, 999), 2 * np.pi / 1000
+    read = Encoder(steps=1000).read(angle, angle, np.random.default_rng(0))
+    np.testing.assert_allclose(read / step, np.round(read / step), atol=1e-9)
+    assert np.abs(read - angle).max() <= step / 2 + 1e-12
+
+
 @pytest.mark.parametrize(
     "build",
     [
