@@ -151,9 +151,9 @@ class Inspection(Answer):
         InputError
             If there are several, or the file cannot be written.
         """
-        from butterfly.report.inspection_page import write_inspection  # noqa: PLC0415 - slow
+        from butterfly.report.inspection import inspection_page  # noqa: PLC0415 - slow
 
         (only,) = self.logs if len(self.logs) == 1 else (None,)
         if only is None or only.log is None or only.health is None:
             raise InputError(self.source, "plot", f"{len(self.logs)} logs", "one log (--log N)")
-        write_inspection(only.log, only.health, Path(path))
+        write_html(inspection_page(only.log, only.health), Path(path))

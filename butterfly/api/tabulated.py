@@ -14,7 +14,7 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.physical import PhysicalParameters
 from butterfly.report.page import Page
-from butterfly.report.physical import TITLE, physical_numbers, physical_sentences
+from butterfly.report.parameter_table import TITLE, physical_numbers, physical_sentences
 from butterfly.result import Result, TextTable, aligned, text, texts
 from butterfly.verdict import Verdict
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from butterfly.api.identified_model import IdentifiedModel
     from butterfly.api.tabulated import Separated
-    from butterfly.report.identification_plots import IdentificationPlots
+    from butterfly.report.identification_figures import IdentificationPlots
 
 _HEADERS = (
     *("", "true", "deviation", "estimate", "std error", "95 % interval", "unit"),
@@ -126,7 +126,7 @@ class Identification(Result):
             misfit_units,
             without_root,
         )
-        from butterfly.report.physical import physical_numbers  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import physical_numbers  # noqa: PLC0415 - a view
 
         return Told(
             kind=self.kind,
@@ -210,31 +210,25 @@ class Identification(Result):
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the table of parameters with the digits that their errors leave."""
-        from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import parameter_texts  # noqa: PLC0415 - a view
 
-        return [
-            {
-                "parameter": row.symbol,
-                "value": row.value,
-                "standard error": row.error,
-                "95 % interval": row.interval,
-                "unit": row.unit,
-            }
-            for row in parameter_rows(self.estimate.table())
-        ]
+        texts = [parameter_texts(each) for each in self.estimate.table()]
+        columns = {
+            "parameter": "symbol",
+            "value": "value",
+            "standard error": "error",
+            "95 % interval": "interval",
+            "unit": "unit",
+        }
+        return [{title: row[key] for title, key in columns.items()} for row in texts]
 
     def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
         """Return parameters beside the true ones if known, physical ones, and FIT of others."""
-        from butterfly.report import physical as view  # noqa: PLC0415 - a view
-        from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415 - a view
+        from butterfly.report import parameter_table as view  # noqa: PLC0415 - a view
 
-        rows = [
-            (
-                *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
-                *(row.unit, row.left_out),
-            )
-            for row in parameter_rows(self.estimate.table(truth))
-        ]
+        columns = ("symbol", "true", "deviation", "value", "error", "interval", "unit", "left_out")
+        texts = [view.parameter_texts(each) for each in self.estimate.table(truth)]
+        rows = [[row[key] for key in columns] for row in texts]
         name = f"{self.origin['name']}: {self.estimate.method}"
         tables = [TextTable(name, _HEADERS, rows)]
         if physical := view.physical_rows(self.separated()):
@@ -262,7 +256,7 @@ class Identification(Result):
 
     def paragraphs(self) -> list[str]:
         """Return the summary, and what is open of the physical parameters if any are known."""
-        from butterfly.report.physical import physical_sentences  # noqa: PLC0415 - a view
+        from butterfly.report.parameter_table import physical_sentences  # noqa: PLC0415 - a view
 
         return [*self.summary, *(physical_sentences(self.separated()) if self._weighed else ())]
 
@@ -414,7 +408,7 @@ class Identification(Result):
     @property
     def plot(self) -> IdentificationPlots:
         """Its figures, as plotly's."""
-        from butterfly.report.identification_plots import IdentificationPlots  # noqa: PLC0415 - a view
+        from butterfly.report.identification_figures import IdentificationPlots  # noqa: PLC0415 - a view
 
         return IdentificationPlots(self)
 

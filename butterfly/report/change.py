@@ -11,7 +11,7 @@ from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
-from butterfly.report.parameter_table import with_error
+from butterfly.report.format import with_error
 
 _NAMES = {
     "p1": "the inertia p1",
