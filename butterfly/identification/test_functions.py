@@ -9,8 +9,8 @@ are powers.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
@@ -125,18 +125,6 @@ class WeakSignals:
         return np.asarray(self.still < _LARGEST_STICK)
 
 
-@dataclass(frozen=True, kw_only=True)
-class AveragingSettings:
-    """What is known of a joint before its torques are averaged."""
-
-    zero: float  # encoder reading in rad where the model's angle is 0
-    delay: float = 0.0  # from input to torque, in s
-    # of the drive, in 1/unit of input; the column of "compression" is the derivative about it
-    compression: float = 0.0
-    # of these the periods of cogging and Stribeck's velocity
-    settings: FrictionTerms = field(default_factory=FrictionTerms)
-
-
 class Averaging:
     """One log, ready to be averaged over test functions with one delay after another.
 
@@ -177,7 +165,9 @@ class Averaging:
     ) -> WeakSignals:
         """Average the terms of some parameters.
 
-        ``stribeck_velocity``: in rad/s, if not that of the settings.
+        ``delay``: from input to torque, in s; ``compression``: of the drive, in 1/unit of input;
+        the column of "compression" is the derivative about it; ``stribeck_velocity``: in rad/s, if
+        not that of the settings.
         """
         place = self._place(delay)
         slow = stribeck_velocity or self._motion.stribeck_velocity
@@ -239,22 +229,6 @@ class _Place(NamedTuple):
     bumps: Bumps
     still: NDArray[np.float64]
     mean: dict[tuple[str | float, ...], NDArray[np.float64]]
-
-
-def weak_signals(
-    log: Log,
-    names: Sequence[str],
-    known: AveragingSettings,
-    half_width: float,
-    balance: Balance = Balance.MOMENTUM,
-) -> WeakSignals:
-    """Average terms of the equation of motion over the test functions of one log, once.
-
-    ``log``, ``half_width``, ``balance``: as of `Averaging`; ``names``: which parameters' terms;
-    ``known``: what is known beforehand.
-    """
-    averaging = Averaging(log, known.zero, half_width, known.settings, balance)
-    return averaging.signals(names, delay=known.delay, compression=known.compression)
 
 
 def _velocity(angle: NDArray[np.float64], half_width: float, step: float) -> NDArray[np.float64]:

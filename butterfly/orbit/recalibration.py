@@ -22,7 +22,6 @@ from butterfly.identification.normal_equations import Regression, Solution, Solv
 from butterfly.identification.test_functions import (
     HALF_WIDTH,
     Averaging,
-    AveragingSettings,
     Balance,
 )
 from butterfly.logs.log import Log
@@ -85,10 +84,10 @@ class RecalibrationOptions:
         require_number("recalibration", positive=True, half_width=self.half_width)
         require_number("recalibration", delay=self.delay)
 
-    def known(self, zero: float) -> AveragingSettings:
-        """Return what is known of the joint, its encoder reading ``zero`` rad at angle 0."""
+    def averaging(self, log: Log, zero: float) -> Averaging:
+        """Make a log ready to be averaged, its encoder reading ``zero`` rad at angle 0."""
         settings = FrictionTerms(cogging_periods=self.cogging_periods)
-        return AveragingSettings(zero=zero, delay=self.delay, settings=settings)
+        return Averaging(log, zero, self.half_width, settings, self.balance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -240,11 +239,7 @@ class LoopSelection:
 
     def __init__(self, logs: Sequence[Log], zero: float, options: RecalibrationOptions) -> None:
         self._logs, self._delay = logs, options.delay
-        known = options.known(zero)
-        self._averagings = [
-            Averaging(log, known.zero, options.half_width, known.settings, options.balance)
-            for log in logs
-        ]
+        self._averagings = [options.averaging(log, zero) for log in logs]
 
     def fit(self, names: tuple[str, ...]) -> tuple[Solution, LoopEquations]:
         """Return values and which are on a bound, and the equations that they solve."""

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
 
 from plotly.graph_objects import Figure
 
 from butterfly.comparison.leaderboard import Entry
-from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.validate import Structure
-from butterfly.report.figures import look, panel
+from butterfly.report.figures import PALETTE, look, panel
 from butterfly.report.format import fit_text
-from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.page import Marked, Page, PageTable, Section
+from butterfly.result import Result
 
 _HEADERS: tuple[str, ...] = (
     *("estimator", "verdict", "left out: median", "left out: worst"),
@@ -27,9 +28,8 @@ _BASIC = "p1..p4, coulomb, delay"  # which every structure has
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
 
-def leaderboard_page(entries: Sequence[Entry]) -> Page:
+def leaderboard_page(entries: Sequence[Entry], result: Result) -> Page:
     """Put together the page of estimators over data sets, the best of each first."""
-    told = told_leaderboard(entries)
     sets = list(dict.fromkeys(entry.data for entry in entries))
     sections = []
     for number, name in enumerate(sets):
@@ -39,12 +39,12 @@ def leaderboard_page(entries: Sequence[Entry]) -> Page:
         sections.append(Section(title=f"{name}: FIT in %", tables=(table,), figures=figures))
     return Page(
         name="leaderboard",
-        description="Estimators over data sets: " + ", ".join(sets),
+        description=result.title,
         kind="leaderboard",
-        summary=told.summary[1:],
+        summary=result.summary[1:],
         sections=sections,
-        numbers=told.document(),
-        verdict=told.verdict,
+        numbers=result.to_dict(),
+        verdict=result.judged,
     )
 
 
@@ -56,7 +56,7 @@ def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
         found, level = entry.estimate, Marked("–")
         if found is not None:
             level = Marked(found.level.verdict, level=found.level)
-            estimated = {*found.names, *found.held} - {*found.unestimated}
+            estimated = {*found.names, *found.fixed} - {*found.unestimated}
             values = [
                 f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
                 for name in names
@@ -112,13 +112,13 @@ def structures_table(passed: Sequence[Structure]) -> PageTable:
     return PageTable(headers=("terms", *fit_headers), rows=rows)
 
 
-def selection_page(data: DataSet, passed: Sequence[Structure], told: Told) -> Page:
+def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -> Page:
     """Put together the page of the structures passed through, the last being the chosen one."""
     return Page(
         name=data.name,
         description=data.description,
         kind="choice of terms",
-        summary=told.summary[1:],
+        summary=result.summary[1:],
         lead=Section(
             title="FIT by what is fitted",
             text="Median FIT in %, in sample and of what was left out, which decides.",
@@ -127,8 +127,8 @@ def selection_page(data: DataSet, passed: Sequence[Structure], told: Told) -> Pa
         sections=[
             Section(title="FIT in %, in sample and left out", tables=(structures_table(passed),))
         ],
-        numbers=told.document(),
-        verdict=told.verdict,
+        numbers=result.to_dict(),
+        verdict=result.judged,
     )
 
 
@@ -142,4 +142,40 @@ def _structures_figure(passed: Sequence[Structure]) -> Figure:
         colour, symbol = look(number)
         marker = {"color": colour, "symbol": symbol, "size": 9}
         figure.add_scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker)
+    return figure
+
+
+def fits_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw every column of FITs of a table, a point for each log."""
+    columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
+    places = range(1, len(rows) + 1)
+    figure = panel("log, in the order of the table", "FIT in %")
+    for number, name in enumerate(columns):
+        colour, symbol = look(number)
+        marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
+        figure.add_scatter(
+            x=list(places),
+            y=[row[name] for row in rows],
+            text=[
+                escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)
+            ],
+            name=name.removeprefix("FIT ").removesuffix(" in %"),
+            mode="markers",
+            marker=marker | {"size": 8 + 4 * (number % 2)},
+            hovertemplate="%{text}: %{y:.1f} %",
+        )
+    return figure
+
+
+def ranking_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw the mean of what is left of the standard errors, for each candidate experiment."""
+    figure = panel("candidate, in the order of the table", "standard errors after, over those now")
+    figure.add_bar(
+        x=[str(rank) for rank in range(1, len(rows) + 1)],
+        y=[row["mean"] for row in rows],
+        text=[f"{row['input']}, {row['added mass']}" for row in rows],
+        textposition="none",
+        hovertemplate="%{text}: %{y:.2f}<extra></extra>",
+        marker={"color": PALETTE[0]},
+    )
     return figure

@@ -14,9 +14,9 @@ from butterfly.experiment.sweep_tables import MISSING, Estimates, Recovery, colu
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
-from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Fact, Marked, Page, PageTable, Section
 from butterfly.report.sweep_figures import axis_figure, heat_maps, parallel_figure, short
+from butterfly.result import document
 from butterfly.verdict import VERDICTS
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
     status, recovered = column(runs, "status"), list(table.recovery())
     summary = _summary(table, status, fields)
     numbers = {
+        "data": {"name": sweep.name, "description": sweep.description},
+        "seed": sweep.seed,
+        "varied": list(sweep.fields),
         "runs": int(status.size),
         "ok": int((status == OK).sum()),
         "verdicts": table.verdicts,
@@ -77,7 +80,13 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         facts=_facts(table, status),
         summary=summary,
         sections=sections,
-        numbers=told_sweep(sweep, summary, numbers).document(),
+        numbers=document(
+            "sweep",
+            f"Sweep {sweep.name!r}",
+            numbers,
+            summary=summary,
+            units={"recovery.rms_deviation": "1", "recovery.coverage": "1"},
+        ),
     )
 
 

@@ -12,7 +12,6 @@ from plotly.graph_objects import Figure
 from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
-from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.model.parameters import JointKind
@@ -30,6 +29,7 @@ from butterfly.report.figures import (
 from butterfly.report.log_figures import correlation_figure, correlation_series
 from butterfly.report.page import Fact, Page, PageTable, Section, Series
 from butterfly.report.residual import misfit_table
+from butterfly.result import Result
 
 _SIMULATORS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol and size of their marks
 _LOOKS = {  # colours and dashes
@@ -43,7 +43,9 @@ _PERIODS = 4  # of the drawn motion in the phase plane
 _DOTS = 800  # of a residual torque
 
 
-def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, told: Told) -> Page:
+def three_way_page(
+    data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, result: Result
+) -> Page:
     """Put together the report of a comparison.
 
     Each log is simulated twice; `misfit` is of the whole data set, with the same parameters.
@@ -91,14 +93,14 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
             text="Sorted by the grey box: large marks MuJoCo, small ones the grey box.",
             figures={"fit": _fit_figure(compared)},
         ),
-        summary=told.summary[1:],
+        summary=result.summary[1:],
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=chosen,
         pictures={name: partial(draw, compared[chosen]) for name, draw in of_log.items()}
         | {"left-over": partial(correlation_figure, own[chosen])},
-        numbers=told.document(),
-        verdict=told.verdict,
+        numbers=result.to_dict(),
+        verdict=result.judged,
     )
 
 

@@ -16,12 +16,13 @@ from butterfly.logs.reading import read_entry
 from butterfly.model.linear import HeldSystem, frequency_response
 from butterfly.model.parameters import NO_ADDED_MASS
 from butterfly.signals.spectrum import periodogram, resample, uniform_grid
-from butterfly.thesis.scripts import scripted_amplitude
-from butterfly.thesis.synthetic import Synthetic, synthetic_log
+from butterfly.thesis.method import scripted_amplitude
 from butterfly.thesis.tables import (
     COARSE,
+    Synthetic,
     has_real_logs,
     scripted_point,
+    synthetic_log,
 )
 
 Columns = dict[str, NDArray[np.float64]]

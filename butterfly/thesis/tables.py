@@ -1,4 +1,4 @@
-"""The thesis's tables and the data of its figures, published against obtained."""
+"""The thesis's tables, published against obtained, and the synthetic robot that they rest on."""
 
 from __future__ import annotations
 
@@ -8,38 +8,79 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from butterfly.errors import InputError
 from butterfly.files import shipped
 from butterfly.identification.data import read_data_set
 from butterfly.identification.estimators import HarmonicBalance
-from butterfly.logs.log import Log
+from butterfly.logs.log import InputKind, Intersample, Log, Sine
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.thesis_logs import found_folder
+from butterfly.model.greybox import simulate
 from butterfly.model.linear import HeldSystem, resonance_frequency
 from butterfly.model.parameters import AddedMass
-from butterfly.signals.frequency_response import response_point
-from butterfly.thesis.resonance import complex_fit
-from butterfly.thesis.scripts import ScriptedAmplitude, fit_resonances, fit_thesis
-from butterfly.thesis.synthetic import Synthetic, synthetic_log
+from butterfly.plant.rig import Rig
+from butterfly.signals.frequency_response import ResponsePoint, response_point
+from butterfly.thesis.method import (
+    ScriptedAmplitude,
+    fit_resonances,
+    fit_thesis,
+    scripted_resonance,
+)
 
 COARSE = 4
 """Keep every n-th sample of the synthetic data, as the scripts do: 0.04 s."""
 
+_START = 0.01  # rad, at which the Simulink model starts
+_ITERATIONS = 30  # of the complex fit
 _WINDOW = 45.0  # s at the end of a record that the first script uses
 _TABLE_1_PRINTED = ("3.8788 4.0671 4.4156 4.8812 5.4194", "3.7740 3.7705 4.0492 4.4680 5.0265")
 _TABLE_2_PRINTED = ("0.0033 0.0453", "0.0033 0.0100 0.0606")
 
 
 @dataclass(frozen=True, kw_only=True)
+class Synthetic:
+    """What Tables 1 and 2 and Figures 3 to 8 rest on: each sine is tried with each added mass."""
+
+    rig: Rig  # the robot, its clock and its encoder
+    added_masses: Sequence[AddedMass]
+    sines: Sequence[Sine]
+    duration: float  # of a run in s
+
+
+def synthetic_log(synthetic: Synthetic, added: AddedMass, sine: Sine, *, noise: bool) -> Log:
+    """Simulate one response of the thesis's synthetic robot to a continuous sine, as Simulink."""
+    clock = synthetic.rig.clock
+    step = clock.step
+    time = step * np.arange(clock.count(synthetic.duration) + 1, dtype=np.float64)
+    instants = np.column_stack([time[:-1], time[:-1] + step / 2, time[1:]])
+    loaded = synthetic.rig.robot.lumped.with_added_mass(added)
+    angle, _ = simulate(loaded, time, sine.sample(instants), _START)
+    source = synthetic.rig.encoder.band_limited
+    if noise and source is not None:
+        angle = angle + source.sample(time)
+    return Log(
+        time=time,
+        input=sine.sample(time),
+        angle=angle,
+        input_kind=InputKind.TORQUE,
+        intersample=Intersample.FIRST_ORDER_HOLD,
+        added_mass=added,
+        excitation=sine,
+        source="synthetic",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Row:
     """One line of the comparison."""
 
-    what: str  # Which figures
-    # published, obtained: As printed in the thesis, and as computed here in the same way
+    what: str  # which figures
     published: str
-    obtained: str
-    corrected: str = ""  # What is right, where the thesis is not
-    note: str = ""  # Why
+    obtained: str  # computed here in the thesis's way
+    corrected: str = ""  # what is right, where the thesis is not
+    note: str = ""  # why
 
     @property
     def agrees(self) -> bool:
@@ -82,13 +123,42 @@ def scripted_point(log: Log) -> ScriptedAmplitude:
 
 
 def _scripted_resonance(points: Sequence[ScriptedAmplitude]) -> float:
-    """(100) with the first script's slips: dB, and an index into the array without its maximum."""
-    gains = np.array([point.gain_db for point in points])
+    """(100) with the first script's slip: an index into the array without its maximum."""
+    gains = [point.gain_db for point in points]
     first = int(np.argmax(gains))
     second = int(np.argmax(np.delete(gains, first)))
-    alpha, beta = math.sqrt((gains[second] / gains[first]) ** 2 + 1), math.sqrt(2)
-    squares = points[first].omega ** 2 * alpha + points[second].omega ** 2 * beta
-    return math.sqrt(squares / (alpha + beta))
+    return scripted_resonance(points[first], points[second])
+
+
+def complex_fit(
+    points: Sequence[ResponsePoint],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (3,) a1, a0, b0 of b0/(-w^2 + j a1 w + a0), and their (3, 3) covariance.
+
+    By maximum likelihood of complex responses at three frequencies of one robot or more. Sanathanan
+    and Koerner's iteration, weighted by the measured errors: with each row divided by the
+    denominator of the round before it minimises response errors, whose Gaussian likelihood is the
+    largest there.
+    """
+    if len({point.added_mass for point in points}) > 1:
+        raise InputError("resonance", "added mass", "several", "one")
+    omega = np.array([point.omega for point in points])
+    response = np.array([point.gain for point in points])
+    error = np.array([point.angle.amplitude_error / abs(point.input) for point in points])
+    error = np.maximum(error, 1e-15 * np.abs(response))
+    weight = 1 / (error * omega**2)
+    for _ in range(_ITERATIONS):
+        matrix = np.column_stack([1j * omega * response, response, -np.ones(omega.size)])
+        rows = matrix * weight[:, None]
+        target = omega**2 * response * weight
+        rows = np.concatenate([rows.real, rows.imag])
+        target = np.concatenate([target.real, target.imag])
+        scale = np.linalg.norm(rows, axis=0)
+        values = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
+        denominator = values[1] - omega**2 + 1j * omega * values[0]
+        weight = 1 / (error * np.abs(denominator))
+    normal = np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
+    return values, normal
 
 
 def _table_1(
@@ -99,7 +169,8 @@ def _table_1(
     for added in synthetic.added_masses:
         logs = [synthetic_log(synthetic, added, sine, noise=True) for sine in synthetic.sines]
         scripted[added] = _scripted_resonance([scripted_point(log) for log in logs])
-        right[added] = complex_fit([response_point(log) for log in logs]).omega
+        (a1, a0, _), _ = complex_fit([response_point(log) for log in logs])
+        right[added] = math.sqrt(a0 - a1**2 / 2)  # (73)
     return scripted, right
 
 

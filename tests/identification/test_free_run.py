@@ -19,7 +19,7 @@ from butterfly.logs.manifest import read_manifest
 from butterfly.model.greybox import simulate
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import LumpedParameters
-from butterfly.thesis.scripts import fit_thesis
+from butterfly.thesis.method import fit_thesis
 from tests.conftest import MASSES
 from tests.conftest import ROBOT as BUTTERFLY
 from tests.identification.simulated import ROBOT

@@ -6,7 +6,7 @@ import pytest
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import OutputError, WeakForm
-from butterfly.identification.test_functions import Averaging, AveragingSettings, weak_signals
+from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import InputKind, Intersample, Log
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import LumpedParameters
@@ -109,9 +109,10 @@ def test_kept_averages_are_those_of_a_log_made_ready_anew(logs):
         (("p4", "p1", "p3"), 0.0, 2.0),
         (("delay", "p4"), 0.004, 0.0),
     ):
-        known = AveragingSettings(zero=0.3, delay=delay, compression=compression, settings=settings)
-        found = kept.signals(names, delay=delay, compression=compression)
-        fresh = weak_signals(logs[1], names, known, 0.25)
+        found, fresh = (
+            each.signals(names, delay=delay, compression=compression)
+            for each in (kept, Averaging(logs[1], 0.3, 0.25, settings))
+        )
         assert list(found.mean) == list(names)
         np.testing.assert_array_equal(found.time, fresh.time)
         np.testing.assert_array_equal(found.still, fresh.still)

@@ -1,33 +1,44 @@
-"""The thesis's estimators of a resonance frequency, as printed and corrected.
+"""The thesis's estimators of a resonance frequency, and of p1 and p3 from it, beside better ones.
 
 With x = w^2, 1/|G|^2 = ((a0 - x)^2 + a1^2 x)/b0^2 is exactly a parabola, lowest at the resonance
-x = a0 - a1^2/2 (76).
+x = a0 - a1^2/2 (76). Without damping Y = (p3 + X)/(p1 + Z) (82), with Y = w_opt^2 of a hand that
+carries a mass; multiplied out it is linear (84), but then the noise of Y stands in a regressor.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.signals.frequency_response import STEADY_SECONDS, response_point
-from butterfly.thesis.resonance import Resonance, _rational, _responses, complex_fit
+from butterfly.thesis.tables import complex_fit
 
 _REWEIGHTINGS = 5
 _TRANSIENT_ROUNDS = 6
 
 
-def largest_gain(omega, gain):
-    """Return the frequency of the largest gain, the first realisation of (86)."""
-    return Resonance(omega=float(omega[np.argmax(gain)]))
+class Resonance(NamedTuple):
+    """A resonance frequency in rad/s with its standard error."""
+
+    omega: float
+    error: float = math.nan
+
+    @classmethod
+    def of_square(cls, squared, gradient, covariance):
+        """Return the root of a square that has this gradient by parameters of this covariance."""
+        spread = math.sqrt(gradient @ covariance @ gradient)
+        return cls(math.sqrt(squared), spread / (2 * math.sqrt(squared)))
 
 
-def two_largest(
-    omega,
-    gain,
-    peak=None,
-    *,
-    corrected=True,
-):
+def of_responses(points):
+    """Estimate from complex responses, by `complex_fit`."""
+    (a1, a0, _), covariance = complex_fit(points)
+    return Resonance.of_square(a0 - a1**2 / 2, np.array([-a1, 1.0, 0.0]), covariance)
+
+
+def two_largest(omega, gain, peak=None, *, corrected=True):
     """Estimate from the two largest gains, (90), or (100) if the peak is not known."""
     second, first = np.argsort(gain, kind="stable")[-2:]
     top = peak or float(gain[first])
@@ -38,37 +49,20 @@ def two_largest(
     else:
         alpha, beta = (math.sqrt(gain[k] ** 2 + top**2) for k in (second, first))
     squared = (omega[first] ** 2 * alpha + omega[second] ** 2 * beta) / (alpha + beta)
-    return Resonance(omega=math.sqrt(squared))
-
-
-def from_curvature(omega, gain, curvature):
-    """Estimate from the two largest gains by (89), with B = b0^2/(a1^4 (a0 - a1^2/4)^2) known."""
-    second, first = np.argsort(gain, kind="stable")[-2:]
-    x, y = omega[first] ** 2, omega[second] ** 2
-    rise = (gain[first] ** 2 - gain[second] ** 2) / (x - y)
-    return Resonance(omega=math.sqrt((x + y) / 2 + rise / (2 * curvature)))
+    return Resonance(math.sqrt(squared))
 
 
 def three_point(omega, gain, error):
     """Estimate from the largest gain and its neighbours: the parabola through 1/g^2."""
-    order = np.argsort(omega)
-    peak = int(np.argmax(gain[order]))
-    if not 0 < peak < omega.size - 1:
-        raise IdentifiabilityError(
-            f"the largest gain is at {omega[order][peak]:.4g} rad/s, an end of the frequencies: "
-            "measure beyond it"
-        )
-    rows = order[peak - 1 : peak + 2]
+    peak = int(np.argmax(gain))
+    rows = slice(peak - 1, peak + 2)
     return parabola(omega[rows], gain[rows], error[rows])
 
 
 def parabola(omega, gain, error):
     """Estimate from all gains: the parabola in w^2 that fits 1/g^2 best, weighted by its errors."""
-    if np.unique(omega).size < 3:
-        raise IdentifiabilityError("fewer than three frequencies do not show a resonance")
     middle = float(np.mean(omega**2))
-    x = omega**2 / middle - 1
-    design = np.vander(x, 3, increasing=True)
+    design = np.vander(omega**2 / middle - 1, 3, increasing=True)
     fitted = gain
     for _ in range(_REWEIGHTINGS):
         # Weights from measured gains would favour those that noise has raised.
@@ -80,13 +74,8 @@ def parabola(omega, gain, error):
         predicted = design @ coefficients
         fitted = np.where(predicted > 0, np.abs(predicted) ** -0.5, gain)
     _, slope, bend = coefficients
-    vertex = -slope / (2 * bend) if bend > 0 else math.nan
-    squared = middle * (1 + vertex)
-    if not squared > 0:
-        raise IdentifiabilityError("1/|G|^2 has no minimum over w^2: there is no resonance peak")
     gradient = np.array([0.0, -1 / (2 * bend), slope / (2 * bend**2)]) / scale
-    spread = middle * math.sqrt(gradient @ normal @ gradient)
-    return Resonance(omega=math.sqrt(squared), error=spread / (2 * math.sqrt(squared)))
+    return Resonance.of_square(middle * (1 - slope / (2 * bend)), middle * gradient, normal)
 
 
 def transient_fit(logs):
@@ -99,9 +88,35 @@ def transient_fit(logs):
     for _ in range(_TRANSIENT_ROUNDS):
         span = math.inf if pole else STEADY_SECONDS
         points = [response_point(log, span, pole) for log in logs]
-        found = complex_fit(points)
-        (a1, a0, _), _ = _rational(*_responses(points))
+        (a1, a0, _), _ = complex_fit(points)
         if not (a0 > a1**2 / 4 and a1 > 0):
             raise IdentifiabilityError("the response does not ring: there is no transient to fit")
         pole = complex(-a1 / 2, math.sqrt(a0 - a1**2 / 4))
-    return found
+    return of_responses(points)
+
+
+def multiplied_out(resonances):
+    """Return (2,) p1 and p3 by ordinary least squares of (84), as the thesis proposes."""
+    x, z, y, _ = _variables(resonances)
+    return np.linalg.lstsq(np.column_stack([-y, np.ones(y.size)]), y * z - x, rcond=None)[0]
+
+
+def ratio(resonances):
+    """Return (2,) p1 and p3 by nonlinear least squares of (82), and their (2, 2) covariance."""
+    x, z, y, error = _variables(resonances)
+    start = multiplied_out(resonances)
+
+    def residuals(shares):
+        p1, p3 = shares * start
+        return ((p3 + x) / (p1 + z) - y) / error
+
+    fit = least_squares(residuals, np.ones(2), xtol=1e-14, ftol=1e-14)
+    jacobian = fit.jac / start
+    return fit.x * start, np.linalg.inv(jacobian.T @ jacobian)
+
+
+def _variables(resonances):
+    """Return the (n,) X, Z, Y of (81) and standard errors of Y."""
+    omega, error = np.array(list(resonances.values())).T
+    x = np.array([mass.gravity_moment for mass in resonances])
+    return x, np.array([mass.inertia for mass in resonances]), omega**2, 2 * omega * error

@@ -3,17 +3,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.experiment.source import thesis_robot
+from butterfly.cli.experiments import thesis_robot
 from butterfly.logs import thesis_logs
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.plant.sensors import Clock
 from butterfly.thesis.figure_data import write_figure_data
-from butterfly.thesis.synthetic import synthetic_log
 from butterfly.thesis.tables import (
     _scripted_resonance,
     reproduce,
     scripted_point,
+    synthetic_log,
 )
 
 

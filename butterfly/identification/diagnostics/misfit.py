@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import (
+    LEVELS,
     Curve,
     ResidualEquations,
     ResidualSummary,
@@ -40,7 +41,7 @@ from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.segments import Segments
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
-from butterfly.model.parameters import AddedMass
+from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.signals.frequency_response import first_counted
 
 Samples = NDArray[np.float64]
@@ -57,6 +58,8 @@ _BY_CHANCE = 0.25  # share of logs that may be outside
 _INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 _NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
 _NOTHING = ResidualSummary(relative=0.0, noise=1.0, shares={})
+
+_LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,6 +115,17 @@ class LogMisfit:
         """What is left over what the sensor explains."""
         return self.left / self.explained if self.explained else np.inf
 
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs."""
+        sensor = self.sensor
+        lengths = (self.motion, self.error, self.left, self.explained, sensor.step, sensor.noise)
+        return {
+            "log": self.name,
+            **dict(zip(_LENGTHS, lengths, strict=True)),
+            "over_band": dict(zip(map(str, LEVELS), self.excess, strict=True)),
+            "left_over": self.left_over.numbers(),
+        }
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Misfit:
@@ -166,6 +180,24 @@ class Misfit:
             like = FindingKind.LEFT_OVER
             found.append(Finding(like, self.left_over.terms, number=share))
         return found
+
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs but for its findings: shares of the rms motion, over all logs."""
+        return {
+            "relative": self.relative,
+            "after_small_changes": self.left,
+            "by_sensors": self.explained,
+            "times_sensors": self.times,
+            "beyond_sensors": self.beyond_sensors,
+            "logs_outside": self.outside,
+            "left_over": self.left_over.numbers(),
+            "logs": [log.numbers() for log in self.logs],
+        }
+
+
+def misfit_units(joint: JointKind, place: str = "misfit.") -> dict[str, str]:
+    """Return the units of `Misfit.numbers` that stand in some place of a document."""
+    return {f"{place}logs.{name}": joint.way for name in _LENGTHS}
 
 
 def judge_misfit(data: DataSet, estimate: Estimate) -> Misfit:

@@ -22,11 +22,11 @@ from butterfly.identification.diagnostics.residuals import (
 )
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FreeRun, Setting
-from butterfly.identification.test_functions import AveragingSettings, WeakSignals, weak_signals
+from butterfly.identification.test_functions import Averaging, WeakSignals
 from butterfly.logs.log import Log
 from butterfly.model.linear import resonance_frequency
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from butterfly.model.terms import TERMS
+from butterfly.model.terms import TERMS, FrictionTerms
 
 Samples = NDArray[np.float64]
 
@@ -151,13 +151,9 @@ def _averaged(log: Log, setting: Setting, slow: float) -> _Averaged:
     loaded = parameters.with_added_mass(log.added_mass)
     half_width = _half_width(log, loaded)
     sought = parameters if parameters.stribeck else replace(parameters, stribeck_velocity=slow)
-    known = AveragingSettings(
-        zero=setting.zero,
-        delay=parameters.delay,
-        compression=parameters.compression,
-        settings=sought,
+    signals = Averaging(log, setting.zero, half_width, sought).signals(
+        _AVERAGED, delay=parameters.delay, compression=parameters.compression
     )
-    signals = weak_signals(log, _AVERAGED, known, half_width)
     return _Averaged(log, setting, loaded, signals, half_width)
 
 
@@ -184,7 +180,5 @@ def _sensor_torque(each: _Averaged, run: FreeRun) -> float:
     log = each.log
     angle = run.simulated if np.isfinite(run.simulated).all() else log.angle
     errors = SensorErrors.of(log.angle, angle).draw(angle, np.random.default_rng(0), unsure=0.0)
-    noisy = weak_signals(
-        replace(log, angle=errors), ["p1"], AveragingSettings(zero=0.0), each.half_width
-    )
-    return each.loaded.p1 * float(np.std(noisy.mean["p1"]))
+    noisy = Averaging(replace(log, angle=errors), 0.0, each.half_width, FrictionTerms())
+    return each.loaded.p1 * float(np.std(noisy.signals(["p1"]).mean["p1"]))

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -233,6 +233,16 @@ class ResidualSummary:
             return f"{self.looks_like} ({100 * self.relative:.2g} % of {whole})"
         share = f"{100 * self.shares[self.terms[0]]:.0f} % of its variance"
         return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
+
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs."""
+        return {
+            "looks_like": list(self.terms),
+            "relative": self.relative,
+            "size": self.size,
+            "noise_share": self.noise,
+            "shares": self.shares,
+        }
 
 
 def absent_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:

@@ -28,12 +28,13 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.encoder_offset import offset_errors, reading_of
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.base import Estimator, names_of, require_usable
-from butterfly.identification.estimators.instrumental_variables import (
+from butterfly.identification.estimators.weak_regression import (
+    WeakFit,
+    Windows,
     offset_covariance,
     refined,
     seen,
 )
-from butterfly.identification.estimators.weak_regression import WeakFit, Windows
 from butterfly.identification.inference.covariance import blocks_of, split
 from butterfly.identification.inference.identifiability import (
     is_driven,
@@ -53,8 +54,8 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
@@ -63,49 +64,23 @@ CANDIDATES = ("drag", "load", "bias", "p3_offset")
 _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousandth
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WeakTerms:
-    """Terms for the weak form, and the fit with them."""
+def fitted_terms(
+    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior, *, check: bool
+) -> tuple[WeakFit, ScannedTerms]:
+    """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them.
 
-    fit: WeakFit  # with the terms
-    held: dict[str, float]  # what is set, not fitted
-    # (n,) values of fits with other terms that predict as well
-    rivals: tuple[NDArray[np.float64], ...]
-    said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
-    # what would have been chosen from all terms; empty if that was not asked
-    best: dict[str, float]
-
-    @classmethod
-    def of(
-        cls,
-        windows: Sequence[Windows],
-        terms: tuple[str, ...] | None,
-        known: Knowledge,
-        *,
-        check: bool,
-    ) -> WeakTerms:
-        """Choose from all terms, or, where they are told, only their Stribeck velocity.
-
-        ``windows``: of the logs; ``terms``: told, or None; ``check``: whether to say which terms
-        would help that were not told; Stribeck friction is not looked for then, since its scan
-        costs more than the fit.
-        """
-        usual = known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
-        always = known.fitted(PARAMETERS)
-        tried = candidates(CANDIDATES, (each.added for each in windows), known)
-        told = None if terms is None else told_terms(terms, known.parameters)
-        first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
-        equations = _Averages(first, windows, always)
-        found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
-        chosen = found.chosen
-        slow = chosen.settings.get("stribeck_velocity", usual)
-        return cls(
-            fit=WeakFit.of(windows, chosen.names, slow, known, first.about.delay),
-            held=chosen.settings,
-            rivals=chosen.rival_values,
-            said=chosen.findings,
-            best=found.free.best if found.free else {},
-        )
+    ``terms``: told, or None; ``check``: whether to say which terms would help that were not told;
+    Stribeck friction is not looked for then, since its scan costs more than the fit.
+    """
+    usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
+    always = known.fitted(PARAMETERS)
+    tried = candidates(CANDIDATES, (each.added for each in windows), known)
+    told = None if terms is None else told_terms(terms, known.parameters)
+    first = WeakFit.of(windows, (*always, *(tried if told is None else ())), usual, known)
+    equations = _Averages(first, windows, always)
+    found = ScannedTerms.of(equations, tried, told, check=check, scan=False)
+    slow = found.chosen.settings.get("stribeck_velocity", usual)
+    return WeakFit.of(windows, found.chosen.names, slow, known, first.about.delay), found
 
 
 class _Averages:
@@ -182,7 +157,7 @@ class WeakForm(Estimator):
         self,
         logs: Sequence[Log],
         zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         uncertain: NDArray[np.float64] | None = None,
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass.
@@ -197,23 +172,25 @@ class WeakForm(Estimator):
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         reference = ScaleParameter.of(masses, known, driven=driven)
-        periods = known.exact.get("cogging_periods", self.cogging_periods)
+        periods = known.fixed.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
-        chosen = WeakTerms.of(windows, self.terms, reference.held, check=self.check)
-        held = chosen.held | {"cogging_periods": periods}
-        parameters = LumpedParameters(**held | chosen.fit.values)
+        plain, terms = fitted_terms(windows, self.terms, reference.fixed, check=self.check)
+        fixed = terms.chosen.settings | {"cogging_periods": periods}
+        parameters = LumpedParameters(**fixed | plain.values)
         pairs = seen(logs, windows, parameters, zeros, window)
-        fit = refined(chosen.fit, pairs)
+        fit = refined(plain, pairs)
 
         def without(mass: AddedMass) -> NDArray[np.float64]:
             rest = [each for each in pairs if each.windows.added != mass]
-            return refined(chosen.fit, rest).solved.values
+            return refined(plain, rest).solved.values
 
         left_out, few = without_each_mass(masses, without, known, asked=self.check, driven=driven)
         blocks = blocks_of(len(logs), len(fit.solved.names))
         solved = replace(fit.solved, cluster=split(fit.solved.cluster, blocks))
-        rivals = [each + fit.solved.values - chosen.fit.solved.values for each in chosen.rivals]
+        rivals = [
+            each + fit.solved.values - plain.solved.values for each in terms.chosen.rival_values
+        ]
         whole = reference.whole(solved)
         doubt = None if uncertain is None else offset_covariance(fit, pairs, uncertain, whole.names)
         found = Estimate.from_rows(
@@ -221,14 +198,15 @@ class WeakForm(Estimator):
             method="weak form",
             left_out=left_out,
             rivals=[reference.grown(each, solved.names) for each in rivals],
-            findings=[*few, *of_few_logs(len(logs)), *chosen.said],
-            held=held,
+            findings=[*few, *of_few_logs(len(logs)), *terms.chosen.findings],
+            fixed=fixed,
             masses=masses,
             blocks=blocks,
             known=known,
             besides=doubt,
         )
-        return found.with_findings(*missing_terms(found, chosen.best))
+        best = terms.free.best if terms.free else {}
+        return found.with_findings(*missing_terms(found, best))
 
     def _windows(self, log: Log, zero: float, *, periods: float) -> Windows:
         period = 2 * np.pi / log.excitation.omega if log.excitation else np.inf

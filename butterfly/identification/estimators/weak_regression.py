@@ -1,8 +1,20 @@
-"""The weak form's regression, solved about a delay until that no longer moves."""
+"""The weak form's regression: solved about a delay, then seen through the model's own motion.
+
+The noise of the angle enters regressors and targets alike, so that least squares is biased by its
+power. The same regressors of a simulation with the recorded inputs are free of it: equations that
+are multiplied by them, not by their own regressors, are not biased by noise (instrumental
+variables; Soderstrom & Stoica, Instrumental Variable Methods for System Identification, 1983;
+Young, Automatica 17, 1981).
+
+Errors of the encoder's zero, which the fit took as given, add to its covariance: with the
+residuals' slopes J by the parameters and g by the zero, an error e of the zero moves the estimate
+by -(J^T J)^-1 J^T g e ("consider" parameters; Bierman, Factorization Methods for Discrete
+Sequential Estimation, 1977, chapter VIII).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,6 +23,9 @@ from numpy.typing import NDArray
 
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.plausibility import LEAST_FIT
+from butterfly.identification.encoder_offset import reading_of
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.identification.inference.covariance import split
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import (
@@ -18,12 +33,19 @@ from butterfly.identification.inference.term_choice import (
     SLACK_OF_STRETCHES,
     stretches_of,
 )
-from butterfly.identification.normal_equations import Regression, Solution, SolvedEquations
-from butterfly.identification.prior import Prior
+from butterfly.identification.normal_equations import (
+    Regression,
+    Solution,
+    SolvedEquations,
+    scaled_least_squares,
+)
 from butterfly.identification.test_functions import Averaging
-from butterfly.model.known import Knowledge
-from butterfly.model.parameters import AddedMass
+from butterfly.logs.log import Log
+from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Penalty, Prior
 from butterfly.verdict import Level
+
+Samples = NDArray[np.float64]
 
 _ROUNDS = 8  # about the delay
 _SETTINGS = {"delay", "stribeck_velocity", "cogging_periods"}  # which have no column of their own
@@ -48,7 +70,7 @@ class Windows(NamedTuple):
         slow: float,
         known: Mapping[str, float],
         use: NDArray[np.bool_] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Samples, Samples]:
         """(m, n) regressors and (m,) targets, the rms inertial term being 1/sqrt(m).
 
         Of the test functions in which the joint moves, or of those that are to be used; what is
@@ -72,7 +94,7 @@ class About:
     """What the equations of windows are about."""
 
     names: tuple[str, ...]  # of the parameters to be found
-    known: Knowledge  # what is known of the robot; what is known exactly is not among the names
+    known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
     delay: float  # from input to torque, in s
     gain: float  # p4, as far as it is known
@@ -83,7 +105,7 @@ class About:
     ) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
         pairs = zip(windows, use or [None] * len(windows), strict=True)
-        exact = self.known.exact
+        exact = self.known.fixed
         equations = [
             each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
         ]
@@ -95,12 +117,12 @@ class About:
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
             about={"delay": self.delay},
             gain=self.gain,
-            prior=Prior.of(self.names, self.known.parameters, self.variance),
+            prior=Penalty.of(self.names, self.known.parameters, self.variance),
         )
 
-    def moved(self, values: NDArray[np.float64]) -> About:
+    def moved(self, values: Samples) -> About:
         """Return what equations about (n,) values of the names are about."""
-        found = self.known.exact | dict(zip(self.names, values.tolist(), strict=True))
+        found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
         return replace(self, delay=found["delay"], gain=found["p4"])
 
 
@@ -118,7 +140,7 @@ class WeakFit:
         windows: Sequence[Windows],
         names: tuple[str, ...],
         slow: float,
-        known: Knowledge,
+        known: Prior,
         delay: float = 0.0,
     ) -> WeakFit:
         """Solve about a delay, and about the delay found, until it no longer moves.
@@ -126,7 +148,7 @@ class WeakFit:
         What is known with an uncertainty is first left aside, so that the scatter of the rows
         tells how much it weighs beside them.
         """
-        exact = known.exact
+        exact = known.fixed
         about = About(
             names=names,
             known=known,
@@ -158,17 +180,7 @@ class WeakFit:
     def values(self) -> dict[str, float]:
         """Values by name, what is known exactly among them."""
         found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
-        return self.about.known.exact | found
-
-    def solved_by(self, regression: Regression, through: Regression, solution: Solution) -> WeakFit:
-        """Return a fit of some equations through instruments, whose rows stand for its own."""
-        solved = replace(
-            SolvedEquations.of(regression, solution),
-            jacobian=through.jacobian(solution.values),
-            ending=self.solved.ending,
-            findings=self.solved.findings,
-        )
-        return replace(self, regression=through, solved=solved)
+        return self.about.known.fixed | found
 
     def nested(
         self,
@@ -207,3 +219,132 @@ def _refuse_late(delay: float, windows: Sequence[Windows]) -> None:
             f"no joint's equation balances these logs: it would take a delay of {delay:.3g} s; "
             "check signs and units, and what is said to be known"
         )
+
+
+class Seen(NamedTuple):
+    """A log's windows, and those of its simulation (or again its own, where that fails)."""
+
+    windows: Windows
+    instruments: Windows
+
+
+def seen(
+    logs: Sequence[Log],
+    windows: Sequence[Windows],
+    parameters: LumpedParameters,
+    zeros: Mapping[AddedMass, float],
+    cut: Callable[[Log, float], Windows],
+) -> list[Seen]:
+    """Simulate logs, and cut the simulations into windows as the logs were: by log and its zero.
+
+    ``parameters``: of the bare hand; ``zeros``: encoder reading in rad at rest for each added mass.
+    """
+    if not parameters.p1 + min(log.added_mass.inertia for log in logs) > 0:
+        return [Seen(each, each) for each in windows]
+    pairs = []
+    for log, own in zip(logs, windows, strict=True):
+        zero = reading_of(log, zeros)
+        run = FreeRun.of(log, Setting(parameters=parameters, zero=zero))
+        like = run.fit > LEAST_FIT
+        pairs.append(Seen(own, cut(replace(log, angle=run.simulated), zero) if like else own))
+    return pairs
+
+
+def refined(fit: WeakFit, pairs: Sequence[Seen]) -> WeakFit:
+    """Return the fit of some logs through their instruments; what a bound holds stays there."""
+    names = fit.solved.names
+    moving = [
+        windows.moving(fit.about.delay) & instruments.moving(fit.about.delay)
+        for windows, instruments in pairs
+    ]
+    regression = fit.about.regression([each.windows for each in pairs], moving)
+    through = fit.about.regression([each.instruments for each in pairs], moving)
+    regression = _corrected(regression, through, fit, pairs)
+    more, wanted = regression.known_rows
+    rows, target = np.concatenate([regression.rows, more]), np.append(regression.target, wanted)
+    multiplied = np.concatenate([through.rows, more])
+    free = ~fit.solved.on_bound
+    held = np.zeros(len(names), dtype=bool)
+    while True:
+        unknowns = np.zeros(len(names))
+        unknowns[free] = _through(multiplied[:, free], rows[:, free], target)
+        values = regression.values(unknowns)
+        low = free & (values < regression.lower)
+        if not low.any():
+            break
+        free, held = free & ~low, held | low
+    solution = Solution(values=values, on_bound=fit.solved.on_bound | held)
+    solved = replace(
+        SolvedEquations.of(regression, solution),
+        jacobian=through.jacobian(values),
+        ending=fit.solved.ending,
+        findings=fit.solved.findings,
+    )
+    return replace(fit, regression=through, solved=solved)
+
+
+def _corrected(
+    regression: Regression, through: Regression, fit: WeakFit, pairs: Sequence[Seen]
+) -> Regression:
+    """Take from equations of the logs what those of their simulations lack of balance.
+
+    A simulation obeys the equation of motion with the parameters that it was made with; what its
+    averages leave over is their own error, and the logs' averages have it too.
+    """
+    simulated = np.array([each.instruments is not each.windows for each in pairs])
+    error = np.where(simulated[through.cluster], through.residuals(fit.solved.values), 0.0)
+    return replace(regression, target=regression.target + error)
+
+
+def _through(multiplied: Samples, rows: Samples, target: Samples) -> Samples:
+    """Solve equations that are multiplied by instruments."""
+    scale = np.linalg.norm(multiplied, axis=0)
+    if not (scale > 0).all():
+        raise IdentifiabilityError("these logs do not move all parameters")
+    turned = (multiplied / scale).T
+    try:
+        return np.asarray(np.linalg.solve(turned @ (rows / scale), turned @ target) / scale)
+    except np.linalg.LinAlgError:
+        raise IdentifiabilityError("these logs do not tell the parameters apart") from None
+
+
+def offset_covariance(
+    fit: WeakFit, pairs: Sequence[Seen], uncertain: Samples, names: Sequence[str]
+) -> Samples:
+    """(n, n) covariance that uncertain zeros add to n parameters.
+
+    The fit is of the m logs' windows through their instruments; ``uncertain`` are (k, m) standard
+    uncertainties in rad of k independent errors (see `encoder_offset.offset_errors`). Parameters
+    that the fit held are not moved.
+    """
+    added = np.zeros((len(names), len(names)))
+    if not uncertain.size:
+        return added
+    slopes = [_slopes(fit, each) for each in pairs]
+    errors = np.column_stack(
+        [
+            np.concatenate([size * slope for size, slope in zip(row, slopes, strict=True)])
+            for row in uncertain
+        ]
+    )
+    free = ~fit.solved.on_bound
+    rows, _ = fit.solved.with_prior(fit.solved.jacobian[:, None], fit.solved.residuals)
+    rows = rows[:, free]
+    errors = np.concatenate([errors, np.zeros((rows.shape[0] - errors.shape[0], len(uncertain)))])
+    moved = -scaled_least_squares(rows, errors)
+    found = (name for name, is_free in zip(fit.solved.names, free, strict=True) if is_free)
+    places = [list(names).index(name) for name in found]
+    added[np.ix_(places, places)] = moved @ moved.T
+    return added
+
+
+def _slopes(fit: WeakFit, each: Seen) -> Samples:
+    """(m,) derivatives of a log's residuals by its zero, of the test functions that were used."""
+    used = each.windows.moving(fit.about.delay) & each.instruments.moving(fit.about.delay)
+    names = ("p1", "p3", "p3_offset")
+    signals = each.instruments.averaging.signals(names, delay=fit.about.delay)
+    inertia, sine, cosine = (signals.mean[name][used] for name in names)
+    moment = fit.values["p3"] + each.instruments.added.gravity_moment
+    offset = fit.values.get("p3_offset", 0.0)
+    size = float(np.linalg.norm(inertia)) or 1.0
+    return np.asarray((offset * sine - moment * cosine) / size)

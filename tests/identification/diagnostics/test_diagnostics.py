@@ -25,7 +25,7 @@ from butterfly.model.greybox import simulate
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
 from butterfly.model.terms import PARAMETERS
 from butterfly.report.finding_texts import estimate_sentences
-from butterfly.thesis.scripts import fit_thesis
+from butterfly.thesis.method import fit_thesis
 from butterfly.verdict import Level
 from tests.conftest import MASSES
 
