@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure
 
-from butterfly.identification.diagnostics.misfit import ErrorBand, LogMisfit
-from butterfly.identification.diagnostics.residuals import LEVELS, Curve
+from butterfly.identification.diagnostics.misfit import LogMisfit
+from butterfly.identification.diagnostics.residuals import LEVELS, Curve, ErrorBand
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
