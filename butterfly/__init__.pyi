@@ -19,7 +19,6 @@ from .api.results import Validated as Validated
 from .api.robots import inspect as inspect
 from .api.saved import load as load
 from .api.sources import read as read
-from .api.sources import read_experiment as read_experiment
 from .api.verbs import compare as compare
 from .api.verbs import design as design
 from .api.verbs import identify as identify
@@ -30,6 +29,7 @@ from .errors import ButterflyError as ButterflyError
 from .errors import IdentifiabilityError as IdentifiabilityError
 from .errors import InputError as InputError
 from .errors import UnusableError as UnusableError
+from .experiment.source import read_experiment as read_experiment
 from .identification.data import DataSet as DataSet
 from .identification.estimators import Estimator as Estimator
 from .identification.identification import Identification as Identification

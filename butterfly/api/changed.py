@@ -239,11 +239,10 @@ def _warnings(*both: Identification) -> list[str]:
             f"Only one of them fits {listed(terms)}: what it takes up there, the other has in its "
             "other parameters."
         )
-    held = sorted(
-        name for name in one.held.keys() & other.held.keys() if one.held[name] != other.held[name]
-    )
-    if held:
-        said.append(f"They hold {listed(held)} at different values, on which the others rest.")
+    in_both = one.fixed.keys() & other.fixed.keys()
+    fixed = sorted(name for name in in_both if one.fixed[name] != other.fixed[name])
+    if fixed:
+        said.append(f"They hold {listed(fixed)} at different values, on which the others rest.")
     shared = _files(both[0]) & _files(both[1])
     if shared:
         said.append(

@@ -17,8 +17,7 @@ from butterfly.experiment.record import FAILED, OK, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import data_set_of, file_of, write_logs
 from butterfly.experiment.simulate import simulate as simulated_logs
-from butterfly.experiment.source import Source, keep_experiment
-from butterfly.experiment.source import read_experiment as experiment_in
+from butterfly.experiment.source import Source, keep_experiment, read_experiment
 from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_sweep, sweep_record
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
@@ -374,7 +373,7 @@ def _reports(record: RunRecord) -> list[str]:
 
 def _planned(experiment: Any) -> Experiment:  # noqa: ANN401 - whatever was given
     if isinstance(experiment, str | PathLike):
-        return experiment_in(locate(Path(experiment)))
+        return read_experiment(experiment)
     if isinstance(experiment, Experiment):
         return experiment
     expected = "an experiment: its file, its name, or what read_experiment returned"

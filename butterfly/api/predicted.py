@@ -48,7 +48,7 @@ class Drawn(Answer):
     def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
         """Tabulate draws from an identification; ``more`` is said of them."""
         estimate, count = draws.estimate, len(draws.values)
-        columns = [*estimate.names, *(key for key in estimate.held if key not in estimate.names)]
+        columns = [*estimate.names, *(key for key in estimate.fixed if key not in estimate.names)]
         rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
         units = {row["parameter"]: row["unit"] for row in found.rows()}
         return cls(

@@ -21,7 +21,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import held_out_fits
 from butterfly.identification.parameter import unit_of
-from butterfly.identification.validate import Bootstrap, HeldOut, Structure
+from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.model.terms import TERMS
 from butterfly.report.finding_texts import estimate_verdict
@@ -86,7 +86,7 @@ class Validated(Tabulated):
         cls,
         data: DataSet,
         estimator: Estimator,
-        held: HeldOut,
+        held: CrossValidation,
         whole: Estimate,
         drawn: Bootstrap | None = None,
     ) -> Validated:

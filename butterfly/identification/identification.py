@@ -25,8 +25,8 @@ from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.model.known import PHYSICAL, Knowledge
 from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.prior import PHYSICAL, Prior
 from butterfly.result import Result, TextTable, aligned, document, text, texts, write_document
 from butterfly.signals.frequency_response import measured_response
 from butterfly.verdict import Verdict
@@ -195,7 +195,7 @@ class Identification(Result):
         """Return the summary, and what is open of the physical parameters if any are known."""
         from butterfly.report.physical import physical_sentences  # noqa: PLC0415 - a view
 
-        weighed = Knowledge.told(self.origin.get("known", {})).physical
+        weighed = Prior.of(self.origin.get("known", {})).physical
         return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
 
     def shown_lines(self) -> list[str]:
@@ -253,7 +253,7 @@ class Identification(Result):
         ----------
         known
             What is known of motor and hand besides what the data say of it, by names of
-            `butterfly.model.known.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
+            `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
 
         Raises
         ------
@@ -266,7 +266,7 @@ class Identification(Result):
 
     def separated(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
         """Return the physical parameters, with what is known besides (see `physical`)."""
-        before, told = Knowledge.told(self.origin.get("known", {})), Knowledge.told(known)
+        before, told = Prior.of(self.origin.get("known", {})), Prior.of(known)
         for name in known:
             if name not in told.physical:
                 raise InputError("physical", name, "no part of motor or hand", listed([*PHYSICAL]))
@@ -276,7 +276,7 @@ class Identification(Result):
         gravity = float(self.origin.get("gravity", GRAVITY))
         carrier = AddedMass(gravity=gravity, joint=self.estimate.joint)
         kind = InputKind(self.origin["input"])
-        return physical_parameters(self.estimate, before.also(told), kind, carrier)
+        return physical_parameters(self.estimate, before | told, kind, carrier)
 
     @property
     def fit(self) -> FitSummary:
@@ -375,7 +375,7 @@ def about_data(data: DataSet) -> dict[str, Any]:
         "description": data.description,
         "input": str(data.input_kind),
         "logs": len(data.logs),
-        "known": data.known.as_told(),
+        "known": data.known.to_dict(),
         "joint": str(carrier.joint),
         "gravity": carrier.gravity,
     }

@@ -55,7 +55,7 @@ def require_possible(estimate: Estimate) -> Verdict:
 
 def values_of(estimate: Estimate) -> dict[str, float]:
     """Return the values that sentences speak of, by parameter."""
-    return estimate.held | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+    return estimate.fixed | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
 def sentences_of(ending: Ending, findings: Sequence[Finding], values: Values) -> list[str]:

@@ -11,8 +11,8 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import OutputError, Suitable, WeakForm
 from butterfly.identification.prediction_horizon import GROWTH, excess_error, horizon_of
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
+from butterfly.model.prior import Prior
 from tests.independent.integrator import Joint, motion
 
 TIME = np.arange(0, 20, 0.005)
@@ -93,7 +93,7 @@ def _followed(ripple, noise, seconds=20.0):
 
 
 def _data(log):
-    return DataSet.of([log], known=Knowledge.told({"p4": GAIN}))
+    return DataSet.of([log], known=Prior.of({"p4": GAIN}))
 
 
 def _found(log, **options):
@@ -142,7 +142,7 @@ def test_white_noise_is_one_noise_in_excess_and_a_wave_is_more():
     noise = 1e-3 * np.random.default_rng(0).standard_normal(time.size)
     data = DataSet.of(
         [Log(time, inputs, angle + noise, input_kind="torque")],
-        known=Knowledge.told({"p3": 0.0, "p4": 1.0}),
+        known=Prior.of({"p3": 0.0, "p4": 1.0}),
     )
     found = WeakForm(terms=(), check=False)(data)
     found = replace(

@@ -121,7 +121,7 @@ def test_a_term_that_kept_the_start_s_value_is_part_of_the_estimate():
     start = replace(robot, p1=0.0031, coulomb=1e-3)
     found = OutputError(terms=(), check=False, workers=1).of_logs(logs, start, zeros)
     assert found.names == PARAMETERS
-    assert {"bias", "drag"} <= {*found.held}
+    assert {"bias", "drag"} <= {*found.fixed}
     assert (found.parameters.bias, found.parameters.drag) == (-2e-3, 8e-4)
     assert found.parameters.p1 == pytest.approx(robot.p1, rel=1e-3)
 
