@@ -16,8 +16,9 @@ from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
 from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE, panel
-from butterfly.report.finding_texts import estimate_numbers, estimate_sentences, estimate_verdict
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.format import interval, with_error
+from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Fact, Page, PageTable, Section, Whisker
 from butterfly.result import document
 
