@@ -61,14 +61,6 @@ def test_the_torques_of_the_table_and_of_the_kernel_are_those_of_the_equation(ve
     assert loaded.p1 * (found[1] - velocity) / h == pytest.approx(expected, rel=2e-3)
 
 
-def test_the_load_on_the_bearing_brakes_by_its_weight_in_newtons():
-    motion = Motion.of(WHOLE, 0.0, -0.9, weight=ADDED.weight)
-    assert TERMS["load"].basis(motion) == pytest.approx(-0.3 * 9.81)
-    alone = replace(WHOLE, load=0.0)
-    more = WHOLE.with_added_mass(ADDED).coulomb - alone.with_added_mass(ADDED).coulomb
-    assert more == pytest.approx(WHOLE.load * 0.3 * 9.81)
-
-
 @pytest.mark.parametrize("angle", [-1.1, 0.0, 0.4])
 def test_pull_stiffness_and_potential_are_those_written_out_by_hand(angle):
     p, n = WHOLE, WHOLE.cogging_periods
