@@ -151,23 +151,19 @@ def test_a_weighed_hand_is_separated_as_its_closed_form_says():
     assert found["com_distance"].standard_error == pytest.approx(error)
     reach = 0.05 * np.hypot(4 * 1e-4 / 0.04905, 1.96 * 0.01)
     assert found["com_distance"].reach == pytest.approx(reach, rel=1e-4)
-    rng = np.random.default_rng(0)
-    p1, p3 = rng.multivariate_normal([0.00325, 0.04905], covariance[::2, ::2], 100_000).T
-    mass = 0.1 + 1e-3 * rng.standard_normal(p1.size)
-    spread = np.std(p1 - p3**2 / (mass * 9.81**2))
-    assert found["inertia_with_rotor"].standard_error == pytest.approx(spread, rel=0.02)
 
 
 def test_one_part_of_the_motor_tells_another():
-    gear = {"gear_ratio": 2.0}
-    assert _of_logs({"torque_constant": 0.05})["resistance"].value == pytest.approx(2.0)
-    assert _of_logs({"torque_constant": 0.05} | gear)["resistance"].value == pytest.approx(4.0)
-    found = _of_logs({"resistance": (2.0, 0.02)} | gear)["torque_constant"]
+    def told(name, **known):
+        return _of_logs(known)[name]
+
+    assert told("resistance", torque_constant=0.05).value == pytest.approx(2.0)
+    assert told("resistance", torque_constant=0.05, gear_ratio=2.0).value == pytest.approx(4.0)
+    found = told("torque_constant", resistance=(2.0, 0.02), gear_ratio=2.0)
     assert found.value == pytest.approx(0.025)
     assert found.standard_error / found.value == pytest.approx(np.hypot(0.01, np.sqrt(1.09) * 0.01))
-    assert _of_logs({"back_emf_constant": 0.025} | gear)["viscous_friction"].value == pytest.approx(
-        2e-4
-    )
+    friction = told("viscous_friction", back_emf_constant=0.025, gear_ratio=2.0)
+    assert friction.value == pytest.approx(2e-4)
 
 
 def test_a_command_in_amperes_shows_in_its_current_and_hides_the_rest():
