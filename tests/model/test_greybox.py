@@ -9,9 +9,7 @@ from scipy.integrate import solve_ivp
 
 from butterfly.model.greybox import simulate
 from butterfly.model.parameters import AddedMass, LumpedParameters
-from tests.model.joints import instants
-
-PENDULUM = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025)
+from tests.model.joints import PENDULUM, instants
 
 
 def _sine_input(time, amplitude, omega):
@@ -69,7 +67,7 @@ def test_a_coulomb_oscillation_loses_the_same_swing_in_each_half_cycle_until_it_
 
 def test_with_coulomb_friction_it_equals_an_integrator_that_stops_at_each_reversal():
     """The swing stays so wide that the joint never sticks."""
-    parameters = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=0.025, coulomb=5e-4)
+    parameters = replace(PENDULUM, coulomb=5e-4)
     time = np.arange(0, 5.0005, 1e-3)
     angle, _ = simulate(parameters, time, _sine_input(time, 0.2, 7.0), 1.0)
 

@@ -30,32 +30,14 @@ from butterfly.model.linear import (
 )
 from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.signals.sine_fit import fit_sine
-from tests.model.joints import instants
+from tests.model.joints import BRISTLES, LAG, PENDULUM, SLIDING, instants
 
-THESIS = LumpedParameters(p1=0.00325, p2=0.001, p3=0.04905, p4=10)
-WHOLE = LumpedParameters(
-    p1=0.003,
-    p2=2e-3,
-    p3=0.05,
-    p4=0.4,
-    p3_offset=0.004,
-    cogging=5e-3,
-    cogging_cosine=1e-3,
-    cogging_periods=3.0,
-    back_emf=1.2e-3,
-    time_constant=0.02,
-    compression=0.3,
-    drag=1e-4,
-)
-SLIDING = LumpedParameters(p1=0.003, p2=1e-3, p3=0.05, p4=0.4, coulomb=1e-3, drag=1e-4)
-BRISTLES = replace(
-    SLIDING,
-    coulomb=2e-3,
-    stribeck=1e-3,
-    bristle_stiffness=2.0,
-    bristle_damping=5e-3,
-    compression=0.5,
-)
+THESIS = replace(PENDULUM, p4=10)
+WHOLE = replace(SLIDING, delay=0.0, coulomb=0.0, load=0.0, stribeck=0.0, compression=0.3, **LAG)
+OTHERS = {
+    "bristles": replace(SLIDING, delay=0.0, **BRISTLES),
+    "friction that creeps at rest": replace(PENDULUM, coulomb=1e-4, drag=1e-4),
+}
 OMEGA = np.array([0.5, 3.0, 4.5, 9.0, 40.0])
 robots = st.builds(
     LumpedParameters,
@@ -127,12 +109,8 @@ def test_it_is_the_slope_of_the_nonlinear_system(angle):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("robot", "error"),
-    [(WHOLE, 2e-4), (BRISTLES, 2e-4), (SLIDING, 5e-3)],
-    ids=["lag, compression, cogging", "bristles", "friction that creeps at rest"],
-)
-def test_the_nonlinear_system_is_the_whole_equation(robot, error):
+@pytest.mark.parametrize("robot", [WHOLE, *OTHERS.values()], ids=["smooth", *OTHERS])
+def test_the_nonlinear_system_is_the_whole_equation(robot):
     time = np.linspace(0, 4, 4001)
 
     def drive(t):
@@ -150,7 +128,7 @@ def test_the_nonlinear_system_is_the_whole_equation(robot, error):
     )
     angle, _ = simulate(robot, time, command / (1 + robot.compression * np.abs(command)), 0.3)
     assert np.ptp(angle) > 0.5
-    np.testing.assert_allclose(moved.outputs[0], angle, atol=error)
+    np.testing.assert_allclose(moved.outputs[0], angle, atol=2e-4)
 
 
 @given(robots.map(lambda robot: replace(robot, delay=0.0)))
@@ -232,17 +210,9 @@ def test_the_quasi_linear_response_tends_to_the_linear_one():
     np.testing.assert_allclose(small, frequency_response(THESIS, omega), rtol=1e-8)
 
 
-SWINGING = LumpedParameters(p1=0.00325, p2=0.0014, p3=0.04905, p4=0.025)
-MANY = replace(
-    SWINGING,
-    p2=0.001,
-    coulomb=3e-4,
-    drag=5e-4,
-    stribeck=3e-4,
-    stribeck_velocity=0.5,
-    cogging=2e-3,
-    cogging_periods=3,
-)
+SWINGING = replace(PENDULUM, p2=0.0014)
+SLOWED = {"coulomb": 3e-4, "drag": 5e-4, "stribeck": 3e-4, "stribeck_velocity": 0.5}
+MANY = replace(PENDULUM, cogging=2e-3, cogging_periods=3.0, **SLOWED)
 
 
 @pytest.mark.parametrize(
