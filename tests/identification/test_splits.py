@@ -9,7 +9,7 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.splits import Split, divide, excluding_interval, remedy
-from butterfly.identification.validate import hold_out
+from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log, Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
@@ -66,7 +66,7 @@ def test_every_sample_is_left_out_once(sines):
 def test_logs_of_no_sine_are_kept_where_frequencies_are_left_out(sines):
     whole = replace(sines.logs[0], excitation=None)
     mixed = DataSet.of([*sines.logs, whole])
-    held = hold_out(mixed, lambda _: BALANCE(sines), Split.FREQUENCY)
+    held = cross_validate(mixed, lambda _: BALANCE(sines), Split.FREQUENCY)
     assert np.isnan(held.fits[-1])
     assert np.isfinite(held.fits[:-1]).all()
     assert np.isfinite(held.summary.median)
@@ -80,7 +80,7 @@ def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines):
         seen.append([float(log.time[-1] - log.time[0]) for log in part.logs])
         return BALANCE(part)
 
-    held = hold_out(data, spy, Split.TIME, folds=3)
+    held = cross_validate(data, spy, Split.TIME, folds=3)
     assert list(held.estimates) == [f"stretch {k} of 3" for k in (1, 2, 3)]
     whole = sum(float(log.time[-1]) for log in data.logs)
     assert all(sum(lengths) < 0.7 * whole for lengths in seen)
@@ -89,7 +89,7 @@ def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines):
 
 def test_stretches_of_any_motion_are_predicted():
     data = DataSet.of(wild(ROBOT))
-    held = hold_out(data, WeakForm(terms=(), check=False), Split.TIME, folds=3)
+    held = cross_validate(data, WeakForm(terms=(), check=False), Split.TIME, folds=3)
     assert held.summary.worst > 99
 
 

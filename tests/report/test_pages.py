@@ -10,7 +10,7 @@ import pytest
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.api.compared import Compared, Leaderboard
-from butterfly.api.looking_ahead import predict
+from butterfly.api.result_verbs import predict
 from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
@@ -26,8 +26,8 @@ from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
 from butterfly.model.parameters import AddedMass
 from butterfly.model.prior import Prior
+from butterfly.orbit.loop import study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.study import study_orbit
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
