@@ -1,17 +1,28 @@
-"""What all results have in common: words, rows, JSON, a frame, a page."""
+"""What all results have in common: words, rows, a frame, a page, and the one form of JSON.
+
+Every document has the keys of `HEAD`; docs/commands.md says what they and the others hold.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+import platform
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
 from html import escape
+from importlib.metadata import version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
-from butterfly.document import SCHEMA_NUMBER, Told, write_document
+import numpy as np
+
+from butterfly import __version__
 from butterfly.errors import ButterflyError
+from butterfly.files import finite, replacing
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -20,7 +31,66 @@ if TYPE_CHECKING:
 
     from butterfly.report.page import Page
 
+SCHEMA_NUMBER = 2
+"""Of a document; raised when an older program could no longer read it."""
+
+HEAD = ("schema", "schema_number", "versions", "title", "verdict", "reasons", "summary", "units")
+"""Keys that every document has."""
+
+_LIBRARIES = ("mujoco", "numba", "scipy")  # not imported for that: a simulator is slow to
+
 _SIGNIFICANT = 4
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return what results are made with."""
+    return {
+        "butterfly": __version__,
+        "numpy": np.__version__,
+        **{name: version(name) for name in _LIBRARIES},
+        "python": platform.python_version(),
+    }
+
+
+def document(
+    kind: str,
+    title: str,
+    content: Mapping[str, Any],
+    *,
+    verdict: Verdict | None = None,
+    summary: Sequence[str] = (),
+    units: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Return what commands and results say for programs, as JSON can hold it.
+
+    The ``units`` are of quantities whose own key or column does not say it, by their keys, with
+    dots between; None stands for what is unknown.
+    """
+    found: dict[str, Any] = finite(
+        {
+            "schema": f"butterfly.{kind}",
+            "schema_number": SCHEMA_NUMBER,
+            "versions": versions(),
+            "title": title,
+            **({"verdict": None, "reasons": []} if verdict is None else verdict.numbers()),
+            "summary": list(summary),
+            "units": dict(units or {}),
+            **content,
+        }
+    )
+    return found
+
+
+def json_text(content: Mapping[str, Any], *, ascii_only: bool = False) -> str:
+    """Return a document as text, with escapes for other letters for what cannot take them."""
+    return json.dumps(content, indent=1, allow_nan=False, ensure_ascii=ascii_only) + "\n"
+
+
+def write_document(content: Mapping[str, Any], path: Path) -> None:
+    """Write a document to a file; InputError if it cannot be written."""
+    with replacing(path) as draft:
+        draft.write_text(json_text(finite(content)), encoding="utf-8")
 
 
 class TextTable(NamedTuple):
@@ -64,8 +134,11 @@ class Result(ABC):
         """Return the table that it is about, a row each, units in the names of its columns."""
 
     @abstractmethod
-    def told(self) -> Told:
-        """Return what it says, for programs."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain values that JSON can hold; None stands for what is unknown.
+
+        It is what the commands write with ``--json``, and holds no path of this machine.
+        """
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return `rows` as a person reads them."""
@@ -86,20 +159,9 @@ class Result(ABC):
         """Return what `print` shows of the table, aligned; nothing where it would be long."""
         return []
 
-    def kept(self, folder: Path) -> dict[str, Any]:  # noqa: ARG002 - for one that has logs
-        """Return what `save` writes to a file in a folder."""
-        return self.to_dict()
-
     def figures(self) -> dict[str, Figure]:
         """Return the figures of its page, by name."""
         return {}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain values that JSON can hold; None stands for what is unknown.
-
-        It is what the commands write with ``--json``, and holds no path of this machine.
-        """
-        return self.told().document()
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return `rows` as a pandas frame.
@@ -125,7 +187,7 @@ class Result(ABC):
         InputError
             If the file cannot be written.
         """
-        write_document(self.kept(Path(path).resolve().parent), Path(path))
+        write_document(self.to_dict(), Path(path))
 
     def report(self, path: str | PathLike[str], *, figures: bool = False) -> None:
         """Write a page that opens offline, and its numbers as JSON beside it.
@@ -178,6 +240,71 @@ class Result(ABC):
 
     def _repr_html_(self) -> str:
         return html_of(self.title, self.shown_rows(), self.summary)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Answer(Result):
+    """A result that is its JSON: what a verb found, and how a command prints and draws it."""
+
+    table: ClassVar[str] = "rows"
+    """Key of its rows."""
+
+    title: str
+    summary: tuple[str, ...] = ()
+    content: dict[str, Any]  # what `to_dict` says besides what all say
+    judged: Verdict | None = None
+    units: dict[str, str] = field(default_factory=dict)
+    printed: tuple[TextTable, ...] = ()  # by a command; its rows if there are none
+    live: Page | None = None  # that draws it; none of a result that was loaded
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any], **more: Any) -> Self:  # noqa: ANN401 - own fields
+        """Return what `to_dict` said.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If something is missing, or not what it should be.
+        """
+        rows = [dict(row) for row in content[cls.table]]
+        return cls(
+            title=text(content["title"]),
+            summary=texts(content["summary"]),
+            content={key: content[key] for key in content if key not in HEAD} | {cls.table: rows},
+            judged=Verdict.of_numbers(content),
+            units={str(key): str(unit) for key, unit in content.get("units", {}).items()},
+            **more,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain values that JSON can hold; None stands for what is unknown.
+
+        It is what the commands write with ``--json``, and holds no path of this machine.
+        """
+        return document(
+            self.kind,
+            self.title,
+            self.content,
+            verdict=self.judged,
+            summary=self.summary,
+            units=self.units,
+        )
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table that it is about, a row each, units in the names of its columns."""
+        return [dict(row) for row in self.content[self.table]]
+
+    def tables(self) -> list[TextTable]:
+        """Return the tables that a command prints below the summary."""
+        return list(self.printed) or super().tables()
+
+    def page(self) -> Page:
+        """Put together the page of `report`."""
+        return self.live or super().page()
+
+    def drawn_as(self, page: Page) -> Self:
+        """Return the same with a page, whose tables a command prints unless there are others."""
+        return replace(self, live=page, printed=self.printed or page.text_tables)
 
 
 def aligned(rows: Sequence[dict[str, str]]) -> list[str]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from butterfly.api.sources import Named
-from butterfly.api.tabulated import Tabulated
 from butterfly.comparison.change import change
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.unit_errors import listed
@@ -22,7 +21,7 @@ from butterfly.report.change import (
     shown_changes,
     untested_sentences,
 )
-from butterfly.result import aligned
+from butterfly.result import Answer, aligned
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
@@ -30,14 +29,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Changed(Tabulated):
+class Changed(Answer):
     """Whether the parameters of a robot have changed, and by how much."""
 
     kind: ClassVar[str] = "change"
 
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the table as a person reads it."""
-        return shown_changes(self.table)
+        return shown_changes(self.rows())
 
     def shown_lines(self) -> list[str]:
         """Return the table as lines."""
@@ -49,7 +48,7 @@ class Changed(Tabulated):
 
         from butterfly.report.figures import GREY, PALETTE  # noqa: PLC0415 - slow to import
 
-        rows = [row for row in self.table if known(row)]
+        rows = [row for row in self.rows() if known(row)]
         sizes = [abs(row["before"]) / 100 for row in rows]
         differences = [row["after"] - row["before"] for row in rows]
         drawn = Scatter(
@@ -101,8 +100,10 @@ def changed(before: Identification | Named, after: Identification | Named) -> Ch
             *_warnings(one, other),
             *untested_sentences(found),
         ),
-        table=tuple(change_rows(found, kind, joint)),
-        besides={"identifications": [_named(each) for each in (one, other)]},
+        content={
+            "identifications": [_named(each) for each in (one, other)],
+            "rows": change_rows(found, kind, joint),
+        },
     )
 
 
@@ -153,11 +154,10 @@ def _warnings(*both: Identification) -> list[str]:
             f"Only one of them fits {listed(terms)}: what it takes up there, the other has in its "
             "other parameters."
         )
-    held = sorted(
-        name for name in one.held.keys() & other.held.keys() if one.held[name] != other.held[name]
-    )
-    if held:
-        said.append(f"They hold {listed(held)} at different values, on which the others rest.")
+    in_both = one.fixed.keys() & other.fixed.keys()
+    fixed = sorted(name for name in in_both if one.fixed[name] != other.fixed[name])
+    if fixed:
+        said.append(f"They hold {listed(fixed)} at different values, on which the others rest.")
     shared = _files(both[0]) & _files(both[1])
     if shared:
         said.append(

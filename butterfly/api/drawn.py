@@ -9,11 +9,11 @@ from os import PathLike
 from pathlib import Path
 from typing import ClassVar
 
-from butterfly.api.tabulated import Tabulated
 from butterfly.files import replacing
 from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.identification import Identification
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.result import Answer
 
 WEIGHT = "weight"
 """Column that says how much a draw counts, 1 on average."""
@@ -22,7 +22,7 @@ _FIELDS = [each.name for each in fields(LumpedParameters)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Drawn(Tabulated):
+class Drawn(Answer):
     """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
 
     kind: ClassVar[str] = "draws"
@@ -31,7 +31,7 @@ class Drawn(Tabulated):
     def of(cls, draws: ParameterDraws, found: Identification, said: Sequence[str]) -> Drawn:
         """Tabulate draws from an identification, with what is to be said of them."""
         estimate, count = draws.estimate, len(draws.values)
-        columns = [*estimate.names, *(key for key in estimate.held if key not in estimate.names)]
+        columns = [*estimate.names, *(key for key in estimate.fixed if key not in estimate.names)]
         rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
         units = {row["parameter"]: row["unit"] for row in found.rows()}
         return cls(
@@ -39,10 +39,12 @@ class Drawn(Tabulated):
             summary=(found.judged.sentence, *said, *found.verdict[1:]),
             judged=found.judged,
             units={f"rows.{name}": unit for name, unit in units.items()},
-            table=tuple(
-                {**{key: getattr(each, key) for key in columns}, WEIGHT: count * weight}
-                for each, weight in rows
-            ),
+            content={
+                "rows": [
+                    {**{key: getattr(each, key) for key in columns}, WEIGHT: count * weight}
+                    for each, weight in rows
+                ]
+            },
         )
 
     @property
@@ -50,7 +52,7 @@ class Drawn(Tabulated):
         """Each draw as parameters of the bare hand."""
         return [
             LumpedParameters(**{key: value for key, value in row.items() if key in _FIELDS})
-            for row in self.table
+            for row in self.rows()
         ]
 
     def write_csv(self, path: str | PathLike[str]) -> None:
@@ -65,9 +67,9 @@ class Drawn(Tabulated):
             replacing(Path(path)) as draft,
             draft.open("w", newline="", encoding="utf-8") as file,
         ):
-            writer = csv.DictWriter(file, list(self.table[0]))
+            writer = csv.DictWriter(file, list(self.rows()[0]))
             writer.writeheader()
-            writer.writerows(self.table)
+            writer.writerows(self.rows())
 
     def models(
         self,

@@ -10,18 +10,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
-from butterfly.api.answers import Answer
 from butterfly.api.sources import Named
-from butterfly.api.tabulated import page_tables
-from butterfly.document import HEAD, Told, write_document
 from butterfly.errors import ButterflyError, InputError
 from butterfly.experiment.perform import RunResult, outcome_of, perform
 from butterfly.experiment.record import FAILED, OK, RunRecord
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import data_set_of, file_of, write_logs
 from butterfly.experiment.simulate import simulate as simulated_logs
-from butterfly.experiment.source import Source, keep_experiment
-from butterfly.experiment.source import read_experiment as experiment_in
+from butterfly.experiment.source import Source, keep_experiment, read_experiment
 from butterfly.experiment.store import ResultStore, digests
 from butterfly.experiment.sweep import SweepPlan, chosen_of, plan_sweep, run_sweep, sweep_record
 from butterfly.experiment.sweep_tables import ESTIMATES, RUNS
@@ -29,18 +25,17 @@ from butterfly.experiment.workers import DaskEngine, Engine, LocalEngine
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
+from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.manifest import read_manifest
 from butterfly.logs.mat import write_mat
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
 from butterfly.report.identification_page import write_report
-from butterfly.report.numbers.record_numbers import told_run
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import Page, write_page
+from butterfly.report.records import run_verdict
 from butterfly.report.sweep_page import sweep_page
-from butterfly.result import TextTable
-from butterfly.verdict import Verdict
+from butterfly.result import Answer, TextTable, write_document
 
 RESULT = "result.json"
 """File of a single run's results: what its `to_dict` returns."""
@@ -65,6 +60,7 @@ class Run(Answer):
     """
 
     kind: ClassVar[str] = "run"
+    table: ClassVar[str] = "estimates"
 
     record: RunRecord
     sentences: tuple[str, ...] = ()
@@ -91,6 +87,7 @@ class Sweep(Answer):
     """
 
     kind: ClassVar[str] = "sweep"
+    table: ClassVar[str] = "recovery"
 
     unsuccessful: int
     sentences: tuple[str, ...] = ()
@@ -197,14 +194,12 @@ def run(
         f"{summary.runs} runs: {summary.done} done now, {summary.reused} found done, "
         f"{summary.unsuccessful} without a result."
     )
-    return Sweep(
-        content=_told(page.numbers),
-        printed=page_tables(page),
-        draw=lambda: page,
+    return Sweep.from_dict(
+        page.numbers,
         unsuccessful=summary.unsuccessful,
         sentences=(*page.summary, counts),
         reports=(folder / "report.html",),
-    )
+    ).drawn_as(page)
 
 
 def _run_once(
@@ -231,40 +226,75 @@ def _run_once(
     if page is not None:
         write_page(page, folder / _ORBIT_REPORT, figures=figures)
     result = replace(result, record=outcome.record)
-    told = told_run(experiment, source.content, result)
-    if result.orbit is not None and not result.identifications:
-        told = replace(told, verdict=estimate_verdict(result.orbit.estimate))
-    write_document(told.document(), folder / RESULT)
     reports = _reports(result.record)
-    beside = digests(folder, [*kept, RESULT, *written, *reports])
-    store.end_sweep(replace(sweep_record(plan), beside=beside))
-    if result.error is not None:
-        raise result.error
     answers = dict(result.identifications)
     tables = [table for each in answers.values() for table in each.tables(truth)]
     paragraphs = [text for each in answers.values() for text in each.paragraphs()]
+    verdict = run_verdict(result.record)
     if page is not None:
-        verdict = [] if page.verdict is None else [page.verdict.sentence]
-        paragraphs += [*verdict, *page.summary]
-        tables += page_tables(page)
-    return Run(
-        content=told,
+        tables += page.text_tables
+        paragraphs += [*([] if page.verdict is None else [page.verdict.sentence]), *page.summary]
+        verdict = verdict if answers else page.verdict
+    whole = Run(
+        title=f"Run of {experiment.name!r}",
+        summary=(
+            *([] if verdict is None else [verdict.sentence]),
+            *(each.title for each in answers.values()),
+        ),
+        judged=verdict,
+        content=_content(experiment, source.content, result, page),
+        units={"seconds": "s"},
         record=result.record,
         sentences=(*paragraphs, *_of_record(result.record)),
         printed=tuple(tables),
         reports=tuple(folder / name for name in reports),
         identifications=answers,
     )
+    write_document(whole.to_dict(), folder / RESULT)
+    beside = digests(folder, [*kept, RESULT, *written, *reports])
+    store.end_sweep(replace(sweep_record(plan), beside=beside))
+    if result.error is not None:
+        raise result.error
+    return whole
+
+
+def _content(
+    experiment: Experiment, given: Mapping[str, Any], result: RunResult, orbit: Page | None
+) -> dict[str, Any]:
+    """Return an experiment as its file says it, its truth, and what each estimator found."""
+    record, truth = result.record, experiment.plant.robot.lumped
+    return {
+        "data": {
+            "name": experiment.name,
+            "description": experiment.description,
+            "input": str(experiment.input_kind),
+            "logs": record.logs,
+        },
+        "key": record.key,
+        "status": record.status,
+        "error": record.error,
+        "seed": record.seed,
+        "experiment": dict(given),
+        "truth": lumped_numbers(truth, experiment.input_kind),
+        "estimates": [each.to_dict(truth) for each in result.identifications.values()],
+        "refused": [
+            {"estimator": each.estimator, "error": each.error}
+            for each in record.estimates
+            if each.estimate is None
+        ],
+        "orbit": orbit and orbit.numbers,
+        "seconds": record.seconds,
+    }
 
 
 def _found_done(folder: Path, record: RunRecord) -> Run:
     """Return what is kept of a run that was done before."""
     if record.status != OK:
         raise ButterflyError(record.reason)
-    told = _told(json.loads((folder / RESULT).read_text(encoding="utf-8")))
+    content = json.loads((folder / RESULT).read_text(encoding="utf-8"))
     said: list[str] = []
     tables: list[TextTable] = []
-    for each in told.content["estimates"]:
+    for each in content["estimates"]:
         said += each["summary"]
         rows = [
             (name, _number(row["true"]), *map(_number, _of_parameter(row)), row["unit"])
@@ -272,10 +302,10 @@ def _found_done(folder: Path, record: RunRecord) -> Run:
         ]
         headers = ("", "true", "estimate", "std error", "lower", "upper", "unit")
         tables.append(TextTable(each["title"], headers, rows))
-    if told.content["orbit"] is not None:
-        said += told.content["orbit"]["summary"]
-    return Run(
-        content=told,
+    if content["orbit"] is not None:
+        said += content["orbit"]["summary"]
+    return Run.from_dict(
+        content,
         record=record,
         sentences=(*said, *_of_record(record), "1 run: found done; --force does it again."),
         printed=tuple(tables),
@@ -290,18 +320,6 @@ def _of_parameter(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 def _number(value: float | None) -> str:
     return "–" if value is None else f"{value:.5g}"
-
-
-def _told(document: Mapping[str, Any]) -> Told:
-    """Return a document as it was before it was one."""
-    return Told(
-        kind=document["schema"].removeprefix("butterfly."),
-        title=document["title"],
-        verdict=Verdict.of_numbers(document),
-        summary=tuple(document["summary"]),
-        content={key: value for key, value in document.items() if key not in HEAD},
-        units=document["units"],
-    )
 
 
 def _of_record(record: RunRecord) -> list[str]:
@@ -355,7 +373,7 @@ def _reports(record: RunRecord) -> list[str]:
 
 def _planned(experiment: Any) -> Experiment:  # noqa: ANN401 - whatever was given
     if isinstance(experiment, str | PathLike):
-        return experiment_in(locate(Path(experiment)))
+        return read_experiment(experiment)
     if isinstance(experiment, Experiment):
         return experiment
     expected = "an experiment: its file, its name, or what read_experiment returned"

@@ -14,10 +14,11 @@ import numpy as np
 from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
 from butterfly.api.saved import load
-from butterfly.api.sources import Data, Named, is_data, read, read_experiment
+from butterfly.api.sources import Data, Named, is_data, read
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.experiment.schema import Experiment
 from butterfly.experiment.simulate import planned_logs
+from butterfly.experiment.source import read_experiment
 from butterfly.files import locate
 from butterfly.identification.data import DataSet
 from butterfly.identification.draws import COUNT, ParameterDraws, draw_parameters, weighed
@@ -27,8 +28,8 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.parameters_by_hand import given_estimate, judged_on, outdone
 from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
 from butterfly.logs.log import InputKind, Log
-from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
@@ -196,7 +197,7 @@ def _of_gain(
     told: Mapping[str, object], estimate: Estimate, data: DataSet | None
 ) -> tuple[str, ...]:
     """Say which p4 was taken where none was given."""
-    known = {} if data is None else data.known.exact
+    known = {} if data is None else data.known.fixed
     gain = (known | dict(told)).get("p4", math.nan)
     if isinstance(gain, float) and math.isnan(gain):
         return (f"p4 was not given: {estimate.parameters.p4:.4g} has the best FIT.",)

@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from butterfly.api.drawn import Drawn
-from butterfly.api.tabulated import Tabulated
+from butterfly.api.results import Tabulated, about_log
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
-from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.finding_texts import (
+    estimate_numbers,
+    estimate_sentences,
+    estimate_verdict,
+)
 from butterfly.report.format import fit_text
-from butterfly.report.numbers.estimate_numbers import estimate_numbers
 from butterfly.report.page import Page, Section
 from butterfly.verdict import Level
 
@@ -86,10 +89,10 @@ class Predicted(Tabulated):
                 *estimate_sentences(estimate)[1:],
             ),
             judged=verdict,
-            table=tuple(_row(each, measured=measured) for each in predictions),
-            besides={
+            content={
                 "data": {"name": name, "input": str(log.input_kind), "logs": len(predictions)},
                 **estimate_numbers(estimate),
+                "rows": [_row(each, measured=measured) for each in predictions],
             },
             predictions=tuple(predictions),
             drawn=drawn,
@@ -142,9 +145,7 @@ def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
     run = prediction.run
     way = run.log.added_mass.joint.way
     row: dict[str, Any] = {
-        "log": run.log.name,
-        "added mass in kg": run.log.added_mass.mass,
-        "frequency in rad/s": run.log.excitation.omega if run.log.excitation else np.nan,
+        **about_log(run.log),
         f"swing in {way}": float(np.ptp(run.simulated)) / 2,
     }
     if measured:

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.api.changed import Changed
+from butterfly.api.compared import Compared
 from butterfly.api.drawn import Drawn
 from butterfly.api.predicted import Predicted
+from butterfly.api.results import Designed, Validated
 from butterfly.api.sources import root_of
-from butterfly.api.tabulated import Compared, Designed, Separated, Validated
 from butterfly.errors import InputError
 from butterfly.identification.identification import Identification
+from butterfly.report.physical import Separated
 
 _SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}

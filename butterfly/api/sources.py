@@ -7,14 +7,13 @@ import os
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
+from typing import Any, TypeAlias
 
-from butterfly.api.in_memory import Table, is_table, log_of_table
 from butterfly.errors import InputError
 from butterfly.files import locate
 from butterfly.identification.data import DataSet, read_data_set
 from butterfly.identification.identification import Identification
-from butterfly.logs.formats import ENDINGS, FORMATS
+from butterfly.logs.formats import ENDINGS, FORMATS, Table, is_table, log_of_table
 from butterfly.logs.health import DEFAULT_REPAIRS
 from butterfly.logs.log import Log
 from butterfly.logs.manifest import (
@@ -28,12 +27,9 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.manifest_draft import draft, of_logs
 from butterfly.logs.reading import pieces_of
-from butterfly.model.known import NOTHING, Knowledge, known_of
+from butterfly.model.prior import NO_PRIOR, Prior, known_of
 from butterfly.progress import Track, untracked
 from butterfly.yaml_files import load_yaml
-
-if TYPE_CHECKING:
-    from butterfly.experiment.schema import Experiment
 
 RESULT_ENDING = ".json"
 """Ending of a saved result."""
@@ -41,7 +37,8 @@ RESULT_ENDING = ".json"
 _OF_EXPERIMENTS = {"plant", "extends", "sweep"}  # keys that no manifest has
 _YAML = {".yaml", ".yml"}
 _PATTERN = frozenset("*?[")
-_OF_READ_LOGS = {"known", "zero", "holdout", "name"}  # what may be given of logs that are read
+_OF_FOLDERS = ("name", "description", "root", "logs")  # what manifests of the same facts differ in
+_OF_READ_LOGS = {"known", "zero", "repair", "name"}  # what may be given of logs that are read
 
 Named: TypeAlias = str | PathLike[str]
 """A path, a glob pattern, or the name of something shipped."""
@@ -95,8 +92,17 @@ def read(
     InputError
         Naming file, field, value and what was expected.
     """
-    folder = None if root is None else Path(root)
-    return _read(source, folder, _given(description), track)
+    folder, given = None if root is None else Path(root), _given(description)
+    holdout = given.pop("holdout", [])
+    several = isinstance(source, Sequence) and not isinstance(source, str)
+    sources: Sequence[Any] = source if several else [source]  # type: ignore[assignment]
+    if all(isinstance(each, str | PathLike) for each in sources):
+        data = _of_files(sources, folder, given, track)
+    elif len(sources) > 1 or (several and isinstance(sources[0], Log)):
+        data = _of_several(sources, folder, given, track)
+    else:
+        data = _of_one(sources[0], folder, given, track)
+    return data.holding_out(holdout)
 
 
 def manifest_of(
@@ -140,35 +146,24 @@ def _given(description: Mapping[str, Any]) -> dict[str, Any]:
     return checked_options(some)
 
 
-def _read(source: Data, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet:
+def _of_one(source: One, root: Path | None, given: Mapping[str, Any], track: Track) -> DataSet:
     if isinstance(source, DataSet | Identification | Log):
         return _of_read_logs(source, root, given)
-    if _is_several(source) and len(source) == 1 and not isinstance(source[0], Log):
-        return _read(source[0], root, given, track)
-    if isinstance(source, str | PathLike) or _is_several(source):
-        own = {name: value for name, value in given.items() if name != "holdout"}
-        sources: Sequence[Any] = source if _is_several(source) else [source]
-        gather = _of_files if all(map(_is_path, sources)) else _together
-        data = gather(sources, root, own, track)
-        return data.holding_out(given.get("holdout", []))
+    if isinstance(source, str | PathLike):
+        return _of_files([source], root, given, track)
     if is_table(source):
         return _of_table(source, root, given)
     expected = "a path, a name, logs, a table, or several of these"
     raise InputError("read", "source", type(source).__name__, expected)
 
 
-def _is_several(source: object) -> TypeGuard[Sequence[Any]]:
-    return isinstance(source, Sequence) and not isinstance(source, str)
-
-
-def _is_path(source: object) -> bool:
-    return isinstance(source, str | PathLike)
-
-
 def _of_read_logs(
     source: DataSet | Identification | Log, root: Path | None, given: Mapping[str, Any]
 ) -> DataSet:
     """Return the data set of logs that are read already, and what is known of them besides."""
+    for name, value in {"root": root, **given}.items():
+        if value is not None and name not in _OF_READ_LOGS:
+            raise InputError("read", name, value, "none beside logs that are read already")
     repairs = given.get("repair", frozenset())
     if isinstance(source, Log):
         name = source.name or given.get("name", "logs")
@@ -178,19 +173,12 @@ def _of_read_logs(
         if repairs:
             listed = ", ".join(sorted(repairs))
             raise InputError("read", "repair", listed, "none of a repaired data set")
-    every = {"root": root} | dict(given)
-    for name in every.keys() - _OF_READ_LOGS - {"repair"}:
-        if every[name] is not None:
-            expected = "none beside logs that are read already"
-            raise InputError("read", name, every[name], expected)
     return _more_known(data, given)
 
 
 def _more_known(data: DataSet, given: Mapping[str, Any]) -> DataSet:
-    data = data.knowing(Knowledge.told(given.get("known", {})))
-    if "zero" in given:
-        data = data.with_zero(known_of(given["zero"]))
-    return data.holding_out(given.get("holdout", []))
+    data = data.knowing(Prior.of(given.get("known", {})))
+    return data.with_zero(known_of(given["zero"])) if "zero" in given else data
 
 
 def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> DataSet:
@@ -201,14 +189,14 @@ def _of_table(table: Table, root: Path | None, given: Mapping[str, Any]) -> Data
             raise InputError("read", name, value, expected)
     manifest = of_logs("logs", Path(), [LogEntry(file="table")], given)
     manifest = manifest.piece(given.get("begin"), given.get("end"))
-    pieces = pieces_of(manifest, manifest.logs[0], log_of_table(table, manifest))
-    data = DataSet.of(
-        [log for _, log in pieces],
+    entry = manifest.logs[0]
+    log = log_of_table(table, manifest.columns, manifest.scale, **manifest.properties(entry))
+    return DataSet.of(
+        [piece for _, piece in pieces_of(manifest, entry, log)],
         name=manifest.name,
         known=manifest.knowledge,
         repairs=manifest.repair,
     )
-    return data.holding_out(manifest.holdout)
 
 
 def _of_files(
@@ -219,42 +207,42 @@ def _of_files(
     whole = _joined(manifests, given)
     if whole is not None:
         return read_data_set(whole, track)
-    parts = [read_data_set(manifest, track) for manifest in manifests]
-    return _union(parts, given)
+    return _union([read_data_set(manifest, track) for manifest in manifests], given)
 
 
-def _together(
+def _of_several(
     sources: Sequence[Any], root: Path | None, given: Mapping[str, Any], track: Track
 ) -> DataSet:
-    """Read several sources as one data set; every source's own repairs are made."""
+    """Read several sources as one data set; what is given describes those that are not yet read."""
     parts: list[DataSet | Log] = []
     for each in sources:
-        if isinstance(each, Log):
+        if isinstance(each, Log | DataSet):
             parts.append(each)
-        elif isinstance(each, DataSet | Identification):
-            parts.append(_read(each, None, {}, track))
+        elif isinstance(each, Identification):
+            parts.append(each.data)
         else:
-            parts.append(_read(each, root, given, track))
+            parts.append(_of_one(each, root, given, track))
     return _union(parts, given)
 
 
 def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
-    """Return the data set of all logs of several."""
+    """Return the data set of all logs of several; every source's own repairs are made."""
     logs: list[Log] = []
-    held: list[Log] = []
-    known = NOTHING
+    test_logs: list[Log] = []
+    known = NO_PRIOR
     repairs = DEFAULT_REPAIRS | given.get("repair", frozenset())
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)
             continue
-        known = known.agreeing(part.told, part.name)
+        known = known.agreeing(part.given, part.name)
         logs.extend(part.recorded)
-        held.extend(() if part.test_logs is None else part.test_logs.recorded)
+        test_logs.extend(() if part.test_logs is None else part.test_logs.recorded)
         if part.manifest is not None:
             repairs |= part.manifest.repair
-    data = DataSet.of([*logs, *held], name=given.get("name", "logs"), known=known, repairs=repairs)
-    return _more_known(data.holding(range(len(logs), len(data.logs))), given)
+    name = given.get("name", "logs")
+    data = DataSet.of([*logs, *test_logs], name=name, known=known, repairs=repairs)
+    return _more_known(data, given).holding(range(len(logs), len(data.logs)))
 
 
 def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest | None:
@@ -262,8 +250,7 @@ def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest
     first = manifests[0]
     if len(manifests) == 1:
         return first
-    own = {"name", "description", "root", "logs"}
-    facts = [manifest.model_dump(exclude=own) for manifest in manifests]
+    facts = [manifest.model_dump(exclude={*_OF_FOLDERS}) for manifest in manifests]
     if any(each != facts[0] for each in facts):
         return None
     root = Path(os.path.commonpath([manifest.root for manifest in manifests]))
@@ -274,10 +261,8 @@ def _joined(manifests: Sequence[Manifest], given: Mapping[str, Any]) -> Manifest
         for manifest in manifests
         for entry in manifest.logs
     ]
-    name = given.get("name", "logs")
-    return first.model_copy(
-        update={"name": name, "description": "", "root": str(root), "logs": entries}
-    )
+    own = {"name": given.get("name", "logs"), "description": ""}
+    return first.model_copy(update={**own, "root": str(root), "logs": entries})
 
 
 def _paths(sources: Sequence[Named]) -> list[Path]:
@@ -397,21 +382,6 @@ def is_data(path: Path) -> bool:
         return "logs" in load_yaml(path).content
     except InputError:
         return False
-
-
-def read_experiment(path: Named) -> Experiment:
-    """Read an experiment file, or a shipped one by its name.
-
-    Raises
-    ------
-    InputError
-        On the first field that does not follow the schema, with file and line.
-    """
-    from butterfly.experiment.source import read_experiment as experiment_in  # noqa: PLC0415 - slow to import
-
-    if not str(path):
-        raise InputError("read_experiment", "path", "an empty text", "a path or a name")
-    return experiment_in(locate(Path(path)))
 
 
 def choice(kind: Any, verb: str, field: str, value: object) -> Any:  # noqa: ANN401 - any enumeration of texts

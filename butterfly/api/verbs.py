@@ -3,54 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from functools import cache, partial
 from numbers import Real
 from operator import index
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from butterfly.api.answers import Leaderboard, Residual, Selection
+from butterfly.api.compared import Compared, Leaderboard
+from butterfly.api.results import Designed, Residual, Selection, Validated
 from butterfly.api.saved import load
 from butterfly.api.sources import RESULT_ENDING, Data, choice, read
-from butterfly.api.tabulated import Compared, Designed, Validated, page_tables
 from butterfly.errors import InputError
 from butterfly.experiment.methods import DEFAULT_METHOD, make_estimator
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.diagnostics.misfit import judge_misfit
-from butterfly.identification.diagnostics.residual_torque import residual_torques
-from butterfly.identification.diagnostics.residuals import ResidualSummary
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
-from butterfly.identification.identify import held_out_fits, judged
 from butterfly.identification.identify import identify as identify_data
-from butterfly.identification.parameter import unit_of
+from butterfly.identification.identify import judged
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import Bootstrap, HeldOut, bootstrap, hold_out, select_terms
+from butterfly.identification.validate import bootstrap as bootstrap_of
+from butterfly.identification.validate import cross_validate, select_terms
 from butterfly.model.parameters import LumpedParameters
-from butterfly.model.terms import TERMS
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import estimate_verdict, require_possible
-from butterfly.report.numbers.table_numbers import (
-    told_design,
-    told_residual,
-    told_selection,
-    told_validation,
-)
-from butterfly.result import TextTable
+from butterfly.report.finding_texts import require_possible
 
 Method = str | Estimator
 
 CANDIDATES = ("drag", "load", "bias", "p3_offset", "stribeck")
 """Terms that `select` chooses from if none are named."""
-
-_WELL = 90  # FIT in per cent above which a log that was left out is followed well
 
 
 def identify(
@@ -122,8 +106,6 @@ def select(
     IdentifiabilityError
         If they cannot determine the parameters, or nothing can be left out.
     """
-    from butterfly.report.ranking_pages import selection_page, structures_table  # noqa: PLC0415 - slow to import
-
     if isinstance(candidates, str) or not isinstance(candidates, Collection):
         raise InputError("select", "candidates", candidates, f"names, such as {CANDIDATES}")
     logs = read(data).holding_out(holdout)
@@ -131,14 +113,7 @@ def select(
     passed = select_terms(logs, quick, tuple(candidates), track=track)
     chosen = quick.with_terms(passed[-1].terms)
     found = judged(logs, chosen)
-    told = told_selection(logs, chosen, tuple(candidates), passed, found)
-    table = structures_table(passed)
-    title = f"{logs.name}: FIT in %, in sample and left out"
-    return Selection(
-        content=told,
-        printed=(TextTable(title, table.headers, [[*map(str, row)] for row in table.rows]),),
-        draw=partial(selection_page, logs, passed, told),
-    )
+    return Selection.of(logs, chosen, tuple(candidates), passed, found)
 
 
 def validate(
@@ -184,15 +159,11 @@ def validate(
         return rank([data], method, split=how, holdout=holdout, track=track)
     logs, estimator = _prepared(data, method, options, holdout)
     quick = estimator.unchecked()
-    held = hold_out(logs, quick, how, folds=folds, track=track)
+    held = cross_validate(logs, quick, how, folds=folds, track=track)
     whole, drawn = judged(logs, quick), None
     if bootstrap:
-        drawn = _bootstrap(logs, quick, whole, repetitions=bootstrap, track=track)
-    told = told_validation(logs, estimator, held, whole, drawn)
-    return Validated.of_told(told, printed=_validation_tables(logs, held, whole, drawn))
-
-
-_bootstrap = bootstrap  # whose name `validate` has for how often it is done
+        drawn = bootstrap_of(logs, quick, whole, repetitions=bootstrap, track=track)
+    return Validated.of(logs, estimator, held, whole, drawn)
 
 
 def rank(
@@ -218,8 +189,6 @@ def rank(
         If logs cannot be used, or there is no such method.
     """
     from butterfly.comparison.leaderboard import leaderboard  # noqa: PLC0415 - slow to import
-    from butterfly.report.numbers.comparison_numbers import told_leaderboard  # noqa: PLC0415 - slow to import
-    from butterfly.report.ranking_pages import leaderboard_page  # noqa: PLC0415 - slow to import
 
     how = choice(Split, "validate", "split", split)
     estimators = [make_estimator(each, {}) for each in methods]
@@ -228,10 +197,7 @@ def rank(
     entries = leaderboard(
         [read(each).holding_out(holdout) for each in sets], estimators, split=how, track=track
     )
-    page = leaderboard_page(entries)
-    return Leaderboard(
-        content=told_leaderboard(entries), printed=page_tables(page), draw=lambda: page
-    )
+    return Leaderboard.of(entries)
 
 
 def residual(
@@ -260,37 +226,9 @@ def residual(
     IdentifiabilityError
         If they cannot determine the parameters.
     """
-    from butterfly.report.residual import (  # noqa: PLC0415 - slow to import
-        HEADERS,
-        misfit_sentences,
-        misfit_table,
-        residual_page,
-    )
-
     whole, estimator, found = _estimated(data, method, options, holdout, check=False)
     chosen = numbers_of_logs("residual", logs, len(whole.logs))
-    misfit = judge_misfit(whole, found)
-    sentences = misfit_sentences(misfit)
-    title = f"{whole.name}: what {found.method} leaves over"
-    tables = [TextTable(title, HEADERS, misfit_table([misfit.logs[k] for k in chosen]).rows)]
-    worst = max(chosen, key=lambda k: misfit.logs[k].relative)
-    torques = cache(lambda: residual_torques(whole, found))  # asked for by table and page
-    if logs is not None:
-        tables += [
-            _torque_table(f"{each.label}: the torque left over", each.left_over)
-            for each in (torques()[k] for k in chosen)
-        ]
-
-    return Residual(
-        content=told_residual(whole, estimator, found, misfit, sentences),
-        printed=tuple(tables),
-        draw_worst=lambda: residual_page(
-            torques()[worst],
-            misfit.logs[worst],
-            estimate_verdict(found),
-            joint=whole.joint,
-        ),
-    )
+    return Residual.of(whole, estimator, found, chosen, with_torques=logs is not None)
 
 
 def compare(
@@ -366,7 +304,7 @@ def design(
     logs, estimator, found = _estimated(data, method, options, holdout)
     require_possible(found)
     ranked = next_experiments(logs, found, largest_swing=swing, track=track)
-    return Designed.of_told(told_design(logs, estimator, found, ranked))
+    return Designed.of(logs, estimator, found, ranked)
 
 
 def saved_identification(data: Data) -> Identification | None:
@@ -408,54 +346,6 @@ def _estimated(
         return found.data, found.made_by, found.estimate
     logs, estimator = _prepared(data, method or DEFAULT_METHOD, options, holdout)
     return logs, estimator, judged(logs, estimator if check else estimator.unchecked())
-
-
-def _validation_tables(
-    data: DataSet, held: HeldOut, whole: Estimate, drawn: Bootstrap | None
-) -> tuple[TextTable, ...]:
-    fits = {"in sample": data.simulations.fits(whole), held.division.left_out: held.fits}
-    if unused := held_out_fits(data, whole):
-        fits["held out by name"] = np.array(list(unused.values()))
-    horizon = data.simulations.horizon(whole)
-    rows = []
-    for name, each in fits.items():
-        fit, counted = FitSummary.of(each, horizon), each[~np.isnan(each)]
-        above = f"{int(np.sum(counted > _WELL))} of {counted.size}"
-        numbers = (f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst))
-        rows.append((name, *numbers, above))
-    headers = ("", "median", "mean", "worst", f"above {_WELL} %")
-    over = FitSummary.of(fits["in sample"], horizon).over
-    estimates = {"nothing": whole, **held.estimates}
-    names = dict.fromkeys(name for each in estimates.values() for name in each.names)
-    found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
-    units = {name: unit_of(name, data.input_kind, data.joint) for name in names}
-    values = [
-        (
-            name,
-            *(f"{own[name]:#.4g}".rstrip(".") if name in own else "–" for own in found),
-            units[name],
-        )
-        for name in names
-    ]
-    tables = [
-        TextTable(f"{data.name}: FIT in %{over}", headers, rows),
-        TextTable("Estimates, by what was left out", ("", *estimates, "unit"), values),
-    ]
-    if drawn is not None:
-        lines = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
-        drawn_rows = [(n, *(f"{each:.4g}" for each in own), units[n]) for n, *own in lines]
-        titles = ("", "estimate", "lower", "upper", "unit")
-        tables.append(TextTable("95 % intervals by bootstrap over logs", titles, drawn_rows))
-    return tuple(tables)
-
-
-def _torque_table(title: str, left_over: ResidualSummary) -> TextTable:
-    """Return what the torque left over looks like, and the share of each missing term."""
-    rows = [("looks like", left_over.words("the motor's torque"))] + [
-        (TERMS[name].looks_like, f"{100 * share:.1f} % of its variance alone")
-        for name, share in left_over.shares.items()
-    ]
-    return TextTable(title, (), rows)
 
 
 def _parameters(name: str, given: Any) -> LumpedParameters:  # noqa: ANN401 - whatever was given

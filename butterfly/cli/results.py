@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from butterfly.cli.options import Limit, Out
 from butterfly.cli.output import asked, say, show_table, write_json
 from butterfly.errors import InputError
-
-if TYPE_CHECKING:
-    from butterfly.document import Told
 
 Folder = Annotated[Path, Parameter(name="FOLDER")]
 
@@ -29,7 +26,7 @@ def list_sweeps(folder: Folder = Path("results"), /) -> None:
     from butterfly.experiment.record import OK  # noqa: PLC0415 - slow to import, as all of these
     from butterfly.experiment.store import SWEEP, ResultStore  # noqa: PLC0415
     from butterfly.report.format import field_name  # noqa: PLC0415
-    from butterfly.report.numbers.record_numbers import told_table  # noqa: PLC0415
+    from butterfly.result import document  # noqa: PLC0415
 
     said: list[dict[str, Any]] = []
     rows: list[tuple[str, ...]] = []
@@ -52,7 +49,7 @@ def list_sweeps(folder: Folder = Path("results"), /) -> None:
         show_table(f"Results in {folder}", ("sweep", "runs", "done", "failed", "varied"), rows)
     else:
         say(f"No results in {folder}: butterfly run EXPERIMENT makes some.")
-    _answer(told_table("results", "Results", said))
+    write_json(document("results", "Results", {"count": len(said), "rows": said}))
 
 
 def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> None:
@@ -69,8 +66,8 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     from butterfly.experiment.store import ResultStore  # noqa: PLC0415
     from butterfly.report.finding_texts import estimate_verdict  # noqa: PLC0415
     from butterfly.report.format import field_label  # noqa: PLC0415
-    from butterfly.report.numbers.record_numbers import told_record  # noqa: PLC0415
     from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415
+    from butterfly.report.records import record_document  # noqa: PLC0415
 
     record = run_record(folder, run)
     for each in record.estimates:
@@ -100,7 +97,7 @@ def show_run(folder: Folder, run: Annotated[str, Parameter(name="RUN")], /) -> N
     logs = ResultStore(folder).files_path(record.key)
     if logs.exists():
         say(f"Logs: {logs} (butterfly identify takes this folder)")
-    _answer(told_record(record))
+    write_json(record_document(record))
 
 
 def table(
@@ -147,7 +144,7 @@ def table(
     from butterfly.experiment.store import ResultStore  # noqa: PLC0415
     from butterfly.experiment.sweep_tables import ESTIMATES, RUNS  # noqa: PLC0415
     from butterfly.files import replacing  # noqa: PLC0415
-    from butterfly.report.numbers.record_numbers import told_rows  # noqa: PLC0415
+    from butterfly.report.records import rows_document  # noqa: PLC0415
 
     if out is not None and out.suffix not in {".csv", ".parquet"}:
         raise InputError(out, "--out", out.suffix or "no ending", ".csv or .parquet")
@@ -165,7 +162,7 @@ def table(
                 parquet.write_table(found, draft)
         say(f"{found.num_rows} rows: {out}")
     if asked.json is not None:
-        _answer(told_rows(name, found, limit, input_kind_of(folder)))
+        write_json(rows_document(name, found, limit, input_kind_of(folder)))
 
 
 def clean(folder: Folder, /, *, failed: bool = False) -> None:
@@ -184,8 +181,3 @@ def clean(folder: Folder, /, *, failed: bool = False) -> None:
     for path in removed:
         say(f"removed {path}")
     say(f"{len(removed)} removed.")
-
-
-def _answer(told: Told) -> None:
-    if asked.json is not None:
-        write_json(told.document())

@@ -21,8 +21,8 @@ from butterfly.identification.parameter import Parameter, or_nan
 from butterfly.logs.log import InputKind
 from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import field_label, field_name, field_unit
-from butterfly.report.numbers.record_numbers import told_runs
 from butterfly.report.parameter_table import with_error
+from butterfly.report.records import runs_document
 
 _NAMES = ("number", "estimator", "parameter")
 """Columns that name a row."""
@@ -209,7 +209,7 @@ def compare_runs(one: Path, other: Path) -> ExitCode:
             ],
         )
     if asked.json is not None:
-        write_json(told_runs(runs).document())
+        write_json(runs_document(runs))
     return ExitCode.DONE
 
 

@@ -13,7 +13,7 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import CONFIDENCE, widened
-from butterfly.model.known import OF_SCALE
+from butterfly.model.prior import OF_SCALE
 from butterfly.model.terms import TERMS
 
 Values = NDArray[np.float64]
@@ -174,7 +174,7 @@ def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
     why: dict[str, str] = {}
     for name in dict.fromkeys(names):
         known = [name in each.known.parameters and not _informed(each, name) for each in both]
-        fixed = [name in each.held or name in each.known.exact for each in both]
+        fixed = [name in each.fixed or name in each.known.fixed for each in both]
         fitted = [name in each.names for each in both]
         if all(known):
             why[name] = "was known in both, so that these logs are no evidence of it"

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from butterfly.document import versions
 from butterfly.errors import ButterflyError, IdentifiabilityError, InputError
 from butterfly.experiment.record import (
     FAILED,
@@ -31,10 +30,11 @@ from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify, judged
-from butterfly.identification.validate import hold_out
+from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
-from butterfly.orbit.study import OrbitStudy, study_orbit
+from butterfly.orbit.loop import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
+from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
 
@@ -203,11 +203,19 @@ class _Run:
             refused = EstimateRecord(estimator=spec.label, error=str(error))
             self.estimates.append(refused)
             return
-        found, fit = identification.estimate, identification.fit
+        found = identification.estimate
         self.identifications[spec.label] = identification
-        held = np.array(list(identification.held_out.values()))
-        holdout = FitSummary.of(held) if held.size else None
-        record = EstimateRecord.of(spec.label, found, fit, self._truth, holdout)
+        held_out = np.array(list(identification.held_out.values()))
+        record = EstimateRecord(
+            estimator=spec.label,
+            estimate=found,
+            truth={
+                name: float(getattr(self._truth, name))
+                for name in (*found.names, *found.known.fixed)
+            },
+            fit=identification.fit,
+            holdout=FitSummary.of(held_out) if held_out.size else None,
+        )
         self.estimates.append(self._validated(record, data, spec))
 
     def _threaded(self, spec: Estimator) -> Estimator:
@@ -222,7 +230,7 @@ class _Run:
         if validation is None:
             return record
         try:
-            held = hold_out(
+            held = cross_validate(
                 data,
                 self._threaded(spec).unchecked(),
                 validation.split,

@@ -12,7 +12,8 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, TypeVar
+from functools import cache
+from typing import Annotated, Any, Self, cast
 
 import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, computed_field
@@ -21,8 +22,7 @@ from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import Parameter, or_nan, or_none
-from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.study import OrbitStudy
+from butterfly.orbit.loop import OrbitStudy
 from butterfly.verdict import Level
 
 SCHEMA = 4
@@ -33,19 +33,44 @@ OK, REFUSED, FAILED = "ok", "refused", "failed"
 
 _UNSIGNED = '"digest": ""'
 
-_Record = TypeVar("_Record", "RunRecord", "SweepRecord")
-_CONFIG = ConfigDict(ser_json_inf_nan="strings")  # JSON has no NaN
+_KeptEstimate = Annotated[
+    Estimate,
+    PlainValidator(Estimate.from_dict),
+    PlainSerializer(lambda estimate: estimate.to_dict()),
+]
 
 
-def _to_dict(estimate: Estimate) -> dict[str, Any]:
-    return estimate.to_dict()
+class _Signed:
+    """What is kept in a file of its own, whose digest tells whether it is as it was written."""
 
+    def to_json(self) -> str:
+        """Return the content of its file."""
+        unsigned: Any = replace(self, digest="")  # type: ignore[type-var]
+        text = self._adapter().dump_json(unsigned, indent=1, by_alias=True).decode()
+        before, _, after = text.rpartition(_UNSIGNED)
+        return f'{before}"digest": "{digest_of(text.encode())}"{after}'
 
-def _from_dict(content: Estimate | dict[str, Any]) -> Estimate:
-    return content if isinstance(content, Estimate) else Estimate.from_dict(content)
+    @classmethod
+    def from_json(cls, text: str) -> Self | None:
+        """Read the content of a file; None if it is no record, damaged, or of another schema."""
+        try:
+            content = json.loads(text)
+            if content["schema"] == _BEFORE:
+                return cls._adapter().validate_python(upgraded(content))
+            if content["schema"] != SCHEMA:
+                return None
+            record: Any = cls._adapter().validate_json(text)
+        except (ValueError, KeyError, TypeError, RecursionError):  # as ValidationError is
+            return None
+        before, _, after = text.rpartition(f'"digest": "{record.digest}"')
+        if record.digest != digest_of(f"{before}{_UNSIGNED}{after}".encode()):
+            return None
+        return cast(Self, replace(record, digest=""))
 
-
-_KeptEstimate = Annotated[Estimate, PlainValidator(_from_dict), PlainSerializer(_to_dict)]
+    @classmethod
+    @cache
+    def _adapter(cls) -> TypeAdapter[Self]:
+        return TypeAdapter(cls)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,25 +84,6 @@ class EstimateRecord:
     fit: FitSummary | None = None  # FIT in per cent of the logs that it was fitted to
     held_out: FitSummary | None = None  # of what was left out in turns
     holdout: FitSummary | None = None  # of the logs that were named to be held out
-
-    @classmethod
-    def of(
-        cls,
-        estimator: str,
-        found: Estimate,
-        fit: FitSummary,
-        truth: LumpedParameters,
-        holdout: FitSummary | None = None,
-    ) -> EstimateRecord:
-        """Return the record of an estimate."""
-        names = (*found.names, *found.known.exact)
-        return cls(
-            estimator=estimator,
-            estimate=found,
-            truth={name: float(getattr(truth, name)) for name in names},
-            fit=fit,
-            holdout=holdout,
-        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -144,37 +150,18 @@ class OrbitRecord:
             ),
         )
 
-    @property
-    def rounds(self) -> int:
-        """How many rounds were made."""
-        return len(self.amplitudes_rad)
-
-    @property
-    def amplitude_rad(self) -> float | None:
-        """That of the last round."""
-        return self.amplitudes_rad[-1]
-
-    @property
-    def generic_rms_rad(self) -> float | None:
-        """Error of the model that the rounds began with."""
-        return self.free_run_rms_rad.get("generic")
-
-    @property
-    def recalibrated_rms_rad(self) -> float | None:
-        """Error of the model that they came to."""
-        return self.free_run_rms_rad.get("re-calibrated")
-
     def numbers(self) -> dict[str, Any]:
         """Return what it says besides the verdict, for programs."""
-        numbers: dict[str, Any] = _ORBIT.dump_python(self, mode="json", exclude={"verdict"})
+        adapter = TypeAdapter(OrbitRecord)
+        numbers: dict[str, Any] = adapter.dump_python(self, mode="json", exclude={"verdict"})
         return numbers
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunRecord:
+class RunRecord(_Signed):
     """What a run gave."""
 
-    __pydantic_config__ = _CONFIG
+    __pydantic_config__ = ConfigDict(ser_json_inf_nan="strings")  # JSON has no NaN
 
     schema: int = SCHEMA
     key: str = ""  # its address
@@ -214,15 +201,6 @@ class RunRecord:
     def verdict(self) -> str | None:
         """The same in words."""
         return None if self.level is None else self.level.verdict
-
-    def to_json(self) -> str:
-        """Return the content of its file."""
-        return _to_json(_RUN, self)
-
-    @classmethod
-    def from_json(cls, text: str) -> RunRecord | None:
-        """Read the content of a file; None if it is no record, damaged, or of another schema."""
-        return _from_json(_RUN, text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,7 +247,7 @@ class Task(SweepRun):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepRecord:
+class SweepRecord(_Signed):
     """What was asked."""
 
     schema: int = SCHEMA
@@ -284,45 +262,10 @@ class SweepRecord:
     tables: dict[str, str] = field(default_factory=dict)  # digests of the tables, by name
     digest: str = ""  # as a run's
 
-    def to_json(self) -> str:
-        """Return the content of its file."""
-        return _to_json(_SWEEP, self)
-
-    @classmethod
-    def from_json(cls, text: str) -> SweepRecord | None:
-        """Read the content of a file; None if it is no record, damaged, or of another schema."""
-        return _from_json(_SWEEP, text)
-
-
-_ORBIT = TypeAdapter(OrbitRecord)
-_RUN, _SWEEP = TypeAdapter(RunRecord), TypeAdapter(SweepRecord)
-
 
 def digest_of(content: bytes) -> str:
     """Return what tells a content from any other."""
     return hashlib.sha256(content).hexdigest()
-
-
-def _to_json(adapter: TypeAdapter[_Record], record: _Record) -> str:
-    text = adapter.dump_json(replace(record, digest=""), indent=1, by_alias=True).decode()
-    before, _, after = text.rpartition(_UNSIGNED)
-    return f'{before}"digest": "{digest_of(text.encode())}"{after}'
-
-
-def _from_json(adapter: TypeAdapter[_Record], text: str) -> _Record | None:
-    try:
-        content = json.loads(text)
-        if content["schema"] == _BEFORE:
-            return adapter.validate_python(upgraded(content))
-        if content["schema"] != SCHEMA:
-            return None
-        record = adapter.validate_json(text)
-    except (ValueError, KeyError, TypeError, RecursionError):  # ValidationError is a ValueError
-        return None
-    before, _, after = text.rpartition(f'"digest": "{record.digest}"')
-    if record.digest != digest_of(f"{before}{_UNSIGNED}{after}".encode()):
-        return None
-    return replace(record, digest="")
 
 
 def origin_of(text: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,8 @@ class Source:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._documents = _chain(path)
+        self.paths = [document.path for document in self._documents]
+        """The file, and those that it extends."""
         content: dict[str, Any] = {}
         for document in reversed(self._documents):
             content = _merged(content, _seen_from(path.parent, document))
@@ -62,11 +65,6 @@ class Source:
         """These files."""
         self._digests: dict[TableFile, str] = {}
 
-    @property
-    def paths(self) -> list[Path]:
-        """The file, and those that it extends."""
-        return [document.path for document in self._documents]
-
     def experiment(self, content: dict[str, Any] | None = None) -> Experiment:
         """Validate the merged content, or a variation of it, its files of signals included."""
         read = self.with_digests(content or self.content)
@@ -74,10 +72,7 @@ class Source:
 
     def with_digests(self, content: dict[str, Any]) -> dict[str, Any]:
         """Read the files of signals that a content names, and put their digests in their places."""
-        signals = content.get("signals")
-        if not isinstance(signals, list):
-            return content
-        return {**content, "signals": [self._with_digest(signal) for signal in signals]}
+        return _with_signals(content, self._with_digest)
 
     def _with_digest(self, signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
         if not (isinstance(signal, dict) and set(signal) == {"file"}):
@@ -92,9 +87,17 @@ class Source:
         return {"table": self._digests[named]}
 
 
-def read_experiment(path: Path) -> Experiment:
-    """Read an experiment file; InputError on the first slip in it or in a file that it names."""
-    return Source(path).experiment()
+def read_experiment(path: str | PathLike[str]) -> Experiment:
+    """Read an experiment file, or a shipped one by its name.
+
+    Raises
+    ------
+    InputError
+        On the first field that does not follow the schema, with file and line.
+    """
+    if not str(path):
+        raise InputError("read_experiment", "path", "an empty text", "a path or a name")
+    return Source(locate(Path(path))).experiment()
 
 
 def keep_experiment(source: Source, folder: Path) -> list[str]:
@@ -137,21 +140,25 @@ def read_table(path: Path, time: str, values: str) -> tuple[str, Table]:
 
 def filled(content: Mapping[str, Any], tables: Mapping[str, Table]) -> dict[str, Any]:
     """Return an experiment's content with tables in the places of their digests."""
+
+    def table_of(signal: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
+        table = tables.get(signal_digest(signal) or "")
+        return signal if table is None else {"table": table}
+
+    return _with_signals(content, table_of)
+
+
+def _with_signals(content: Mapping[str, Any], changed: Callable[[Any], Any]) -> dict[str, Any]:
+    """Return a content with its signals changed, if it lists any."""
     signals = content.get("signals")
-    if not isinstance(signals, list):
-        return dict(content)
-    return {**content, "signals": [_filled(signal, tables) for signal in signals]}
+    own = {"signals": [changed(each) for each in signals]} if isinstance(signals, list) else {}
+    return {**content, **own}
 
 
 def signal_digest(signal: Any) -> str | None:  # noqa: ANN401 - whatever stands in the file
     """Return the digest that stands for a signal's table; None if none does."""
     named = signal.get("table") if isinstance(signal, dict) else None
     return named if isinstance(named, str) and named.startswith(_STORED) else None
-
-
-def _filled(signal: Any, tables: Mapping[str, Table]) -> Any:  # noqa: ANN401
-    digest = signal_digest(signal)
-    return signal if digest is None or digest not in tables else {"table": tables[digest]}
 
 
 def _inside(folder: Path, named: Path, source: Path) -> Path:

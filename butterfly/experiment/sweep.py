@@ -11,7 +11,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from butterfly.document import versions
 from butterfly.errors import InputError, StoppedError
 from butterfly.experiment.perform import execute
 from butterfly.experiment.record import FAILED, OK, SCHEMA, SweepRecord, Task, digest_of
@@ -23,6 +22,7 @@ from butterfly.experiment.workers import Engine
 from butterfly.files import shipped
 from butterfly.identification.estimators import Estimator
 from butterfly.progress import Track, untracked
+from butterfly.result import versions
 from butterfly.signals.excitations import Table
 
 _NOT_ASKED = {"name", "description", "sweep", "report", "extends"}  # a result does not depend on it

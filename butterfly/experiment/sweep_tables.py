@@ -6,13 +6,13 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from butterfly.experiment.record import EstimateRecord, RunRecord, SweepRun
+from butterfly.experiment.record import EstimateRecord, OrbitRecord, RunRecord, SweepRun
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.parameter import Parameter, or_none
@@ -44,66 +44,65 @@ class Found(NamedTuple):
     parameter: Parameter
 
 
-@dataclass(frozen=True)
-class Column(Generic[_Row]):
-    """A column: its type, and its value for a row."""
-
-    kind: pa.DataType
-    value: Callable[[_Row], Any]
+Column: TypeAlias = tuple[pa.DataType, Callable[[_Row], Any]]
+"""A column: its type, and its value for a row."""
 
 
-def _of_orbit(name: str, kind: pa.DataType = _NUMBER) -> Column[RunRecord | None]:
+def _of_orbit(value: Callable[[OrbitRecord], Any], kind: pa.DataType = _NUMBER) -> _OfRun:
     """Column of something that an orbit's record says, if there is one."""
-    return Column(kind, lambda record: getattr(record.orbit if record else None, name, None))
+    return kind, lambda record: value(record.orbit) if record and record.orbit else None
 
 
 def _of_parameter(name: str) -> Column[Found]:
     """Column of something that a parameter's record says."""
-    return Column(_NUMBER, lambda row: getattr(row.parameter, name))
+    return _NUMBER, lambda row: getattr(row.parameter, name)
 
 
 def _of_fit(which: str, statistic: str) -> Column[Found]:
     """Column of a statistic of FIT, if there is one."""
-    return Column(_NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None))
+    return _NUMBER, lambda row: getattr(getattr(row.record, which), statistic, None)
 
+
+_OfRun: TypeAlias = Column[RunRecord | None]
 
 _PLACE: dict[str, Column[SweepRun]] = {
-    "number": Column(_COUNT, lambda run: run.number),
-    "key": Column(_TEXT, lambda run: run.key),
-    "repetition": Column(_COUNT, lambda run: run.repetition),
-    "seed": Column(_COUNT, lambda run: run.seed),
+    "number": (_COUNT, lambda run: run.number),
+    "key": (_TEXT, lambda run: run.key),
+    "repetition": (_COUNT, lambda run: run.repetition),
+    "seed": (_COUNT, lambda run: run.seed),
 }
 
-_RUN: dict[str, Column[RunRecord | None]] = {
-    "status": Column(_TEXT, lambda record: record.status if record else MISSING),
-    "error": Column(_TEXT, lambda record: record.reason if record else "not run"),
-    "logs": Column(_COUNT, lambda record: record.logs if record else None),
-    "verdict": Column(_TEXT, lambda record: record.verdict if record else None),
-    "unconverged": Column(_COUNT, lambda record: record.unconverged if record else None),
-    "orbit_rounds": _of_orbit("rounds", _COUNT),
-    "orbit_target": _of_orbit("target_rad"),
-    "orbit_amplitude": _of_orbit("amplitude_rad"),
-    "orbit_error_generic": _of_orbit("generic_rms_rad"),
-    "orbit_error_recalibrated": _of_orbit("recalibrated_rms_rad"),
+_RUN: dict[str, _OfRun] = {
+    "status": (_TEXT, lambda record: record.status if record else MISSING),
+    "error": (_TEXT, lambda record: record.reason if record else "not run"),
+    "logs": (_COUNT, lambda record: record.logs if record else None),
+    "verdict": (_TEXT, lambda record: record.verdict if record else None),
+    "unconverged": (_COUNT, lambda record: record.unconverged if record else None),
+    "orbit_rounds": _of_orbit(lambda orbit: len(orbit.amplitudes_rad), _COUNT),
+    "orbit_target": _of_orbit(lambda orbit: orbit.target_rad),
+    "orbit_amplitude": _of_orbit(lambda orbit: orbit.amplitudes_rad[-1]),
+    "orbit_error_generic": _of_orbit(lambda orbit: orbit.free_run_rms_rad.get("generic")),
+    "orbit_error_recalibrated": _of_orbit(
+        lambda orbit: orbit.free_run_rms_rad.get("re-calibrated")
+    ),
 }
 
 _ESTIMATE: dict[str, Column[Found]] = {
-    "estimator": Column(_TEXT, lambda row: row.record.estimator),
-    "verdict": Column(_TEXT, lambda row: row.record.verdict),
-    "ending": Column(_TEXT, lambda row: row.estimate.ending),
-    "findings": Column(_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
-    "parameter": Column(_TEXT, lambda row: row.parameter.name),
-    "on_bound": Column(_TRUTH, lambda row: row.parameter.on_bound),
-    "known": Column(_TRUTH, lambda row: row.parameter.known),
-    "value": _of_parameter("value"),
-    "standard_error": _of_parameter("standard_error"),
-    "lower": _of_parameter("lower"),
-    "upper": _of_parameter("upper"),
-    "least_left_out": _of_parameter("least_left_out"),
-    "largest_left_out": _of_parameter("largest_left_out"),
-    "true": _of_parameter("true"),
-    "deviation": _of_parameter("deviation"),
-    "condition": Column(_NUMBER, lambda row: or_none(row.estimate.condition)),
+    "estimator": (_TEXT, lambda row: row.record.estimator),
+    "verdict": (_TEXT, lambda row: row.record.verdict),
+    "ending": (_TEXT, lambda row: row.estimate.ending),
+    "findings": (_TEXT, lambda row: ", ".join(each.kind for each in row.estimate.findings)),
+    "parameter": (_TEXT, lambda row: row.parameter.name),
+    "on_bound": (_TRUTH, lambda row: row.parameter.on_bound),
+    "known": (_TRUTH, lambda row: row.parameter.known),
+    **{
+        name: _of_parameter(name)
+        for name in (
+            *("value", "standard_error", "lower", "upper", "least_left_out", "largest_left_out"),
+            *("true", "deviation"),
+        )
+    },
+    "condition": (_NUMBER, lambda row: or_none(row.estimate.condition)),
     "fit_median": _of_fit("fit", "median"),
     "fit_mean": _of_fit("fit", "mean"),
     "fit_worst": _of_fit("fit", "worst"),
@@ -130,24 +129,23 @@ class SweepColumns:
 
     def schema(self, table: str) -> pa.Schema:
         """Return the names and types of a table's columns."""
-        place = {name: column.kind for name, column in _PLACE.items()}
-        rest = {
-            name: column.kind for name, column in (_RUN if table == RUNS else _ESTIMATE).items()
-        }
+        place = {name: kind for name, (kind, _) in _PLACE.items()}
+        own: dict[str, Column[Any]] = {**(_RUN if table == RUNS else _ESTIMATE)}
+        rest = {name: kind for name, (kind, _) in own.items()}
         return pa.schema(list((place | self._fields | rest).items()))
 
     def rows(self, table: str, run: SweepRun, record: RunRecord | None) -> Iterator[dict[str, Any]]:
         """Yield the rows of a table that a run gives."""
-        place = {name: column.value(run) for name, column in _PLACE.items()}
+        place = {name: value(run) for name, (_, value) in _PLACE.items()}
         place |= {f: _cell(run.overrides.get(f), kind) for f, kind in self._fields.items()}
         if table == RUNS:
-            yield place | {name: column.value(record) for name, column in _RUN.items()}
+            yield place | {name: value(record) for name, (_, value) in _RUN.items()}
             return
         for estimate in record.estimates if record else ():
             for parameter in estimate.parameters:
                 assert estimate.estimate is not None  # noqa: S101 - it has parameters
                 found = Found(estimate, estimate.estimate, parameter)
-                yield place | {name: column.value(found) for name, column in _ESTIMATE.items()}
+                yield place | {name: value(found) for name, (_, value) in _ESTIMATE.items()}
 
 
 def _kind(values: Iterable[Any]) -> pa.DataType:

@@ -27,10 +27,11 @@ Work = Callable[[Task, Tables], Outcome]
 _AHEAD = 4  # tasks handed out for each worker, which bounds the memory they take
 _ANSWER = "20s"  # in which a scheduler has to answer
 _ATTEMPTS = 3  # at a task whose worker dies, and at starting workers
+_DIED = f"the worker died {_ATTEMPTS} times"
 _NEEDED = ["butterfly.experiment.worker_start", "butterfly.experiment.perform"]
 """Modules that workers need, read once for all of them."""
 
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _NO_TABLES: Tables = MappingProxyType({})
 
 
@@ -65,7 +66,7 @@ class LocalEngine:
         go on meanwhile.
         """
         pending, attempts, stuck = deque(tasks), Counter[str](), 0
-        with _environment(_ONE_THREAD):
+        with _one_thread_each():
             while pending:
                 before = len(pending)
                 yield from self._pooled(work, pending, attempts, dict(tables))
@@ -152,11 +153,7 @@ def _outcome(future: Future[Outcome], task: Task, attempts: Counter[str]) -> Out
         return future.result()
     except ProcessExpired:
         attempts[task.key] += 1
-        return _died(task) if attempts[task.key] == _ATTEMPTS else None
-
-
-def _died(task: Task) -> Outcome:
-    return task.failed(f"the worker died {_ATTEMPTS} times")
+        return task.failed(_DIED) if attempts[task.key] == _ATTEMPTS else None
 
 
 class DaskEngine:
@@ -170,12 +167,12 @@ class DaskEngine:
     ) -> Generator[Outcome]:
         """Yield the outcome of each task as it is done; Dask repeats those whose worker dies."""
         try:
-            from distributed import Client, KilledWorker, LocalCluster, as_completed  # noqa: PLC0415 - an extra
+            from distributed import Client, LocalCluster  # noqa: PLC0415 - an extra
         except ImportError:
             raise ButterflyError(
                 "--engine dask needs the extra: pip install 'butterfly-testbed[dask]'"
             ) from None
-        with _environment(_ONE_THREAD):
+        with _one_thread_each():
             cluster: Any = nullcontext(self._scheduler)
             if self._scheduler is None:
                 loopback = {"host": "127.0.0.1", "dashboard_address": None}
@@ -187,41 +184,26 @@ class DaskEngine:
                     expected = f"one that answers ({error})"
                     raise InputError("butterfly run", "--scheduler", target, expected) from None
                 with client:
-                    # A task of its own, not scattered data: the scheduler can have it made again.
-                    shared = client.submit(dict, dict(tables), pure=False)
-                    submit = _Submit(client, work, shared)
-                    yield from _on_cluster(submit, as_completed(), iter(tasks), KilledWorker)
-
-
-class _Submit:
-    """Hands tasks to a cluster."""
-
-    def __init__(self, client: Any, work: Work, tables: Any) -> None:  # noqa: ANN401 - distributed's
-        self._client, self._work, self._tables = client, work, tables
-
-    def __call__(self, task: Task) -> Any:  # noqa: ANN401
-        arguments = (self._work, task, self._tables)
-        return self._client.submit(*arguments, pure=False, retries=_ATTEMPTS)
-
-    @property
-    def wanted(self) -> int:
-        """How many tasks the cluster should have."""
-        workers: int = sum(self._client.nthreads().values())
-        return _AHEAD * max(workers, 1)
+                    yield from _on_cluster(client, work, iter(tasks), tables)
 
 
 def _on_cluster(
-    submit: _Submit,
-    futures: Any,  # noqa: ANN401 - distributed's
+    client: Any,  # noqa: ANN401 - distributed's
+    work: Work,
     tasks: Iterator[Task],
-    killed: type[Exception],
+    tables: Tables,
 ) -> Generator[Outcome]:
     """Keep a cluster supplied, however many workers it has at the moment."""
-    known: dict[str, Task] = {}
+    from distributed import KilledWorker, as_completed  # noqa: PLC0415 - an extra
+
+    # A task of its own, not scattered data: the scheduler can have it made again.
+    shared = client.submit(dict, dict(tables), pure=False)
+    futures, known = as_completed(), dict[str, Task]()
 
     def hand_out() -> None:
-        for task in islice(tasks, max(submit.wanted - len(known), 0)):
-            future = submit(task)
+        wanted = _AHEAD * max(sum(client.nthreads().values()), 1)
+        for task in islice(tasks, max(wanted - len(known), 0)):
+            future = client.submit(work, task, shared, pure=False, retries=_ATTEMPTS)
             known[future.key] = task
             futures.add(future)
 
@@ -230,17 +212,17 @@ def _on_cluster(
         task = known.pop(future.key)
         try:
             outcome: Outcome = future.result()
-        except killed:
-            outcome = _died(task)
+        except KilledWorker:
+            outcome = task.failed(_DIED)
         future.release()
         hand_out()
         yield outcome
 
 
 @contextmanager
-def _environment(names: Iterable[str]) -> Iterator[None]:
-    """Set variables to 1 for processes that are started meanwhile."""
-    before = {name: os.environ.get(name) for name in names}
+def _one_thread_each() -> Iterator[None]:
+    """See to it that processes that are started meanwhile compute with one thread."""
+    before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(before, "1"))
     try:
         yield

@@ -30,8 +30,8 @@ from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
 from butterfly.logs.thinning import thinned
-from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
@@ -50,7 +50,7 @@ class DataSet:
         What it was read by; None if its logs came from no files.
     input_kind
         What its input commands.
-    told
+    given
         What its owner knows of the robot.
     known
         That, and what it implies of the parameters (see `butterfly.identification.implied`).
@@ -69,8 +69,8 @@ class DataSet:
     description: str
     manifest: Manifest | None = None
     input_kind: InputKind
-    told: Knowledge = NOTHING
-    known: Knowledge = NOTHING
+    given: Prior = NO_PRIOR
+    known: Prior = NO_PRIOR
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
@@ -85,7 +85,7 @@ class DataSet:
         name: str = "logs",
         description: str = "",
         manifest: Manifest | None = None,
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         repairs: frozenset[Repair] = DEFAULT_REPAIRS,
         track: Track = untracked,
     ) -> DataSet:
@@ -110,14 +110,14 @@ class DataSet:
         except InputError as error:
             raise with_unit_errors(error, unit_errors_of_still(recorded)) from None
         logs = [log for log, _ in ready]
-        told = _of_logs(recorded).also(known)
+        given = _of_logs(recorded) | known
         return cls(
             name=name,
             description=description,
             manifest=manifest,
             input_kind=recorded[0].input_kind,
-            told=told,
-            known=_implied(told, recorded),
+            given=given,
+            known=_implied(given, recorded),
             recorded=tuple(recorded),
             logs=tuple(logs),
             health=tuple(health for _, health in ready),
@@ -177,7 +177,7 @@ class DataSet:
     @property
     def unread(self) -> list[AddedMass]:
         """Added masses with logs whose zero is not known exactly, if there is any to know."""
-        open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.exact}
+        open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.fixed}
         return sorted(open_) if self.hangs else []
 
     @property
@@ -204,17 +204,17 @@ class DataSet:
             f"{self.input_kind})"
         )
 
-    def knowing(self, known: Knowledge) -> DataSet:
+    def knowing(self, known: Prior) -> DataSet:
         """Return the data set of a robot of which more is known."""
         if not known:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
-        told = self.told.also(known)
+        given = self.given | known
         test_logs = None if self.test_logs is None else self.test_logs.knowing(known)
         return replace(
             self,
-            told=told,
-            known=_implied(told, self.recorded),
+            given=given,
+            known=_implied(given, self.recorded),
             manifest=manifest,
             test_logs=test_logs,
         )
@@ -306,20 +306,20 @@ def _ready(log: Log, repairs: frozenset[Repair]) -> tuple[Log, Health]:
     return thinned(clean), health
 
 
-def _of_logs(logs: Sequence[Log]) -> Knowledge:
+def _of_logs(logs: Sequence[Log]) -> Prior:
     """Tell what follows of the logs: across no gravity is no moment, without input nothing late."""
     absent = {"p3": not logs[0].added_mass.gravity, "delay": not is_driven(logs)}
     zero = Known(value=0.0)
-    return Knowledge(parameters={name: zero for name, holds in absent.items() if holds})
+    return Prior(parameters={name: zero for name, holds in absent.items() if holds})
 
 
-def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
-    """Return what is told, and what follows, of the joint that made some logs."""
+def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
+    """Return what is given, and what follows, of the joint that made some logs."""
     first = logs[0]
-    moment = told.parameters.get("p3")
+    moment = given.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
-    known = implied(told, first.input_kind, first.added_mass.joint)
+    known = implied(given, first.input_kind, first.added_mass.joint)
     return beside_masses(known, [log.added_mass for log in logs])
 
 

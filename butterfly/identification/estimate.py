@@ -28,8 +28,8 @@ from butterfly.identification.inference.identifiability import (
 from butterfly.identification.normal_equations import SolvedEquations, pulled_below
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 from butterfly.verdict import Level
 
@@ -64,7 +64,7 @@ class Estimate:
         How the estimation ended.
     findings
         What can and cannot be concluded.
-    held
+    fixed
         Parameters that were held at values other than the model's defaults.
     resonances
         Where the method rests on resonance frequencies: these, in rad/s, per added mass.
@@ -81,7 +81,7 @@ class Estimate:
         Longest stretch in s over which logs are simulated with it; infinite where whole logs were
         asked for, None where it is left to the logs (see `identification.prediction_horizon`).
     known
-        What was known of the robot before; what is known exactly is among ``held``.
+        What was known of the robot before; what is known exactly is among ``fixed``.
     freedom
         (n,) degrees of freedom of the standard errors; None where they are not known.
     unestimated
@@ -103,13 +103,13 @@ class Estimate:
     on_bound: tuple[str, ...]
     ending: Ending
     findings: tuple[Finding, ...]
-    held: dict[str, float] = field(default_factory=dict)
+    fixed: dict[str, float] = field(default_factory=dict)
     resonances: dict[AddedMass, float] = field(default_factory=dict)
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
     corrections: tuple[Correction, ...] = ()
     rivals: tuple[NDArray[np.float64], ...] = ()
     horizon: float | None = None
-    known: Knowledge = NOTHING
+    known: Prior = NO_PRIOR
     freedom: NDArray[np.float64] | None = None
     unestimated: tuple[str, ...] = ()
     ratios: bool = False
@@ -126,12 +126,12 @@ class Estimate:
         rivals: Sequence[NDArray[np.float64]] = (),
         shared: int | None = None,
         findings: Sequence[Finding] = (),
-        held: dict[str, float] | None = None,
+        fixed: dict[str, float] | None = None,
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
         masses: Sequence[AddedMass] = (),
         horizon: float | None = None,
         blocks: int = 1,
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         besides: NDArray[np.float64] | None = None,
         ratios: bool = False,
     ) -> Estimate:
@@ -145,7 +145,7 @@ class Estimate:
         """
         rows, residuals = solved.by_cluster()
         whole, left = solved.with_prior(rows, residuals)
-        told = None if solved.prior is None else solved.prior.told
+        told = None if solved.prior is None else solved.prior.active
         conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names, told)
         conditioning.refuse_singular()
         numbers = np.unique(solved.cluster).tolist() if masses else []
@@ -187,7 +187,7 @@ class Estimate:
                 *apart,
                 *findings,
             ),
-            held=known.exact | (held or {}),
+            fixed=known.fixed | (fixed or {}),
             local=local or {},
             corrections=corrections(rows, residuals, solved.names, carried if blocks == 1 else {}),
             known=known,
@@ -201,7 +201,7 @@ class Estimate:
     def parameters(self) -> LumpedParameters:
         """The estimate as parameters of the model."""
         found = dict(zip(self.names, self.values.tolist(), strict=True))
-        return LumpedParameters(**self.held | found)
+        return LumpedParameters(**self.fixed | found)
 
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
         """Return a row for each parameter, beside the truth if it is known.
@@ -240,7 +240,7 @@ class Estimate:
                 known=True,
                 claim="known",
             )
-            for name, value in self.known.exact.items()
+            for name, value in self.known.fixed.items()
         ]
         return tuple(rows)
 
@@ -283,8 +283,8 @@ class Estimate:
             "condition": self.condition,
             "findings": [asdict(finding) for finding in self.findings],
             "on_bound": list(self.on_bound),
-            "held": dict(self.held),
-            "known": self.known.as_told(),
+            "held": dict(self.fixed),
+            "known": self.known.to_dict(),
             "resonances": [[asdict(mass), omega] for mass, omega in self.resonances.items()],
             "horizon": "whole" if self.horizon == math.inf else self.horizon,
             "local": [[_key(whose), values] for whose, values in self.local.items()],
@@ -323,8 +323,8 @@ class Estimate:
             on_bound=tuple(content["on_bound"]),
             ending=Ending(content["ending"]),
             findings=tuple(map(Finding.from_dict, content["findings"])),
-            held={str(name): float(value) for name, value in content["held"].items()},
-            known=Knowledge.told(content.get("known", {})),
+            fixed={str(name): float(value) for name, value in content["held"].items()},
+            known=Prior.of(content.get("known", {})),
             resonances={_mass(key): float(_array(each)) for key, each in content["resonances"]},
             horizon=_horizon(content.get("horizon")),
             local={
@@ -336,7 +336,7 @@ class Estimate:
             input_kind=None if content.get("input") is None else InputKind(content["input"]),
             joint=JointKind(content.get("joint", JointKind.HINGE)),
         )
-        named = {*names, *found.on_bound, *found.held, *found.unestimated}
+        named = {*names, *found.on_bound, *found.fixed, *found.unestimated}
         if not named <= TERMS.keys() or len({*names}) < len(names):
             raise ValueError("names that are no parameters, or twice the same")
         if any(each.shape != found.values.shape for each in (*found.rivals, *left_out.values())):
@@ -365,7 +365,7 @@ class Estimate:
         own: dict[str, float] = {}
         for key in (None, log.added_mass, log.name):
             own |= self.local.get(key, {})
-        if log.zero is not None and log.zero.exact:
+        if log.zero is not None and log.zero.fixed:
             own["zero"] = log.zero.value
         parameters = self.parameters
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own

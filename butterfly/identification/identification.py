@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.document import Told
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet, read_data_set
-from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit
+from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit, misfit_units
 from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
@@ -26,7 +25,6 @@ from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.model.known import PHYSICAL, Knowledge
 from butterfly.model.parameters import (
     GRAVITY,
     NO_ADDED_MASS,
@@ -34,8 +32,9 @@ from butterfly.model.parameters import (
     JointKind,
     LumpedParameters,
 )
+from butterfly.model.prior import PHYSICAL, Prior
 from butterfly.model.terms import PARAMETERS
-from butterfly.result import Result, TextTable, aligned, text, texts
+from butterfly.result import Result, TextTable, aligned, document, text, texts, write_document
 from butterfly.signals.frequency_response import measured_response
 from butterfly.verdict import Verdict
 
@@ -44,8 +43,8 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from butterfly.api.identified_model import IdentifiedModel
-    from butterfly.api.tabulated import Separated
     from butterfly.report.identification_plots import IdentificationPlots
+    from butterfly.report.physical import Separated
 
 _HEADERS = (
     *("", "true", "deviation", "estimate", "std error", "95 % interval", "unit"),
@@ -119,70 +118,62 @@ class Identification(Result):
         found.separated()
         return found
 
-    def told(self, truth: LumpedParameters | None = None) -> Told:
-        """Return what it says, for programs, beside the truth where it is known."""
-        from butterfly.report.numbers.estimate_numbers import (  # noqa: PLC0415 - a view
+    def to_dict(self, truth: LumpedParameters | None = None) -> dict[str, Any]:
+        """Return the result as plain values that JSON can hold; None stands for what is unknown.
+
+        It is what the commands write with ``--json``, and holds no path of this machine.
+        """
+        from butterfly.report.finding_texts import (  # noqa: PLC0415 - a view
             estimate_numbers,
-            misfit_units,
-            without_root,
+            misfit_numbers,
         )
         from butterfly.report.physical import physical_numbers  # noqa: PLC0415 - a view
 
-        return Told(
-            kind=self.kind,
-            title=self.title,
+        manifest, estimate = self.origin["manifest"], self.estimate
+        of_logs = {key: each for key, each in self.saved.items() if key != "summary"}
+        if self.logs is not None:
+            of_logs = {
+                "against": [each.numbers(estimate) for each in self.comparisons],
+                "misfit": misfit_numbers(self.misfit, estimate),
+            }
+        return document(
+            self.kind,
+            self.title,
+            {
+                "estimator": self.estimator,
+                "data": {**self.origin, "manifest": manifest and {**manifest, "root": None}},
+                **estimate_numbers(estimate, truth),
+                "fit": self.fit.numbers(),
+                "fits": self.fits,
+                "held_out": self.held_out,
+                "physical": physical_numbers(self.separated()),
+                "chosen": chosen_options(self.made_by, estimate, self.estimator),
+                **of_logs,
+            },
             verdict=self.judged,
             summary=self.summary,
-            content={
-                "estimator": self.estimator,
-                "data": {**self.origin, "manifest": without_root(self.origin["manifest"])},
-                **estimate_numbers(self.estimate, truth),
-                "fit": self.fit.numbers(),
-                "fits": dict(self.fits),
-                "held_out": dict(self.held_out),
-                "physical": physical_numbers(self.separated()),
-                **self._of_logs(),
-            },
-            units=_UNITS | misfit_units(self.estimate.joint),
+            units=_UNITS | misfit_units(estimate.joint),
         )
 
-    def _of_logs(self) -> dict[str, Any]:
-        """Return what is told that needs the logs, or was saved with them."""
-        from butterfly.report.finding_texts import values_of  # noqa: PLC0415 - a view
-        from butterfly.report.numbers.estimate_numbers import (  # noqa: PLC0415 - a view
-            lumped_numbers,
-            misfit_numbers,
-        )
-
-        chosen = chosen_options(self.made_by, self.estimate, self.estimator)
-        if self.logs is None:
-            return {"chosen": chosen, **{k: v for k, v in self.saved.items() if k != "summary"}}
-        return {
-            "chosen": chosen,
-            "against": [
-                {
-                    "name": other.name,
-                    "parameters": lumped_numbers(other.parameters, self.estimate),
-                    "gain_fitted": other.gain_fitted,
-                    "fit": other.summary.numbers(),
-                }
-                for other in self.comparisons
-            ],
-            "misfit": misfit_numbers(self.misfit, values_of(self.estimate)),
-        }
-
-    def kept(self, folder: Path) -> dict[str, Any]:
-        """Return what `save` writes: besides all the rest, where the logs lie.
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the result as JSON, which `butterfly.load` reads, with the place of its logs.
 
         That is relative to the folder of the file, if they lie below.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
         """
-        document, manifest = self.to_dict(), self.origin["manifest"]
-        if manifest is None or manifest["root"] is None:
-            return document
-        root = Path(manifest["root"])
-        said = root.relative_to(folder).as_posix() if root.is_relative_to(folder) else str(root)
-        document["data"]["manifest"]["root"] = said
-        return document
+        content, manifest = self.to_dict(), self.origin["manifest"]
+        folder = Path(path).resolve().parent
+        if manifest is not None and manifest["root"] is not None:
+            root = Path(manifest["root"])
+            below = root.is_relative_to(folder)
+            content["data"]["manifest"]["root"] = (
+                root.relative_to(folder).as_posix() if below else str(root)
+            )
+        write_document(content, Path(path))
 
     @property
     def title(self) -> str:  # type: ignore[override]
@@ -268,7 +259,7 @@ class Identification(Result):
 
     @property
     def _weighed(self) -> bool:
-        return bool(Knowledge.told(self.origin.get("known", {})).physical)
+        return bool(Prior.of(self.origin.get("known", {})).physical)
 
     def shown_lines(self) -> list[str]:
         """Return the table of parameters as lines."""
@@ -329,20 +320,20 @@ class Identification(Result):
         ----------
         known
             What is known of motor and hand besides what the data say of it, by names of
-            `butterfly.model.known.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
+            `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
 
         Raises
         ------
         InputError
             If it is none of these, or was known before.
         """
-        from butterfly.api.tabulated import Separated  # noqa: PLC0415 - a view
+        from butterfly.report.physical import Separated  # noqa: PLC0415 - a view
 
         return Separated.of(self.separated(known), self.origin["name"], self.judged)
 
     def separated(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
         """Return the physical parameters, with what is known besides (see `physical`)."""
-        before, told = Knowledge.told(self.origin.get("known", {})), Knowledge.told(known)
+        before, told = Prior.of(self.origin.get("known", {})), Prior.of(known)
         for name in known:
             if name not in told.physical:
                 raise InputError("physical", name, "no part of motor or hand", listed([*PHYSICAL]))
@@ -354,7 +345,7 @@ class Identification(Result):
             joint=self._joint,
         )
         kind = InputKind(self.origin["input"])
-        return physical_parameters(self.estimate, before.also(told), kind, carrier)
+        return physical_parameters(self.estimate, before | told, kind, carrier)
 
     @property
     def fit(self) -> FitSummary:
@@ -464,7 +455,7 @@ def about_data(data: DataSet) -> dict[str, Any]:
         "description": data.description,
         "input": str(data.input_kind),
         "logs": len(data.logs),
-        "known": data.known.as_told(),
+        "known": data.known.to_dict(),
         "joint": str(carrier.joint),
         "gravity": carrier.gravity,
     }

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from butterfly.errors import InputError
 from butterfly.identification.quantities import Formula, Quantities
 from butterfly.logs.log import InputKind
-from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import Known, Prior
 
 _ROUNDING = 1e-3  # relative; by which exact numbers may differ
 _NEXT_TO_EXACT = 1e-8  # of the largest added mass's share, an uncertainty that is none
@@ -21,7 +21,7 @@ class Relation:
     """A parameter that follows from what is known of motor and hand."""
 
     parameter: str
-    needs: tuple[str, ...]  # names of `butterfly.model.known.PHYSICAL`
+    needs: tuple[str, ...]  # names of `butterfly.model.prior.PHYSICAL`
     formula: Formula
 
 
@@ -37,7 +37,7 @@ _MOVING_MASS = Relation(
 )
 
 
-def beside_masses(known: Knowledge, masses: Iterable[AddedMass]) -> Knowledge:
+def beside_masses(known: Prior, masses: Iterable[AddedMass]) -> Prior:
     """Return what is known of p1 and p3, next to exactly where it stands beside uncertain masses.
 
     How far masses that were weighed badly move the other parameters is told by how these two do:
@@ -49,9 +49,9 @@ def beside_masses(known: Knowledge, masses: Iterable[AddedMass]) -> Knowledge:
         "p3": max((mass.gravity_moment for mass in doubtful), default=0.0),
     }
     softened = {
-        name: Known(value=known.exact[name], uncertainty=_NEXT_TO_EXACT * size)
+        name: Known(value=known.fixed[name], uncertainty=_NEXT_TO_EXACT * size)
         for name, size in largest.items()
-        if name in known.exact and size
+        if name in known.fixed and size
     }
     return replace(known, parameters={**known.parameters, **softened}) if softened else known
 
@@ -68,7 +68,7 @@ def with_gear(physical: Mapping[str, Known], joint: JointKind) -> dict[str, Know
 def relations(
     physical: Mapping[str, Known], input_kind: InputKind, joint: JointKind
 ) -> list[Relation]:
-    """Return the relations of which all is known, by names of `butterfly.model.known.PHYSICAL`.
+    """Return the relations of which all is known, by names of `butterfly.model.prior.PHYSICAL`.
 
     Of a voltage p4 = N k_t/R. Of a torque command neither R nor N nor k_t tells p4, which is 1, N
     or N k_t as the command means N m at the joint, N m at the motor or A: nobody but the user knows
@@ -79,9 +79,7 @@ def relations(
     return [each for each, holds in held.items() if holds and known >= set(each.needs)]
 
 
-def implied(
-    told: Knowledge, input_kind: InputKind, joint: JointKind = JointKind.HINGE
-) -> Knowledge:
+def implied(told: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE) -> Prior:
     """Return what is told, and what it says of parameters, uncertainties propagated.
 
     A parameter that is told itself as well has two sources, whose weights are the inverses of their
@@ -93,23 +91,23 @@ def implied(
         name: _both(name, told.parameters[name], each) if name in told.parameters else each
         for name, each in follows.items()
     }
-    return told.also(Knowledge(parameters=both))
+    return told | Prior(parameters=both)
 
 
 def apart(
-    told: Knowledge, input_kind: InputKind, joint: JointKind = JointKind.HINGE
+    told: Prior, input_kind: InputKind, joint: JointKind = JointKind.HINGE
 ) -> dict[str, float]:
     """Return how far parameters with two sources are apart, in standard uncertainties."""
     return {
         name: abs(each.value - told.parameters[name].value)
         / math.hypot(each.uncertainty, told.parameters[name].uncertainty)
         for name, each in _follow(told, input_kind, joint).items()
-        if name in told.parameters and not (each.exact and told.parameters[name].exact)
+        if name in told.parameters and not (each.fixed and told.parameters[name].fixed)
     }
 
 
-def _follow(told: Knowledge, input_kind: InputKind, joint: JointKind) -> dict[str, Known]:
-    motor = Quantities.told(with_gear(told.physical, joint))
+def _follow(told: Prior, input_kind: InputKind, joint: JointKind) -> dict[str, Known]:
+    motor = Quantities.of(with_gear(told.physical, joint))
     return {
         each.parameter: motor.find(each.formula)
         for each in relations(told.physical, input_kind, joint)
@@ -118,7 +116,7 @@ def _follow(told: Knowledge, input_kind: InputKind, joint: JointKind) -> dict[st
 
 def _both(name: str, told: Known, follows: Known) -> Known:
     """Return what two sources tell together."""
-    if told.exact and follows.exact:
+    if told.fixed and follows.fixed:
         if not math.isclose(told.value, follows.value, rel_tol=_ROUNDING):
             expected = f"{follows.value:.5g}, which follows from the others, or an uncertainty"
             raise InputError("known", name, f"{told.value:g}", expected)

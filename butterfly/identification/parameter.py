@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 from butterfly.logs.log import InputKind
-from butterfly.model.parameters import JointKind
-from butterfly.model.terms import TERMS
+from butterfly.model.parameters import JointKind, LumpedParameters
+from butterfly.model.terms import PARAMETERS, TERMS
 
 _ON_SLIDES = {
     "kg m²": "kg",
@@ -55,6 +56,22 @@ def unit_of(
     if joint is JointKind.SLIDE:
         unit = _ON_SLIDES.get(unit, unit)
     return unit.replace("unit", "V") if input_kind is InputKind.VOLTAGE else unit
+
+
+def lumped_numbers(
+    parameters: LumpedParameters,
+    input_kind: InputKind | None = None,
+    joint: JointKind = JointKind.HINGE,
+) -> dict[str, dict[str, Any]]:
+    """Return those parameters that every joint has, and the others that are not as usual."""
+    return {
+        each.name: {
+            "value": float(getattr(parameters, each.name)),
+            "unit": unit_of(each.name, input_kind, joint),
+        }
+        for each in fields(LumpedParameters)
+        if each.name in PARAMETERS or getattr(parameters, each.name) != each.default
+    }
 
 
 def or_none(value: float) -> float | None:

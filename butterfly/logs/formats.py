@@ -1,50 +1,32 @@
-"""The file formats of logs, by the endings of their names, and which column holds what."""
+"""The formats of logs: files, by the endings of their names, and tables; what holds what."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeAlias, TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest
 from butterfly.logs.log import SAMPLED, Log
 from butterfly.logs.units import AS_IS, Units
 
-
-@dataclass(frozen=True, kw_only=True)
-class Format:
-    """How logs are read from files of one ending, and written to them."""
-
-    name: str  # of the module that does it, imported when it is used: each is slow
-    texts: bool = False  # whether files of this ending are often texts of another kind
-
-    @property
-    def read(self) -> Callable[..., Log]:
-        """Reader, of a path, a column map, units and the fields of `Log` that no file holds."""
-        return self._function("read")
-
-    @property
-    def write(self) -> Callable[[Log, Path], None]:
-        """Writer, of a log and a path."""
-        return self._function("write")
-
-    def _function(self, verb: str) -> Callable[..., Any]:
-        module = import_module(f"butterfly.logs.{self.name}")
-        function: Callable[..., Any] = getattr(module, f"{verb}_{self.name}")
-        return function
-
-
 FORMATS = {
-    ".mat": Format(name="mat"),
-    ".csv": Format(name="csv"),
-    ".parquet": Format(name="parquet"),
-    ".tsv": Format(name="csv"),
-    ".txt": Format(name="csv", texts=True),
-    ".dat": Format(name="csv", texts=True),
+    ".mat": "mat",
+    ".csv": "csv",
+    ".parquet": "parquet",
+    ".tsv": "csv",
+    ".txt": "csv",
+    ".dat": "csv",
 }
+"""The module that reads files of an ending; imported when it is used, as each is slow."""
+
+OFTEN_TEXTS = {".txt", ".dat"}
+"""Endings of files that are often texts of another kind."""
 
 ENDINGS = " or ".join([", ".join(list(FORMATS)[:-1]), list(FORMATS)[-1]])
 """The endings, in words."""
@@ -60,18 +42,12 @@ def read_log(
 
     Raises InputError if the file cannot be read, or is of none of the `FORMATS`.
     """
-    return _format_of(path).read(path, columns, units, **{"name": path.name} | properties)
-
-
-def write_log(log: Log, path: Path) -> None:
-    """Write one file, in the format of its ending."""
-    _format_of(path).write(log, path)
-
-
-def _format_of(path: Path) -> Format:
-    if path.suffix.lower() not in FORMATS:
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
         raise InputError(path, "file name", path.suffix or "no ending", ENDINGS)
-    return FORMATS[path.suffix.lower()]
+    module = import_module(f"butterfly.logs.{FORMATS[ending]}")
+    read: Callable[..., Log] = getattr(module, f"read_{FORMATS[ending]}")
+    return read(path, columns, units, **{"name": path.name} | properties)
 
 
 ColumnMap = Mapping[str, str | int]
@@ -79,6 +55,9 @@ ColumnMap = Mapping[str, str | int]
 
 DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: the columns carry the names of the fields of `Log`."""
+
+VELOCITY = "velocity"
+"""Column that is read besides, where no map is given and it is there."""
 
 _HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
 _UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
@@ -131,3 +110,60 @@ def unit_in(name: str) -> str | None:
     """Return the text in brackets behind a column's name; None if there is none."""
     found = _UNIT.search(name)
     return None if found is None else found[1]
+
+
+class Frame(Protocol):
+    """What pandas and others like it have."""
+
+    @property
+    def columns(self) -> Iterable[Any]:
+        """Names of the columns."""
+
+    def __getitem__(self, name: Any, /) -> Any:  # noqa: ANN401 - whatever names a column
+        """Return a column."""
+
+
+Table: TypeAlias = Frame | Mapping[str, Any] | NDArray[Any]
+"""Columns by name, or by number."""
+
+
+def is_table(source: object) -> TypeGuard[Table]:
+    """Whether an object is a frame, a mapping, or an array."""
+    if isinstance(source, Mapping | np.ndarray):
+        return True
+    return hasattr(source, "columns") and hasattr(source, "__getitem__")
+
+
+def log_of_table(
+    table: Table,
+    columns: ColumnMap | None = None,
+    units: Units = AS_IS,
+    **properties: Any,  # noqa: ANN401 - the fields of Log that a table cannot know
+) -> Log:
+    """Make a log of a table in memory (see `read_log`).
+
+    A plain array has its columns in the order of `SAMPLED`, unless others are named.
+    """
+    found = _columns(table)
+    names = list(found)
+    if columns is None and isinstance(table, np.ndarray) and table.dtype.names is None:
+        columns = dict(zip(SAMPLED, range(len(names)), strict=False))
+    elif columns is None:
+        columns = DEFAULT_COLUMNS | {each: each for each in names if each == "velocity"}
+    chosen: dict[str, Any] = {
+        field: found[names[place("table", names, name)]]
+        for field, name in checked_map("table", columns).items()
+    }
+    return Log(**chosen, source="table", **properties).converted(units)
+
+
+def _columns(table: Table) -> dict[str, Any]:
+    """Return the columns by name; those of a plain array by number."""
+    if not isinstance(table, np.ndarray):
+        names = table if isinstance(table, Mapping) else table.columns
+        return {str(name): table[name] for name in names}
+    if table.dtype.names is not None:
+        return {name: table[name] for name in table.dtype.names}
+    if table.ndim != 2:  # noqa: PLR2004 - a matrix
+        raise InputError("read", "source", f"an array of shape {table.shape}", "columns (n, k)")
+    return {str(k): column for k, column in enumerate(table.T)}

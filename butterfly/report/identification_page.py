@@ -82,7 +82,6 @@ def identification_page(
 ) -> Page:
     """Put together the report of an identification (see `write_report`)."""
     data, misfit = identification.data, identification.misfit
-    told = identification.told(truth)
     rows = parameter_rows(identification.estimate.table(truth))
     runs, bands = identification.free_runs, [log.band for log in misfit.logs]
     chosen = middle(identification.fit_of_logs)
@@ -128,12 +127,12 @@ def identification_page(
         name=data.name,
         description=data.description,
         kind="identification",
-        verdict=told.verdict,
+        verdict=identification.judged,
         facts=_facts(identification),
         lead=_lead(rows, data, with_truth=truth is not None),
-        summary=[*told.summary[1:], *misfit_sentences(misfit)],
+        summary=[*identification.summary[1:], *misfit_sentences(misfit)],
         sections=sections,
-        numbers=told.document(),
+        numbers=identification.to_dict(truth),
         logs=[f"{run.log.label} – FIT {fit_text(run.fit)} %" for run in runs],
         chosen=chosen,
         pictures={

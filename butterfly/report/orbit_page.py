@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Heatmap, Scatter
 
+from butterfly.experiment.record import OrbitRecord
+from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.loop import Round
-from butterfly.orbit.study import PERIODS, OrbitStudy
+from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE
-from butterfly.report.finding_texts import estimate_sentences
-from butterfly.report.numbers.orbit_numbers import degrees_said, told_orbit
+from butterfly.report.finding_texts import (
+    estimate_numbers,
+    estimate_sentences,
+    estimate_verdict,
+)
 from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import Whisker, interval, with_error
+from butterfly.result import document
 
 _RATIOS = {"p2": "p₂/p₁", "p3": "p₃/p₁", "p4": "p₄/p₁", "coulomb": "T_c/p₁"}
 _EVERY = 0.01  # s between drawn points
@@ -29,7 +35,7 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
 
     `truth` are parameters of the hand with what it carries, where they are known.
     """
-    rounds, told = study.calibration.rounds, told_orbit(study, truth)
+    rounds = study.calibration.rounds
     sections = [
         Section(
             title="Amplitude per round",
@@ -80,11 +86,66 @@ def orbit_page(study: OrbitStudy, truth: LumpedParameters | None = None) -> Page
         description=study.description,
         kind="orbit re-calibration",
         facts=_facts(study),
-        summary=told.summary[1:],
+        summary=_sentences(study),
         sections=sections,
-        numbers=told.document(),
-        verdict=told.verdict,
+        numbers=orbit_document(study, truth),
+        verdict=estimate_verdict(study.estimate),
     )
+
+
+def orbit_document(study: OrbitStudy, truth: LumpedParameters | None) -> dict[str, Any]:
+    """Return a study of an orbit for programs (see `orbit_page`)."""
+    verdict, last = estimate_verdict(study.estimate), study.calibration.rounds[-1]
+    fitted, log = last.recalibration, last.logs[0]
+    content = {
+        **OrbitRecord.of(study).numbers(),
+        "rounds_ending": study.calibration.ending,
+        "data": {
+            "name": study.name,
+            "description": study.description,
+            "input": str(log.input_kind),
+        },
+        **estimate_numbers(study.estimate),
+        "ratios_to_p1": [name for name in fitted.names if fitted.is_ratio(name)],
+        "carried": str(log.added_mass),
+    }
+    if truth is not None:
+        content["truth"] = lumped_numbers(truth, log.input_kind)
+    return document(
+        "orbit",
+        f"{study.name!r} re-calibrated next to its orbit",
+        content,
+        verdict=verdict,
+        summary=(verdict.sentence, *_sentences(study)),
+        units={"free_run_rms_rad": "rad", "amplitudes_rad": "rad", "target_rad": "rad"},
+    )
+
+
+def _sentences(study: OrbitStudy) -> list[str]:
+    """Say in plain words what was found, but for the verdict."""
+    rounds, generic = study.calibration.rounds, study.errors["generic"]
+    last, wanted = rounds[-1], rounds[-1].wanted
+    better = generic / max(study.errors["re-calibrated"], 1e-12)
+    recalibration = last.recalibration
+    rejected = ", ".join(recalibration.rejected) or "none"
+    begun = study.small_swings
+    return [
+        f"The hand was to swing {math.degrees(wanted):.2f}° and swung "
+        + ", ".join(degrees_said(each.amplitude) for each in rounds)
+        + f"° in {len(rounds)} rounds; {study.calibration.ending}.",
+        f"Next to the orbit the re-calibrated model's free run is off by "
+        f"{degrees_said(study.errors['re-calibrated'])}° rms, the model it began with by "
+        f"{degrees_said(generic)}°: {better:.3g} times less.",
+        f"Estimated by {recalibration.estimate.method}: {', '.join(recalibration.names)}; "
+        f"terms that did not help on held-out data: {rejected}.",
+        *estimate_sentences(study.estimate)[1:],
+        *([] if begun is None else [f"What it began with: {estimate_verdict(begun).sentence}"]),
+    ]
+
+
+def degrees_said(angle: float) -> str:
+    """Return an angle in degrees as it is said."""
+    return "turned over" if math.isnan(angle) else f"{math.degrees(angle):.4g}"
 
 
 def _facts(study: OrbitStudy) -> list[Fact]:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from butterfly import __version__
-from butterfly.document import write_document
 from butterfly.files import replacing
 from butterfly.report.parameter_table import Whisker
+from butterfly.result import TextTable, write_document
 from butterfly.verdict import Level, Verdict
 
 if TYPE_CHECKING:
@@ -139,6 +139,15 @@ class Page:
     def figures(self) -> dict[str, Figure]:
         """The figures of all sections, by name."""
         return {name: each for part in self.parts for name, each in part.figures.items()}
+
+    @property
+    def text_tables(self) -> tuple[TextTable, ...]:
+        """The tables of its sections, as a command prints them."""
+        return tuple(
+            TextTable(section.title, each.headers, [[*map(str, row)] for row in each.rows])
+            for section in self.sections
+            for each in section.tables
+        )
 
     @property
     def series(self) -> dict[str, Series]:

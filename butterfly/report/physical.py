@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import or_none
 from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
-from butterfly.model.known import plain
+from butterfly.model.prior import plain
 from butterfly.report.parameter_table import interval, with_error
+from butterfly.result import Answer, aligned
+from butterfly.verdict import Verdict
 
 HEADERS = ("", "value", "std error", "95 % interval", "told", "unit")
 """Of the table."""
@@ -51,6 +54,29 @@ def physical_numbers(parameters: PhysicalParameters) -> dict[str, dict[str, Any]
 def physical_sentences(parameters: PhysicalParameters) -> list[str]:
     """Say what is left open, and which measurement would tell."""
     return [_SENTENCES[each.lack](each) for each in parameters.unseparated]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Separated(Answer):
+    """Physical parameters, and what is left open of them."""
+
+    kind: ClassVar[str] = "physical"
+
+    @classmethod
+    def of(cls, parameters: PhysicalParameters, name: str, judged: Verdict) -> Separated:
+        """Tabulate what is known of the robot of some data."""
+        numbers = physical_numbers(parameters)
+        return cls(
+            title=f"{TITLE} of {name!r}",
+            summary=(judged.sentence, *physical_sentences(parameters)),
+            content={"rows": [{"parameter": each} | row for each, row in numbers.items()]},
+            judged=judged,
+        )
+
+    def shown_lines(self) -> list[str]:
+        """Return the table as lines."""
+        rows = self.shown_rows()
+        return aligned(rows) if rows else []
 
 
 def _back_emf(left: Unseparated) -> str:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
 
-from plotly.graph_objects import Figure, Scatter
+from plotly.graph_objects import Bar, Figure, Scatter
 
 from butterfly.comparison.leaderboard import Entry
-from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.validate import Structure
-from butterfly.report.figures import look
+from butterfly.report.figures import PALETTE, look
 from butterfly.report.format import fit_text
-from butterfly.report.numbers.comparison_numbers import told_leaderboard
 from butterfly.report.page import Chip, Page, PageTable, Section
+from butterfly.result import Result
 
 _HEADERS: tuple[str, ...] = (
     *("estimator", "verdict", "left out: median", "left out: worst"),
@@ -26,10 +27,10 @@ _ROW = 52  # pixels of an estimator
 _LEAST = 1e-3  # % that a FIT lacks at least, to be drawn
 
 
-def leaderboard_page(entries: Sequence[Entry]) -> Page:
+def leaderboard_page(entries: Sequence[Entry], result: Result) -> Page:
     """Put together the page of estimators over data sets, the best of each first."""
     sets = list(dict.fromkeys(entry.data for entry in entries))
-    sections, told = [], told_leaderboard(entries)
+    sections = []
     for number, name in enumerate(sets):
         own = [entry for entry in entries if entry.data == name]
         figure = {f"fit-{number}": _leaderboard_figure(own)}
@@ -38,12 +39,12 @@ def leaderboard_page(entries: Sequence[Entry]) -> Page:
         )
     return Page(
         name="leaderboard",
-        description="Estimators over data sets: " + ", ".join(sets),
+        description=result.title,
         kind="leaderboard",
-        summary=told.summary[1:],
+        summary=result.summary[1:],
         sections=sections,
-        numbers=told.document(),
-        verdict=told.verdict,
+        numbers=result.to_dict(),
+        verdict=result.judged,
     )
 
 
@@ -56,7 +57,7 @@ def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
         if entry.estimate is not None:
             found = entry.estimate
             chip = Chip(found.level.verdict, found.level)
-            estimated = {*found.names, *found.held} - {*found.unestimated}
+            estimated = {*found.names, *found.fixed} - {*found.unestimated}
             values = [
                 f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
                 for name in names
@@ -114,13 +115,13 @@ def structures_table(passed: Sequence[Structure]) -> PageTable:
     return PageTable(headers=("terms", *fit_headers), rows=rows)
 
 
-def selection_page(data: DataSet, passed: Sequence[Structure], told: Told) -> Page:
+def selection_page(data: DataSet, passed: Sequence[Structure], result: Result) -> Page:
     """Put together the page of the structures passed through, the last being the chosen one."""
     return Page(
         name=data.name,
         description=data.description,
         kind="choice of terms",
-        summary=told.summary[1:],
+        summary=result.summary[1:],
         lead=Section(
             title="FIT by what is fitted",
             text="Median FIT in %, in sample and of what was left out, which decides.",
@@ -129,8 +130,8 @@ def selection_page(data: DataSet, passed: Sequence[Structure], told: Told) -> Pa
         sections=[
             Section(title="FIT in %, in sample and left out", tables=(structures_table(passed),))
         ],
-        numbers=told.document(),
-        verdict=told.verdict,
+        numbers=result.to_dict(),
+        verdict=result.judged,
     )
 
 
@@ -146,4 +147,47 @@ def _structures_figure(passed: Sequence[Structure]) -> Figure:
         figure.add_trace(Scatter(x=names, y=values, mode="lines+markers", name=name, marker=marker))
     figure.update_yaxes(title="median FIT in %")
     figure.update_layout(height=340)
+    return figure
+
+
+def fits_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw every column of FITs of a table, a point for each log."""
+    columns = [name for name in (rows[0] if rows else ()) if name.startswith("FIT")]
+    places = list(range(1, len(rows) + 1))
+    figure = Figure()
+    for number, name in enumerate(columns):
+        colour, symbol = look(number)
+        marker = {"color": colour, "symbol": symbol + "-open" * (number % 2)}
+        drawn = Scatter(
+            x=places,
+            y=[row[name] for row in rows],
+            text=[
+                escape(str(row.get("log", place))) for place, row in zip(places, rows, strict=True)
+            ],
+            name=name.removeprefix("FIT ").removesuffix(" in %"),
+            mode="markers",
+            marker=marker | {"size": 8 + 4 * (number % 2)},
+            hovertemplate="%{text}: %{y:.1f} %",
+        )
+        figure.add_trace(drawn)
+    figure.update_xaxes(title="log, in the order of the table")
+    figure.update_yaxes(title="FIT in %")
+    figure.update_layout(height=420)
+    return figure
+
+
+def ranking_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw the mean of what is left of the standard errors, for each candidate experiment."""
+    bars = Bar(
+        x=[str(rank) for rank in range(1, len(rows) + 1)],
+        y=[row["mean"] for row in rows],
+        text=[f"{row['input']}, {row['added mass']}" for row in rows],
+        textposition="none",
+        hovertemplate="%{text}: %{y:.2f}<extra></extra>",
+        marker={"color": PALETTE[0]},
+    )
+    figure = Figure(bars)
+    figure.update_xaxes(title="candidate, in the order of the table")
+    figure.update_yaxes(title="standard errors after, over those now")
+    figure.update_layout(height=420)
     return figure

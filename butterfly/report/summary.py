@@ -15,7 +15,7 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.validate import Structure
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
-from butterfly.model.known import Knowledge
+from butterfly.model.prior import Prior
 from butterfly.report.finding_texts import REMEDY, estimate_sentences
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
@@ -89,7 +89,7 @@ def _thinned(data: DataSet) -> list[str]:
     return [f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."]
 
 
-def zero_sentences(logs: Sequence[Log], known: Knowledge) -> list[str]:
+def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
     """Say where the hand hangs in logs, how that was found, and in which of them it is a guess.
 
     Without gravity there is nothing to say.

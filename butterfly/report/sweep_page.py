@@ -14,7 +14,6 @@ from butterfly.experiment.sweep_tables import MISSING, Estimates, column
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.model.terms import TERMS
 from butterfly.report.format import field_label, field_name
-from butterfly.report.numbers.record_numbers import told_sweep
 from butterfly.report.page import Fact, Link, Page, PageTable, Section
 from butterfly.report.sweep_figures import (
     axis_figure,
@@ -22,6 +21,7 @@ from butterfly.report.sweep_figures import (
     parallel_figure,
     short,
 )
+from butterfly.result import document
 from butterfly.verdict import VERDICTS
 
 if TYPE_CHECKING:
@@ -74,6 +74,9 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         sections.append(Section(title="Orbits", tables=(_orbits(runs),)))
     summary = _summary(table, status, fields)
     numbers = {
+        "data": {"name": sweep.name, "description": sweep.description},
+        "seed": sweep.seed,
+        "varied": list(sweep.fields),
         "runs": int(status.size),
         "ok": int((status == OK).sum()),
         "verdicts": table.verdicts,
@@ -96,7 +99,13 @@ def sweep_page(sweep: SweepRecord, runs: pa.Table, estimates: pa.Table) -> Page:
         facts=_facts(table, status),
         summary=summary,
         sections=sections,
-        numbers=told_sweep(sweep, summary, numbers).document(),
+        numbers=document(
+            "sweep",
+            f"Sweep {sweep.name!r}",
+            numbers,
+            summary=summary,
+            units={"recovery.rms_deviation": "1", "recovery.coverage": "1"},
+        ),
     )
 
 

@@ -12,7 +12,6 @@ from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
 from butterfly.comparison.three_way import ThreeWay
-from butterfly.document import Told
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.model.parameters import JointKind
@@ -28,14 +27,15 @@ from butterfly.report.figures import (
 )
 from butterfly.report.log_figures import correlation_figure, correlation_series
 from butterfly.report.page import Fact, Page, PageTable, Section
-from butterfly.report.residual import (
-    misfit_table,
-)
+from butterfly.report.residual import misfit_table
+from butterfly.result import Result
 
 _MARKS = {"MuJoCo": ("-open", 12), "grey box": ("", 5)}  # symbol, size
 
 
-def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, told: Told) -> Page:
+def three_way_page(
+    data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, result: Result
+) -> Page:
     """Put together the report of a comparison.
 
     Each log is simulated twice; `misfit` is of the whole data set, with the same parameters.
@@ -87,7 +87,7 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
             text="Sorted by the grey box: large marks MuJoCo, small ones the grey box.",
             figures={"fit": _fit_figure(compared)},
         ),
-        summary=told.summary[1:],
+        summary=result.summary[1:],
         sections=sections,
         logs=[f"{each.log.label} – FIT {each.fits['grey box']:.1f} %" for each in compared],
         chosen=chosen,
@@ -97,8 +97,8 @@ def three_way_page(data: DataSet, compared: Sequence[ThreeWay], misfit: Misfit, 
             "left-over": partial(correlation_figure, own[chosen]),
             "residual": partial(residual_comparison, compared[chosen]),
         },
-        numbers=told.document(),
-        verdict=told.verdict,
+        numbers=result.to_dict(),
+        verdict=result.judged,
     )
 
 

@@ -10,7 +10,6 @@ from PIL import Image
 
 import butterfly as bf
 from butterfly.experiment.source import read_experiment
-from butterfly.files import locate
 from butterfly.plant.watch.picture import render
 
 ADDED = bf.AddedMass(mass=0.12, arm=0.104)
@@ -40,7 +39,7 @@ def draw_front_page(data: Path, folder: Path) -> None:
     folder
         Where to.
     """
-    robot = read_experiment(locate(Path("quickstart"))).plant.robot
+    robot = read_experiment("quickstart").plant.robot
     render(robot, ADDED, 0.6, folder / "hand.png", 800)
     _draw_fit(data, "120g_6rads", folder / "quickstart.png")
 

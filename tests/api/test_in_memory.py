@@ -79,7 +79,7 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     quick.write_text(yaml.safe_dump(content | told | {"added_masses": added}))
     memory, folder = bf.simulate(quick), bf.simulate(quick, out=tmp_path / "logs")
     for data in (memory, folder):
-        assert data.told.as_told() == told["known"]
+        assert data.given.to_dict() == told["known"]
         assert [log.name[:6] for log in data.test_logs.logs] == ["run002"]
         carried = [log.added_mass for log in data.logs]
         uncertain = {(added.mass_uncertainty, added.arm_uncertainty) for added in carried}

@@ -12,7 +12,7 @@ import yaml
 import butterfly as bf
 from butterfly.cli.app import COMMANDS
 from butterfly.cli.output import ExitCode
-from butterfly.document import HEAD
+from butterfly.result import HEAD
 from tests.cli.one_line import assert_one_line_error
 
 GOOD = "Good: nothing was found that speaks against these values.\n"

@@ -4,13 +4,13 @@ import time
 
 import pytest
 
-from butterfly.cli import progress as module
-from butterfly.cli.progress import show_progress, tell_no_more
+from butterfly.cli import output
+from butterfly.cli.output import show_progress, tell_no_more
 
 
 @pytest.fixture
 def often(monkeypatch):
-    monkeypatch.setattr(module, "EVERY", 0.02)
+    monkeypatch.setattr(output, "EVERY", 0.02)
 
 
 @pytest.mark.usefixtures("often")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import yaml
 
-from butterfly.document import versions
 from butterfly.errors import InputError
 from butterfly.experiment import source as reading
 from butterfly.experiment.record import OK
@@ -22,6 +21,7 @@ from butterfly.experiment.sweep import (
     run_sweep,
 )
 from butterfly.experiment.sweep_spec import SweepSpec
+from butterfly.result import versions
 from tests.experiment.setting import SWEEP, HereEngine
 
 ONE = "identification/estimators/output_error.py"

@@ -22,8 +22,8 @@ from butterfly.identification.estimators import HarmonicBalance, OutputError, We
 from butterfly.identification.estimators.local_parameters import columns_of, known_zeros, local_keys
 from butterfly.identification.estimators.multistart import starts
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.prior import Known, Prior
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, steady
 from tests.independent.integrator import Joint, motion
@@ -131,7 +131,7 @@ def test_a_log_that_hardly_moves_rests_and_one_that_says_nothing_is_guessed():
     assert data.guessed == (data.logs[0].name,)
     heavy = _logs(0.5)[2]
     assert {each.kind for each in DataSet.of([brief, heavy]).offsets} == {OffsetKind.FIT}
-    assert DataSet.of([brief], known=Knowledge.told({"p3": 0})).guessed == ()
+    assert DataSet.of([brief], known=Prior.of({"p3": 0})).guessed == ()
 
 
 def test_the_weak_form_says_that_it_rests_on_a_guess(monkeypatch):
@@ -195,6 +195,6 @@ def test_harmonic_balance_tells_a_bias_from_a_zero_that_is_told():
     unsure = BIASED(DataSet.of(doubtful))
     moments = [ROBOT.p3 + mass.gravity_moment for mass in MASSES]
     assert 0.9 * min(moments) < unsure.standard_errors[-1] / 0.01 < max(moments)
-    known = Knowledge.told({"p4": ROBOT.p4})
+    known = Prior.of({"p4": ROBOT.p4})
     alone = BIASED(DataSet.of(light, known=known))
     assert alone.parameters.bias == pytest.approx(2e-3, rel=0.01)

@@ -14,10 +14,9 @@ from butterfly.identification.estimators import HarmonicBalance, OutputError, We
 from butterfly.identification.estimators.gauss_newton import Loss
 from butterfly.identification.implied import apart, implied
 from butterfly.identification.inference.covariance import cluster_covariance
-from butterfly.identification.prior import Prior
 from butterfly.logs.log import InputKind
-from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import JointKind
+from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import PARAMETERS
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, simulated, steady, wild
@@ -45,11 +44,11 @@ def sines():
 
 
 def knowing(logs, **told):
-    return DataSet.of(logs, known=Knowledge.told(told))
+    return DataSet.of(logs, known=Prior.of(told))
 
 
 def found(estimate):
-    return dict(zip(estimate.names, estimate.values.tolist(), strict=True)) | estimate.held
+    return dict(zip(estimate.names, estimate.values.tolist(), strict=True)) | estimate.fixed
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -206,7 +205,7 @@ def test_a_term_that_is_known_is_not_chosen_away():
 def test_a_parameter_that_carries_the_scale_is_not_called_held():
     logs = noisy(wild(ROBOT, [ONE, ONE], duration=6.0))
     estimate = METHODS["output-error"](knowing(logs, p4=(ROBOT.p4, 0.01)))
-    assert not estimate.held.keys() & {*estimate.names}
+    assert not estimate.fixed.keys() & {*estimate.names}
 
 
 def test_an_uncertain_zero_weighs_as_its_uncertainty_says():
@@ -228,7 +227,7 @@ def test_what_is_known_is_not_to_be_found_otherwise():
             OutputError(terms=(), **options)(data)
     every = {name: getattr(ROBOT, name) for name in PARAMETERS}
     with pytest.raises(InputError, match=r"known: got p1, .* all exactly; expected some of them"):
-        METHODS["weak-form"](data.knowing(Knowledge.told(every)))
+        METHODS["weak-form"](data.knowing(Prior.of(every)))
 
 
 def test_a_wrong_mass_is_weighed_by_the_gravity_there():
@@ -271,7 +270,7 @@ def test_covariance_with_a_prior_is_that_of_many_draws():
     rows = rng.standard_normal((12, 4, 2)) @ np.array([[1.0, 0.9], [0.0, 0.05]])
     truth, told, size = np.array([1.0, 2.0]), 0.3, 0.4
     flat = rows.reshape(-1, 2)
-    prior = Prior(mean=truth, weight=np.array([0.0, (size / told) ** 2]), variance=size**2)
+    prior = Penalty(mean=truth, weight=np.array([0.0, (size / told) ** 2]), variance=size**2)
     normal = np.linalg.inv(flat.T @ flat + prior.curvature)
     values, covariances = [], []
     for _ in range(1000):
@@ -289,7 +288,7 @@ def test_covariance_with_a_prior_is_that_of_many_draws():
 
 
 def _implied(told, kind=InputKind.VOLTAGE, joint=JointKind.HINGE):
-    return implied(Knowledge.told(told), kind, joint).parameters
+    return implied(Prior.of(told), kind, joint).parameters
 
 
 def test_a_motor_s_data_sheet_tells_the_gain():
@@ -332,7 +331,7 @@ def test_two_sources_weigh_by_their_variances():
     p4 = _implied(told)["p4"]
     assert p4.value == pytest.approx(weights @ [0.025, follows[0]] / weights.sum())
     assert p4.uncertainty == pytest.approx(weights.sum() ** -0.5)
-    far = apart(Knowledge.told(told), InputKind.VOLTAGE)
+    far = apart(Prior.of(told), InputKind.VOLTAGE)
     assert far == {"p4": pytest.approx((0.025 - follows[0]) / np.hypot(0.0005, follows[1]))}
 
 
@@ -347,10 +346,10 @@ def test_what_is_exact_counts_alone_and_two_exact_values_agree_or_are_refused():
 
 
 def test_a_data_set_knows_what_follows_however_often_it_is_told_more(sine_log):
-    data = DataSet.of([sine_log], known=Knowledge.told({"torque_constant": (0.05, 0.001)}))
+    data = DataSet.of([sine_log], known=Prior.of({"torque_constant": (0.05, 0.001)}))
     assert "p4" not in data.known.parameters
-    data = data.knowing(Knowledge.told({"resistance": 2.0, "p4": (0.025, 0.0005)}))
+    data = data.knowing(Prior.of({"resistance": 2.0, "p4": (0.025, 0.0005)}))
     for more in ({}, {"hand_mass": 0.1}, {"p2": 0.01}):
-        data = data.knowing(Knowledge.told(more)).take([0])
+        data = data.knowing(Prior.of(more)).take([0])
         assert data.known.parameters["p4"].uncertainty == pytest.approx(0.0005 / np.sqrt(2))
-        assert data.told.parameters["p4"].uncertainty == 0.0005
+        assert data.given.parameters["p4"].uncertainty == 0.0005

@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.normal_equations import Regression, SolvedEquations
-from butterfly.identification.prior import Prior
+from butterfly.model.prior import Penalty
 
 NAMES = ("p3", "p4", "compression")
 TRUTH = np.array([-0.04, 0.5, 0.3])
@@ -105,7 +105,7 @@ def test_an_estimate_is_cut_off_at_its_bounds_and_leaves_out_what_is_not_shared(
 
 def test_what_is_known_of_a_value_is_known_of_its_multiple_by_as_many_standard_deviations():
     """3 (x - 1) of an x of 2 with a standard deviation of 0.5 is 3 with one of 1.5."""
-    prior = Prior(mean=np.array([2.0]), weight=np.array([1 / 0.5**2]))
+    prior = Penalty(mean=np.array([2.0]), weight=np.array([1 / 0.5**2]))
     turned = prior.turned(np.array([3.0]), np.array([1.0]))
     assert turned.mean[0] == pytest.approx(3.0)
     assert turned.weight[0] == pytest.approx(1 / 1.5**2)

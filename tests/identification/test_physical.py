@@ -11,7 +11,6 @@ from butterfly.identification.implied import implied
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.linear import frequency_response, resonance_frequency
 from butterfly.model.parameters import (
     NO_ADDED_MASS,
@@ -23,6 +22,7 @@ from butterfly.model.parameters import (
     VoltageDrive,
     lump,
 )
+from butterfly.model.prior import NO_PRIOR, Prior
 
 HAND = Hand(mass=0.1, com_distance=0.05, inertia=0.003)
 TRUTH = lump(
@@ -50,7 +50,7 @@ def _covariance(share):
     return own + share**2 * np.outer(VALUES, VALUES)
 
 
-def _estimate(values, covariance, known=NOTHING, names=NAMES):
+def _estimate(values, covariance, known=NO_PRIOR, names=NAMES):
     errors = np.sqrt(np.diag(covariance))
     return Estimate(
         method="",
@@ -71,7 +71,7 @@ def _estimate(values, covariance, known=NOTHING, names=NAMES):
 def _of_logs(told, values=VALUES, covariance=None, kind=InputKind.VOLTAGE, carrier=NO_ADDED_MASS):
     """Return what is told of an estimate that knows nothing but its logs."""
     covariance = _covariance(0.01) if covariance is None else covariance
-    return physical_parameters(_estimate(values, covariance), Knowledge.told(told), kind, carrier)
+    return physical_parameters(_estimate(values, covariance), Prior.of(told), kind, carrier)
 
 
 def _parts(found):
@@ -111,7 +111,7 @@ def _drawn(count=200_000):
 @pytest.mark.parametrize("used", [False, True])
 def test_values_and_errors_are_those_of_all_that_is_possible(used):
     """Whether or not the estimate has used R and k_t as knowledge of p4."""
-    covariance, told = _covariance(0.03), Knowledge.told(MOTOR)
+    covariance, told = _covariance(0.03), Prior.of(MOTOR)
     known = implied(told, InputKind.VOLTAGE)
     estimate = _estimate(VALUES, covariance)
     if used:
@@ -131,7 +131,7 @@ def test_values_and_errors_are_those_of_all_that_is_possible(used):
 
 def test_errors_of_a_prior_are_not_counted_twice():
     """R and k_t taken to be independent of the p4 that they told would be known too well."""
-    told = Knowledge.told({"resistance": (2.0, 0.1), "torque_constant": (0.05, 0.001)})
+    told = Prior.of({"resistance": (2.0, 0.1), "torque_constant": (0.05, 0.001)})
     known = implied(told, InputKind.VOLTAGE)
     p4 = known.parameters["p4"]
     covariance = np.diag([1e-12, 1e-12, 1e-12, p4.uncertainty**2])
@@ -215,7 +215,7 @@ def test_a_centre_of_mass_beside_its_line_and_a_tilted_axis_are_taken_into_accou
     names = (*NAMES, "p3_offset", "tilt")
     values = np.array([getattr(lumped, name) for name in names])
     estimate = _estimate(values, np.diag((1e-3 * values) ** 2), names=names)
-    told = Knowledge.told({"hand_mass": 0.1})
+    told = Prior.of({"hand_mass": 0.1})
     found = physical_parameters(estimate, told, InputKind.TORQUE, NO_ADDED_MASS)
     assert found["com_distance"].value == pytest.approx(0.05)
     assert found["com_offset"].value == pytest.approx(0.02)

@@ -11,8 +11,8 @@ from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import OutputError, Suitable, WeakForm
 from butterfly.identification.prediction_horizon import GROWTH, excess_error, horizon_of
 from butterfly.logs.log import InputKind, Intersample, Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, JointKind, LumpedParameters
+from butterfly.model.prior import Prior
 from tests.identification.simulated import driven, noisy
 from tests.independent.integrator import Joint, motion
 
@@ -86,7 +86,7 @@ def _followed(ripple, noise, seconds=20.0):
 
 
 def _data(log):
-    return DataSet.of([log], known=Knowledge.told({"p4": GAIN}))
+    return DataSet.of([log], known=Prior.of({"p4": GAIN}))
 
 
 def _found(log, **options):
@@ -129,7 +129,7 @@ def test_white_noise_is_one_noise_in_excess_and_a_wave_is_more():
     time = np.arange(0, 30, 5e-3)
     joint = Joint(inertia=0.19, viscous=0.3, gravity=0.0, gain=1.0)
     logs = noisy([driven(joint, time, np.sin(3 * time))], 1e-3, np.random.default_rng(0))
-    data = DataSet.of(logs, known=Knowledge.told({"p3": 0.0, "p4": 1.0}))
+    data = DataSet.of(logs, known=Prior.of({"p3": 0.0, "p4": 1.0}))
     found = WeakForm(terms=(), check=False)(data)
     truth = {"p1": 0.19, "p2": 0.3}
     found = replace(found, values=np.array([truth.get(name, 0.0) for name in found.names]))

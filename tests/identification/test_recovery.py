@@ -121,7 +121,7 @@ def test_what_kept_the_start_s_value_or_was_held_is_part_of_the_estimate():
     assert not {"p3", "p4"} & set(fixed.names)
     assert (fixed.parameters.p3, fixed.parameters.p4) == (ROBOT.p3, ROBOT.p4)
     for found in (free, fixed):
-        assert {"bias", "drag"} <= {*found.held}
+        assert {"bias", "drag"} <= {*found.fixed}
         assert (found.parameters.bias, found.parameters.drag) == (-2e-3, 8e-4)
         assert found.parameters.p1 == pytest.approx(robot.p1, rel=1e-3)
 

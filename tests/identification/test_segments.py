@@ -16,8 +16,8 @@ from butterfly.identification.identify import identify
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.report.summary import summary
 from tests.identification.simulated import driven
 from tests.independent.integrator import Joint, motion
@@ -27,7 +27,7 @@ JOINT = Joint(inertia=0.19, viscous=0.03, gravity=3.7, gain=1.0, coulomb=0.15)
 TRUTH = {"p1": 0.19, "p2": 0.03, "p3": 3.7, "coulomb": 0.15}
 ROBOT = LumpedParameters(**TRUTH, p4=1.0)
 START = LumpedParameters(p1=0.25, p2=0.01, p3=4.5, p4=1.0, coulomb=0.05)
-KNOWN = Knowledge.told({"p4": 1.0})
+KNOWN = Prior.of({"p4": 1.0})
 ZEROS = {NO_ADDED_MASS: 0.0}
 
 

@@ -9,10 +9,10 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, WeakForm
 from butterfly.identification.splits import Split, divide, excluding_interval, remedy
-from butterfly.identification.validate import hold_out
+from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log, Sine
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
 from tests.identification.simulated import ROBOT, SLOW, steady, wild
 
 BALANCE = HarmonicBalance(terms=(), check=False)
@@ -48,7 +48,7 @@ def test_the_split_that_suits_the_logs_is_taken_and_said(sines):
         division = divide(data)
         assert division.split is split
         assert why in division.why
-    known = _other(bare, bare, HEAVY).knowing(Knowledge.told({"p4": 1.0}))
+    known = _other(bare, bare, HEAVY).knowing(Prior.of({"p4": 1.0}))
     assert divide(known).split is Split.LOG
 
 
@@ -66,7 +66,7 @@ def test_every_sample_is_left_out_once(sines):
 def test_logs_of_no_sine_are_kept_where_frequencies_are_left_out(sines):
     whole = replace(sines.logs[0], excitation=None)
     mixed = DataSet.of([*sines.logs, whole])
-    held = hold_out(mixed, lambda _: BALANCE(sines), Split.FREQUENCY)
+    held = cross_validate(mixed, lambda _: BALANCE(sines), Split.FREQUENCY)
     assert np.isnan(held.fits[-1])
     assert np.isfinite(held.fits[:-1]).all()
     assert np.isfinite(held.summary.median)
@@ -81,7 +81,7 @@ def test_stretches_of_time_are_predicted_by_an_estimate_from_the_others(sines, k
         seen.append(sum(float(log.time[-1] - log.time[0]) for log in part.logs))
         return estimator(part)
 
-    held = hold_out(data, spy, Split.TIME, folds=3)
+    held = cross_validate(data, spy, Split.TIME, folds=3)
     assert list(held.estimates) == [f"stretch {k} of 3" for k in (1, 2, 3)]
     assert max(seen) < 0.7 * sum(float(log.time[-1]) for log in data.logs)
     assert held.summary.worst > least

@@ -15,7 +15,7 @@ from butterfly.identification.test_functions import (
     HALF_WIDTH,
     Averaging,
 )
-from butterfly.model.known import NOTHING
+from butterfly.model.prior import NO_PRIOR
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, SWINGS, noisy, steady, wild
@@ -46,7 +46,7 @@ def test_every_log_weighs_the_same_in_the_weak_form_however_long_and_lively():
     logs = [logs[0].take(np.arange(1200)), *logs[1:]]
     averages = [Averaging(log, 0.0, HALF_WIDTH, FrictionTerms()) for log in logs]
     windows = [Windows(log.added_mass, own) for log, own in zip(logs, averages, strict=True)]
-    values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity, NOTHING).values
+    values = WeakFit.of(windows, PARAMETERS, FrictionTerms.stribeck_velocity, NO_PRIOR).values
     delay = values.pop("delay")
     parts = {True: 0.0, False: 0.0}
     for log, averaging in zip(logs, averages, strict=True):

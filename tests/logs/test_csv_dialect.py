@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.logs.csv import read_csv
-from butterfly.logs.csv_dialect import holds_table, read_text_table
+from butterfly.logs.csv import holds_table, read_csv, read_text_table
 from butterfly.logs.log import InputKind
 
 KIND = {"input_kind": InputKind.VOLTAGE}

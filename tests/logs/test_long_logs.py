@@ -5,10 +5,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from butterfly.logs.formats import read_log, write_log
+from butterfly.logs.formats import read_log
 from butterfly.logs.health import examine
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
+from tests.logs.test_formats import write_log
 
 SAMPLES = 1_000_000
 PER_SAMPLE = 1.35e9 / 36e6

@@ -9,7 +9,7 @@ from butterfly.logs.manifest import read_manifest, write_manifest
 from butterfly.logs.manifest_draft import manifest_from_names
 from butterfly.logs.mat import write_mat
 from butterfly.logs.reading import read_entry
-from butterfly.model.known import Known
+from butterfly.model.prior import Known
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
 

@@ -5,7 +5,7 @@ from pyarrow import parquet
 
 from butterfly.errors import InputError
 from butterfly.logs.log import InputKind
-from butterfly.logs.parquet import parquet_bytes, read_parquet, write_parquet
+from butterfly.logs.parquet import read_parquet
 
 KIND = {"input_kind": InputKind.TORQUE}
 RAMP = np.arange(20.0)
@@ -14,11 +14,6 @@ RAMP = np.arange(20.0)
 def _write(path, **columns):
     parquet.write_table(pa.table(columns), path)
     return path
-
-
-def test_the_bytes_of_a_log_are_what_its_file_holds(tmp_path, sine_log):
-    write_parquet(sine_log, tmp_path / "log.parquet")
-    assert (tmp_path / "log.parquet").read_bytes() == parquet_bytes(sine_log)
 
 
 def test_other_columns_are_ignored_integers_are_numbers_and_velocity_may_be_missing(tmp_path):

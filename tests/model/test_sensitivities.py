@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from butterfly.errors import InputError
 from butterfly.logs.log import Intersample
 from butterfly.model.greybox import INITIAL, Columns, Readings, differentiate, simulate
-from butterfly.model.kernel.constants import RATE, WEIGHT
 from butterfly.model.kernel.differentiate import carry_all, carry_two
+from butterfly.model.kernel.equation import RATE, WEIGHT
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters, compressed
 from butterfly.model.terms import TERMS
 from butterfly.signals import hold

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending
+from butterfly.orbit.loop import PERIODS, beside_orbit, study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.study import PERIODS, beside_orbit, study_orbit
-from butterfly.report.numbers.orbit_numbers import told_orbit
+from butterfly.report.orbit_page import orbit_document
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
 ROUGH = plant({"coulomb": 1e-4})
@@ -40,6 +40,6 @@ def test_a_free_run_from_hanging_lasts_some_periods_of_small_swings(study):
 
 
 def test_why_the_rounds_ended_is_told_beside_how_the_estimate_did(study):
-    told = told_orbit(study, None).content
+    told = orbit_document(study, None)
     assert told["rounds_ending"] == study.calibration.ending
     assert told["ending"] == Ending.CONVERGED

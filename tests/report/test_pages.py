@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
+from butterfly.api.compared import Compared, Leaderboard
 from butterfly.api.looking_ahead import predict
 from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
@@ -23,21 +24,18 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
+from butterfly.orbit.loop import study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.study import study_orbit
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
 from butterfly.report.identification_page import identification_page
-from butterfly.report.numbers.comparison_numbers import told_comparison
 from butterfly.report.orbit_page import orbit_page
 from butterfly.report.page import write_page
 from butterfly.report.pictures import draw
-from butterfly.report.ranking_pages import leaderboard_page
 from butterfly.report.sweep_page import sweep_page
-from butterfly.report.three_way_page import three_way_page
 from butterfly.thesis.method import Thesis
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 
@@ -116,7 +114,7 @@ def _sweep_page(folder):
             on_bound=(),
             ending=Ending.STOPPED if number == 9 else Ending.CONVERGED,
             findings=(),
-            known=Knowledge.told({"p4": values[2]}),
+            known=Prior.of({"p4": values[2]}),
         )
         estimate = EstimateRecord(
             estimator="m",
@@ -139,8 +137,7 @@ def entries(data):
 
 @pytest.fixture(scope="module")
 def three_way(data, found, compared, misfit):
-    told = told_comparison(data, None, compared, misfit, found)
-    return three_way_page(data, compared, misfit, told)
+    return Compared.of(data, None, compared, misfit, found).page()
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +146,7 @@ def pages(data, three_way, entries, tmp_path_factory):
     return {
         "identification": identification_page(identified, ROUGH.robot.lumped),
         "three-way": three_way,
-        "leaderboard": leaderboard_page(entries),
+        "leaderboard": Leaderboard.of(entries).page(),
         "orbit": _orbit_page(),
         "sweep": _sweep_page(tmp_path_factory.mktemp("sixty")),
         "prediction": predict(data, identified, draws=40).page(),

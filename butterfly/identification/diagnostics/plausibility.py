@@ -115,7 +115,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     with the hand weighed at least that of its centre of mass besides.
     """
     carrier = data.logs[0].added_mass
-    sources = apart(data.told, data.input_kind, carrier.joint)
+    sources = apart(data.given, data.input_kind, carrier.joint)
     found = [
         Finding(FindingKind.TOLD_APART, (name,), number=far, severity=Level.CARE)
         for name, far in sources.items()

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,9 @@ _MOST_SAMPLES = 20_000  # of a log, from which its noise is told
 _HALVINGS = 10  # of the interval that holds the noise
 _UNIFORM = 12.0  # square of the width of a uniform distribution over its variance
 _CURVATURE = 6.0  # variance of a second difference of white noise over its own
+
+INDEPENDENT = 1e-6
+"""Size over the largest, below which a direction is none."""
 
 _SURE = 4.0  # standard errors from 0 at which a coefficient counts as one
 _LIKE = 0.3  # share that a term must explain of what is more than noise, to be named
@@ -123,6 +126,14 @@ def _errors(angle: Samples, noise: Samples, step: float) -> Samples:
 def _roughness(errors: Samples) -> float:
     """Mean square of the second differences of (n,) errors."""
     return float(np.mean(np.diff(errors, 2) ** 2))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorBand:
+    """How far a reading may be from the simulation, by the parameters and the sensor."""
+
+    time: Samples  # (m,) instants in s
+    reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -234,6 +245,16 @@ class ResidualSummary:
         share = f"{100 * self.shares[self.terms[0]]:.0f} % of its variance"
         return f"{self.looks_like} ({share}, {100 * self.size:.2g} % of {whole})"
 
+    def numbers(self) -> dict[str, Any]:
+        """Return it for programs."""
+        return {
+            "looks_like": list(self.terms),
+            "relative": self.relative,
+            "size": self.size,
+            "noise_share": self.noise,
+            "shares": self.shares,
+        }
+
 
 def absent_terms(estimate: Estimate, added: AddedMass) -> tuple[str, ...]:
     """Names of the terms that are looked for: those with a name for it that the model lacks.
@@ -331,3 +352,18 @@ def _summarised(
 def rms(values: Samples) -> float:
     """Return the root mean square of (n,) values; 0 of none."""
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def orthonormal(columns: Samples) -> Samples:
+    """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
+    sizes = np.linalg.norm(columns, axis=0)
+    felt = sizes > INDEPENDENT * columns.shape[0] ** 0.5
+    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
+    return np.asarray(left[:, singular > INDEPENDENT * singular.max(initial=0.0)])
+
+
+def less(directions: Sequence[Samples], errors: Samples) -> Samples:
+    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
+    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
+    pairs = zip(directions, np.split(errors, ends), strict=True)
+    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])

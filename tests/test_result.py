@@ -1,31 +1,31 @@
-"""What is told as numbers for programs."""
+"""The one form of all answers in JSON."""
 
 import json
 import math
 
 import numpy as np
 
-from butterfly.document import HEAD, Told, json_text, write_document
+from butterfly.identification.diagnostics.misfit import misfit_units
 from butterfly.identification.estimate import left_out_content
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.report.numbers.estimate_numbers import misfit_units, without_root
+from butterfly.result import HEAD, document, json_text, write_document
 from butterfly.verdict import Level, Verdict
 
 
 def test_numbers_that_are_not_finite_are_null_and_letters_stay_or_are_escaped(tmp_path):
     content = {"values": [1.0, math.nan, {"worst": -math.inf}], "unit": "kg m²"}
-    document = Told(kind="x", title="t", content=content).document()
-    assert document["values"] == [1.0, None, {"worst": None}]
-    write_document(document, tmp_path / "x.json")
+    made = document("x", "t", content)
+    assert made["values"] == [1.0, None, {"worst": None}]
+    write_document(made, tmp_path / "x.json")
     assert "kg m²" in (tmp_path / "x.json").read_text(encoding="utf-8")
-    assert json_text(document, ascii_only=True).isascii()
-    assert json.loads(json_text(document)) == document
+    assert json_text(made, ascii_only=True).isascii()
+    assert json.loads(json_text(made)) == made
 
 
 def test_a_document_begins_alike_with_and_without_a_verdict():
     verdict = Verdict(Level.CARE, ("Few logs.",))
-    judged = Told(kind="x", title="t", verdict=verdict).document()
-    plain = Told(kind="x", title="t").document()
+    judged = document("x", "t", {}, verdict=verdict)
+    plain = document("x", "t", {})
     assert list(judged) == list(plain) == list(HEAD)
     assert (judged["verdict"], judged["reasons"]) == ("use with care", ["Few logs."])
     assert (plain["verdict"], plain["reasons"]) == (None, [])
@@ -42,8 +42,3 @@ def test_estimates_without_a_mass_or_a_log_say_without_what():
     assert [each["without"] for each in said] == [str(mass), "a.csv"]
     assert said[0]["added_mass"]["mass"] == 0.05
     assert said[1]["values"] == {"p1": 3.0, "p3": 4.0}
-
-
-def test_a_manifest_is_told_without_the_place_of_its_logs():
-    assert without_root({"name": "n", "root": "/somewhere"}) == {"name": "n", "root": None}
-    assert without_root(None) is None

@@ -1,0 +1,177 @@
+"""What comparisons return: simulators beside logs, estimators beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from butterfly.api.results import Tabulated, about_log, rests_on
+from butterfly.comparison.leaderboard import Entry
+from butterfly.comparison.three_way import ThreeWay
+from butterfly.identification.data import DataSet
+from butterfly.identification.diagnostics.misfit import Misfit, misfit_units
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.estimators import Estimator
+from butterfly.report.finding_texts import estimate_numbers, estimate_verdict, misfit_numbers
+from butterfly.result import Answer
+from butterfly.verdict import Level, Verdict
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Compared(Tabulated):
+    """MuJoCo, the grey-box model and the logs, given the same input."""
+
+    kind: ClassVar[str] = "comparison"
+
+    @classmethod
+    def of(
+        cls,
+        data: DataSet,
+        estimator: Estimator | None,
+        compared: Sequence[ThreeWay],
+        misfit: Misfit,
+        found: Estimate,
+    ) -> Compared:
+        """Tabulate logs, each simulated twice with an estimate, and the misfit of the data set."""
+        from butterfly.report.residual import misfit_sentences  # noqa: PLC0415 - slow to import
+        from butterfly.report.three_way_page import three_way_page  # noqa: PLC0415 - slow to import
+
+        verdict, way = estimate_verdict(found), data.joint.way
+        judged = {log.name: log for log in misfit.logs}
+        result = cls(
+            title=f"MuJoCo and grey box beside {data.name!r}",
+            summary=(
+                verdict.sentence,
+                *_comparison_sentences(compared),
+                *misfit_sentences(misfit),
+            ),
+            judged=verdict,
+            content={
+                **rests_on(data, found, estimator),
+                "rows": [
+                    {
+                        **about_log(each.log),
+                        **{f"FIT {name} in %": fit for name, fit in each.fits.items()},
+                        f"simulators apart in {way}": each.difference,
+                        **{f"gain {name}": abs(gain) for name, gain in each.gains.items()},
+                        "error in % of the motion": 100 * judged[each.log.name].relative,
+                        "outside its bands": judged[each.log.name].outside,
+                        "left over looks like": judged[each.log.name].left_over.looks_like,
+                    }
+                    for each in compared
+                ],
+                "logs": [
+                    {
+                        "log": each.log.name,
+                        "fit": each.fits,
+                        "largest_difference": each.difference,
+                        "gain_ratio": {
+                            name: [abs(gain), float(np.angle(gain))]
+                            for name, gain in each.gains.items()
+                        },
+                        "residual_torque": each.residual.left_over.numbers(),
+                    }
+                    for each in compared
+                ],
+                "misfit": misfit_numbers(misfit, found),
+            },
+            units={
+                "logs.fit": "%",
+                "logs.largest_difference": way,
+                "logs.gain_ratio": "1, rad",
+                **misfit_units(data.joint),
+            },
+        )
+        return result.drawn_as(three_way_page(data, compared, misfit, result))
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"fits": self.plot.fits()}
+
+
+def _comparison_sentences(compared: Sequence[ThreeWay]) -> list[str]:
+    """Say how well the simulators follow the logs, and each other."""
+    apart = max(each.difference for each in compared)
+    way = compared[0].log.added_mass.joint.way
+    fits = {key: np.array([each.fits[key] for each in compared]) for key in compared[0].fits}
+    return [
+        f"{len(compared)} logs, each simulated in MuJoCo and by the grey-box equation with the "
+        "same parameters and the recorded input.",
+        *(
+            f"{key[:1].upper()}{key[1:]} follows the logs with a median FIT of "
+            f"{np.median(fit):.2f} % (worst {fit.min():.2f} %)."
+            for key, fit in fits.items()
+        ),
+        f"The two simulators are nowhere more than {apart:.2g} {way} apart.",
+    ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Leaderboard(Answer):
+    """Methods over data sets, the best of each first."""
+
+    kind: ClassVar[str] = "leaderboard"
+    table: ClassVar[str] = "entries"
+
+    @classmethod
+    def of(cls, entries: Sequence[Entry]) -> Leaderboard:
+        """Tabulate estimators over data sets, the best of each first."""
+        from butterfly.report.ranking_pages import leaderboard_page  # noqa: PLC0415 - slow to import
+
+        sets = list(dict.fromkeys(entry.data for entry in entries))
+        firsts = [next(entry for entry in entries if entry.data == name) for name in sets]
+        verdict = _verdict_on(firsts)
+        result = cls(
+            title="Estimators over data sets: " + ", ".join(sets),
+            summary=(verdict.sentence, *map(_best_sentence, firsts)),
+            judged=verdict,
+            content={"entries": [_entry(entry) for entry in entries]},
+            units={"entries.held_out": "%", "entries.in_sample": "%", "entries.seconds": "s"},
+        )
+        return result.drawn_as(leaderboard_page(entries, result))
+
+
+def _best_sentence(best: Entry) -> str:
+    """Say which estimator predicts best what it has not seen of a data set."""
+    if best.held_out is None:
+        return f"{best.data}: no estimator could predict what was left out."
+    return (
+        f"{best.data}: {best.method} predicts best what it has not seen ({best.left_out} at a "
+        f"time), with a median FIT{best.held_out.over} of {best.held_out.median:.1f} %."
+    )
+
+
+def _verdict_on(firsts: Sequence[Entry]) -> Verdict:
+    """Return the worst verdict on the first of each data set, and all their reasons."""
+    levels, reasons = [], []
+    for first in firsts:
+        if first.estimate is None:
+            levels.append(Level.WARNING)
+            reasons.append(f"{first.data}: {first.error}")
+            continue
+        verdict = estimate_verdict(first.estimate)
+        levels.append(verdict.level)
+        reasons += [f"{first.data}, {first.method}: {reason}" for reason in verdict.reasons]
+    return Verdict(Level.worst(levels) if levels else Level.WARNING, tuple(reasons))
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    found: dict[str, Any] = {"verdict": None, "reasons": []}
+    if entry.estimate is not None:
+        found = estimate_verdict(entry.estimate).numbers() | estimate_numbers(entry.estimate)
+    return {
+        **found,
+        "data": entry.data,
+        "method": entry.method,
+        "left_out_together": entry.left_out or None,
+        "seconds": entry.seconds,
+        "error": entry.error,
+        "held_out": entry.held_out and entry.held_out.numbers(),
+        "in_sample": entry.in_sample and entry.in_sample.numbers(),
+    }

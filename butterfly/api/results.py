@@ -1,0 +1,372 @@
+"""What the verbs return that try an estimator or use an estimate: tables, and what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from butterfly.identification.data import DataSet
+from butterfly.identification.design import Candidate
+from butterfly.identification.diagnostics.findings import Finding
+from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit, misfit_units
+from butterfly.identification.diagnostics.residual_torque import ResidualTorque, residual_torques
+from butterfly.identification.estimate import Estimate, left_out_content
+from butterfly.identification.estimators import Estimator
+from butterfly.identification.free_run import FitSummary
+from butterfly.identification.identification import about_data, chosen_options
+from butterfly.identification.identify import held_out_fits
+from butterfly.identification.parameter import unit_of
+from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
+from butterfly.logs.log import Log
+from butterfly.model.terms import TERMS
+from butterfly.report.finding_texts import estimate_numbers, estimate_verdict, misfit_numbers
+from butterfly.report.format import fit_text
+from butterfly.report.summary import best_experiment_text, chosen_terms_text, held_out_sentences
+from butterfly.result import Answer, TextTable
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+_WELL = 90  # FIT in per cent above which a log that was left out is followed well
+
+
+def rests_on(
+    data: DataSet,
+    estimate: Estimate,
+    estimator: Estimator | None,
+    *,
+    more: Sequence[Finding] = (),
+) -> dict[str, Any]:
+    """Return what every result says of the data and the estimate that it rests on."""
+    return {
+        "data": about_data(data),
+        "chosen": chosen_options(estimator, estimate),
+        **estimate_numbers(estimate, more=more),
+    }
+
+
+def about_log(log: Log) -> dict[str, Any]:
+    """Return the first cells of a log's row: its name and what was done in it."""
+    sine = log.excitation
+    return {
+        "log": log.name,
+        "added mass in kg": log.added_mass.mass,
+        "frequency in rad/s": sine.omega if sine else np.nan,
+    }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Tabulated(Answer):
+    """A table that has figures."""
+
+    @property
+    def plot(self) -> TablePlots:
+        """Its figures, as plotly's."""
+        return TablePlots(self)
+
+
+@dataclass(frozen=True)
+class TablePlots:
+    """Figures of a table."""
+
+    result: Tabulated
+
+    def fits(self) -> Figure:
+        """Draw every column of FITs, a point for each log."""
+        from butterfly.report.ranking_pages import fits_figure  # noqa: PLC0415 - slow to import
+
+        return fits_figure(self.result.rows())
+
+    def ranking(self, count: int = 12) -> Figure:
+        """Draw the mean of what is left of the standard errors, for the first candidates."""
+        from butterfly.report.ranking_pages import ranking_figure  # noqa: PLC0415 - slow to import
+
+        return ranking_figure(self.result.rows()[:count])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Validated(Tabulated):
+    """How well logs are followed that an estimator has seen, and that it has not."""
+
+    kind: ClassVar[str] = "validation"
+
+    @classmethod
+    def of(
+        cls,
+        data: DataSet,
+        estimator: Estimator,
+        held: CrossValidation,
+        whole: Estimate,
+        drawn: Bootstrap | None = None,
+    ) -> Validated:
+        """Tabulate what was held out, beside an estimate from all logs, and a bootstrap of it."""
+        seen, horizon = data.simulations.fits(whole), data.simulations.horizon(whole)
+        within, without = FitSummary.of(seen, horizon), held.summary
+        unused, verdict = held_out_fits(data, whole), estimate_verdict(whole)
+        fits = {"in sample": seen, held.division.left_out: held.fits}
+        if unused:
+            fits["held out by name"] = np.array(list(unused.values()))
+        tables = [
+            _fits_table(f"{data.name}: FIT in %{within.over}", fits, horizon),
+            _estimates_table(data, {"nothing": whole, **held.estimates}),
+        ]
+        if drawn is not None:
+            tables.append(_bootstrap_table(data, whole, drawn))
+        return cls(
+            title=f"{estimator.label} of {data.name!r}, {held.division.left_out} at a time",
+            summary=(
+                verdict.sentence,
+                held.division.said,
+                f"What was left out is followed with a median FIT{without.over} of "
+                f"{fit_text(without.median)} % (mean {fit_text(without.mean)} %, worst "
+                f"{fit_text(without.worst)} %); those that were seen, {fit_text(within.median)} %.",
+                *held_out_sentences(unused),
+            ),
+            judged=verdict,
+            content={
+                **rests_on(data, whole, estimator),
+                "left_out": [
+                    part
+                    for name, found in held.estimates.items()
+                    for part in left_out_content(found.names, {name: found.values})
+                ],
+                "fit": {"seen": within.numbers(), "left_out": without.numbers()},
+                "held_out": unused,
+                "bootstrap": drawn
+                and {
+                    name: {"lower": float(drawn.lower[k]), "upper": float(drawn.upper[k])}
+                    for k, name in enumerate(whole.names)
+                },
+                "rows": [
+                    {
+                        **about_log(log),
+                        "FIT seen in %": float(seen[k]),
+                        "FIT left out in %": float(held.fits[k]),
+                    }
+                    for k, log in enumerate(data.logs)
+                ],
+            },
+            units={"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%"},
+            printed=tuple(tables),
+        )
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"fits": self.plot.fits()}
+
+
+def _fits_table(title: str, fits: Mapping[str, NDArray[np.float64]], horizon: float) -> TextTable:
+    rows = []
+    for name, each in fits.items():
+        fit, counted = FitSummary.of(each, horizon), each[~np.isnan(each)]
+        numbers = (f"{value:.1f}" for value in (fit.median, fit.mean, fit.worst))
+        rows.append((name, *numbers, f"{int(np.sum(counted > _WELL))} of {counted.size}"))
+    return TextTable(title, ("", "median", "mean", "worst", f"above {_WELL} %"), rows)
+
+
+def _estimates_table(data: DataSet, estimates: Mapping[str, Estimate]) -> TextTable:
+    names = dict.fromkeys(name for each in estimates.values() for name in each.names)
+    found = [dict(zip(each.names, each.values, strict=True)) for each in estimates.values()]
+    rows = [
+        (
+            name,
+            *(f"{own[name]:#.4g}".rstrip(".") if name in own else "–" for own in found),
+            unit_of(name, data.input_kind, data.joint),
+        )
+        for name in names
+    ]
+    return TextTable("Estimates, by what was left out", ("", *estimates, "unit"), rows)
+
+
+def _bootstrap_table(data: DataSet, whole: Estimate, drawn: Bootstrap) -> TextTable:
+    lines = zip(whole.names, whole.values, drawn.lower, drawn.upper, strict=True)
+    rows = [
+        (name, *(f"{each:.4g}" for each in own), unit_of(name, data.input_kind, data.joint))
+        for name, *own in lines
+    ]
+    headers = ("", "estimate", "lower", "upper", "unit")
+    return TextTable("95 % intervals by bootstrap over logs", headers, rows)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Designed(Tabulated):
+    """Next experiments, the most telling first."""
+
+    kind: ClassVar[str] = "design"
+
+    @classmethod
+    def of(
+        cls,
+        data: DataSet,
+        estimator: Estimator | None,
+        found: Estimate,
+        ranked: Sequence[Candidate],
+    ) -> Designed:
+        """Tabulate candidates: standard errors after each, over those now."""
+        verdict = estimate_verdict(found)
+        rows = [
+            {
+                "added mass": str(each.added_mass),
+                "input": each.what,
+                f"swing in {data.joint.way}": each.swing,
+                "mean": each.score,
+                **dict(zip(found.names, map(float, each.errors), strict=True)),
+                "warning": each.warning,
+            }
+            for each in ranked
+        ]
+        return cls(
+            title=f"Next experiments after {data.name!r}: standard errors over those now",
+            summary=(verdict.sentence, best_experiment_text(ranked[0])),
+            judged=verdict,
+            content={**rests_on(data, found, estimator), "rows": rows},
+            units={"rows.mean": "1"} | {f"rows.{name}": "1" for name in found.names},
+        )
+
+    def tables(self) -> list[TextTable]:
+        """Return the candidates with their ranks, two decimals of each number."""
+        rows = self.rows()
+        cells = [[f"{v:.2f}" if isinstance(v, float) else v for v in row.values()] for row in rows]
+        ranked = [(str(rank), *row) for rank, row in enumerate(cells, start=1)]
+        return [TextTable(self.title, ("", *rows[0]), ranked)]
+
+    def figures(self) -> dict[str, Figure]:
+        """Return the figures of its page, by name."""
+        return {"ranking": self.plot.ranking()}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Selection(Answer):
+    """Terms chosen by how well they predict what was left out."""
+
+    kind: ClassVar[str] = "selection"
+
+    @classmethod
+    def of(
+        cls,
+        data: DataSet,
+        estimator: Estimator,
+        candidates: Sequence[str],
+        passed: Sequence[Structure],
+        found: Estimate,
+    ) -> Selection:
+        """Tabulate the sets of terms passed through, of which the last is chosen."""
+        from butterfly.report.ranking_pages import (  # noqa: PLC0415 - slow to import
+            selection_page,
+            structures_table,
+        )
+
+        verdict, table = estimate_verdict(found), structures_table(passed)
+        title = f"{data.name}: FIT in %, in sample and left out"
+        result = cls(
+            title=f"Terms chosen for {data.name!r} by {estimator.method}",
+            summary=(verdict.sentence, chosen_terms_text(passed)),
+            judged=verdict,
+            content={
+                **rests_on(data, found, estimator),
+                "candidates": list(candidates),
+                "rows": [
+                    {
+                        "terms": list(each.terms),
+                        "in_sample": each.in_sample.numbers(),
+                        "left_out": {str(k): fit.numbers() for k, fit in each.held_out.items()},
+                    }
+                    for each in passed
+                ],
+            },
+            units={"rows.in_sample": "%", "rows.left_out": "%"},
+            printed=(TextTable(title, table.headers, [[*map(str, row)] for row in table.rows]),),
+        )
+        return result.drawn_as(selection_page(data, passed, result))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Residual(Answer):
+    """The errors of the free runs, beside what sensors explain, and what they look like."""
+
+    kind: ClassVar[str] = "residual"
+    table: ClassVar[str] = "logs"
+
+    data: DataSet
+    estimate: Estimate
+    misfit: Misfit
+    chosen: tuple[int, ...]  # numbers of the logs that were asked for
+    with_torques: bool  # whether their residual torques are told, too
+
+    @classmethod
+    def of(
+        cls,
+        data: DataSet,
+        estimator: Estimator | None,
+        found: Estimate,
+        chosen: Sequence[int],
+        *,
+        with_torques: bool,
+    ) -> Residual:
+        """Judge what an estimate leaves over of the logs."""
+        from butterfly.report.residual import misfit_sentences  # noqa: PLC0415 - slow to import
+
+        verdict, misfit = estimate_verdict(found), judge_misfit(data, found)
+        return cls(
+            title=f"What {found.method} leaves over of {data.name!r}",
+            summary=(verdict.sentence, *misfit_sentences(misfit)),
+            judged=verdict,
+            content={
+                **misfit_numbers(misfit, found),
+                **rests_on(data, found, estimator, more=misfit.findings),
+            },
+            units=misfit_units(data.joint, ""),
+            data=data,
+            estimate=found,
+            misfit=misfit,
+            chosen=tuple(chosen),
+            with_torques=with_torques,
+        )
+
+    def tables(self) -> list[TextTable]:
+        """Return the errors of the logs that were asked for, and what their torques look like."""
+        from butterfly.report.residual import HEADERS, misfit_table  # noqa: PLC0415 - slow to import
+
+        rows = misfit_table(self.misfit.logs[k] for k in self.chosen).rows
+        title = f"{self.data.name}: what {self.estimate.method} leaves over"
+        own = [self.torques[k] for k in self.chosen] if self.with_torques else []
+        return [TextTable(title, HEADERS, rows), *map(_torque_table, own)]
+
+    @cached_property
+    def torques(self) -> Sequence[ResidualTorque]:
+        """Of each log of the data set."""
+        return residual_torques(self.data, self.estimate)
+
+    def plot(self, path: str | PathLike[str]) -> None:
+        """Draw the residual torque and error of the log with the largest error to a page.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        from butterfly.report.page import write_html  # noqa: PLC0415 - slow to import
+        from butterfly.report.residual import residual_page  # noqa: PLC0415 - slow to import
+
+        assert self.judged is not None  # noqa: S101 - it rests on an estimate
+        worst = max(self.chosen, key=lambda k: self.misfit.logs[k].relative)
+        page = residual_page(
+            self.torques[worst], self.misfit.logs[worst], self.judged, joint=self.data.joint
+        )
+        write_html(page, Path(path))
+
+
+def _torque_table(torque: ResidualTorque) -> TextTable:
+    """Return what the residual torque of a log looks like, and the share of each missing term."""
+    rows = [("looks like", torque.left_over.words("the motor's torque"))] + [
+        (TERMS[name].looks_like, f"{100 * share:.1f} % of its variance alone")
+        for name, share in torque.left_over.shares.items()
+    ]
+    return TextTable(f"{torque.label}: the torque left over", (), rows)
