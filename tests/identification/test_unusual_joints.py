@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.comparison.change import change
+from butterfly.api.changed import Changed
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.identify import identify
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
-from butterfly.report.change import change_rows
 from butterfly.report.inspection import health_rows
 from tests.identification.simulated import driven, noisy
 from tests.independent.integrator import Joint
@@ -106,9 +106,8 @@ def test_a_slide_is_told_in_metres(slide):
 
 
 def test_what_has_changed_of_a_slide_is_told_in_kilograms(slide):
-    estimate = WeakForm(terms=(), check=False)(slide)
-    rows = change_rows(change(estimate, estimate), InputKind.TORQUE, JointKind.SLIDE)
-    units = {row["parameter"]: row["unit"] for row in rows}
+    found = identify(slide, WeakForm(terms=(), check=False))
+    units = {row["parameter"]: row["unit"] for row in Changed.of(found, found).rows()}
     assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
 
 
