@@ -16,7 +16,6 @@ from butterfly.identification.identify import identify
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
-from butterfly.logs.log import InputKind
 from butterfly.model.parameters import AddedMass, JointKind
 from butterfly.model.prior import Prior
 from butterfly.report.inspection import health_rows
