@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 from butterfly.errors import InputError
 from butterfly.logs.mat import read_mat
 from butterfly.logs.mat5 import DamagedError, whole
-from tests.fuzz.mat import CONTENTS, escapes
+from tests.fuzz.files import CONTENTS, mat_escapes
 
 HOSTILE = Path(__file__).parents[1] / "data/hostile"
 SOUND = {
@@ -72,7 +72,7 @@ def test_no_bit_of_a_small_file_ends_in_anything_but_a_log_or_a_line(packed, tmp
     for number in range(8 * 124, 8 * len(sound)):
         flipped = bytearray(sound)
         flipped[number // 8] ^= 1 << number % 8
-        assert not escapes(bytes(flipped), tmp_path / "flipped.mat"), number
+        assert not mat_escapes(bytes(flipped), tmp_path / "flipped.mat"), number
 
 
 def _element(kind, data, *, size=None):
