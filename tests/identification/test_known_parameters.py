@@ -9,10 +9,10 @@ import pytest
 
 from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
+from butterfly.identification.derived_quantities import apart, implied
 from butterfly.identification.diagnostics.findings import FindingKind
 from butterfly.identification.estimators import HarmonicBalance, OutputError, WeakForm
 from butterfly.identification.estimators.gauss_newton import Loss
-from butterfly.identification.implied import apart, implied
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind

@@ -4,10 +4,9 @@ import control
 import numpy as np
 import pytest
 
-from butterfly.identification.derived_quantities import WAYS
+from butterfly.identification.derived_quantities import WAYS, implied
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import implied
 from butterfly.identification.physical import Lack, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.model.control_bridge import linearised
