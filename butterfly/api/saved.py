@@ -9,13 +9,12 @@ from typing import Any
 
 from butterfly.api.changed import Changed
 from butterfly.api.compared import Compared
-from butterfly.api.drawn import Drawn
-from butterfly.api.predicted import Predicted
+from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.results import Designed, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError
 from butterfly.identification.identification import Identification
-from butterfly.report.physical import Separated
+from butterfly.report.parameter_table import Separated
 
 _SAVED = (Identification, Validated, Designed, Compared, Predicted, Drawn, Separated, Changed)
 _KINDS = {f"butterfly.{each.kind}": each for each in _SAVED}
