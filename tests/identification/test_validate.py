@@ -1,14 +1,25 @@
+"""What was not seen is predicted, and estimates from drawn logs scatter as their errors say."""
+
+from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from butterfly.errors import IdentifiabilityError
+from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.data import DataSet
-from butterfly.identification.estimators import HarmonicBalance, OutputError
+from butterfly.identification.estimators import (
+    Estimator,
+    HarmonicBalance,
+    Linear,
+    OutputError,
+    WeakForm,
+)
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import cross_validate, select_terms
+from butterfly.identification.validate import bootstrap, cross_validate, select_terms
+from butterfly.model.terms import PARAMETERS
 from tests.identification.simulated import ROBOT, SLOW, steady
 
 BALANCE = HarmonicBalance(check=False)
@@ -26,8 +37,7 @@ def test_every_log_is_predicted_once_by_an_estimate_that_has_not_seen_it(real):
         result = cross_validate(real.data, spy, split)
         assert np.isfinite(result.fits).all()
         assert len(result.estimates) == len(seen) == parts
-        missing = [source for log in real.data.logs for source in [log.source]]
-        assert sum(source not in part for source in missing for part in seen) == 41
+        assert sum(log.source not in part for log in real.data.logs for part in seen) == 41
 
 
 def test_harmonic_balance_predicts_a_mass_it_has_not_seen(real):
@@ -94,3 +104,73 @@ def test_of_two_masses_it_is_said_which_was_left_out_when_one_is_too_few(real):
     two = real.data.take(range(27))
     with pytest.raises(IdentifiabilityError, match=r"one added mass left of two.*; split freq"):
         cross_validate(two, BALANCE, Split.MASS)
+
+
+class DescribingFunctions(HarmonicBalance):
+    """Without the remainder."""
+
+    def __call__(self, data):
+        return self.of_points(data.sines)
+
+
+def test_the_bootstrap_agrees_with_the_sandwich(real):
+    estimator = DescribingFunctions(terms=())
+    whole = estimator(real.data)
+    drawn = bootstrap(real.data, estimator, whole, repetitions=100, seed=1)
+    spread = np.std(drawn.values, axis=0)
+    np.testing.assert_allclose(spread / whole.standard_errors, 1.0, atol=0.35)
+    assert np.all(drawn.lower < whole.values)
+    assert np.all(whole.values < drawn.upper)
+    again = bootstrap(real.data, estimator, whole, repetitions=20, seed=1)
+    np.testing.assert_array_equal(again.values, drawn.values[:20])
+    with pytest.raises(InputError, match="at least 20"):
+        bootstrap(real.data, estimator, whole, repetitions=3)
+
+
+@pytest.mark.slow
+def test_the_bootstrap_keeps_the_terms_that_were_chosen_from_all_logs(real):
+    drawn = bootstrap(real.data, HarmonicBalance(), real.estimate, repetitions=20)
+    assert len(real.estimate.names) > len(PARAMETERS)
+    assert drawn.values.shape == (20, len(real.estimate.names))
+
+
+class Forgetful(Estimator):
+    """Drops its term where a draw is one log only."""
+
+    def __call__(self, data):
+        names = ("p1", "drag") if len({log.name for log in data.logs}) > 1 else ("p1",)
+        return SimpleNamespace(names=names, values=np.array([1.0, 2.0])[: len(names)])
+
+
+def test_draws_that_cannot_tell_a_term_are_drawn_again_or_refused():
+    logs = steady(ROBOT, {2.5: 0.2, 4.5: 0.2, 7.0: 0.2})[:3]  # of one mass
+    data = DataSet.of([replace(log, name=f"{k}") for k, log in enumerate(logs)])
+    whole = SimpleNamespace(names=("p1", "drag"))
+    drawn = bootstrap(data, Forgetful(), whole, repetitions=20, seed=3)
+    assert drawn.values.shape == (20, 2)
+    with pytest.raises(IdentifiabilityError, match="cannot tell load"):
+        bootstrap(data, Forgetful(), SimpleNamespace(names=("p1", "load")), repetitions=20)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "terms"),
+    [
+        (HarmonicBalance(), ("stribeck", "bias")),
+        (WeakForm(terms=("drag", "load"), half_width=0.2), ("drag",)),
+        (OutputError(window=20.0), ("drag", "stribeck", "stribeck_velocity")),
+        (OutputError(terms=("drag",)), ()),
+    ],
+)
+def test_an_estimator_holds_the_terms_of_an_estimate_and_all_else_as_it_was(estimator, terms):
+    estimate = SimpleNamespace(names=(*PARAMETERS, *terms))
+    assert estimator.holding_terms_of(estimate) == estimator.with_terms(terms)
+    assert Linear().holding_terms_of(estimate) == Linear()  # which offers none
+
+
+def test_an_estimate_with_the_terms_held_is_the_one_that_chose_them(real):
+    chosen = HarmonicBalance(check=False)(real.data)
+    held = HarmonicBalance(check=False).holding_terms_of(chosen)(real.data)
+    assert held.names == chosen.names
+    np.testing.assert_allclose(
+        (held.values - chosen.values) / chosen.standard_errors, 0.0, atol=0.3
+    )
