@@ -62,21 +62,18 @@ def test_nothing_is_named_of_logs_that_are_right(sines, tones):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(CASES))
-def test_every_slip_in_logs_of_sines_is_recognised_and_named(sines, name):
-    slipped = CASES[name].make(sines, np.random.default_rng(3))
-    answer = ask(slipped, "A")
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("A", name) for name in sorted(CASES)]
+    + [("C", name) for name in sorted(set(CASES) - OF_SINES)],
+)
+def test_every_mistake_is_recognised_and_named(sines, tones, kind, name):
+    """In logs of sines (A), and of other inputs (C)."""
+    logs, seed = (sines, 3) if kind == "A" else (tones, 4)
+    wrong = CASES[name].make(logs, np.random.default_rng(seed))
+    answer = ask(wrong, kind)
     assert answer.recognised
-    assert names_it(name, sines, slipped, answer.text), answer.text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(CASES) - OF_SINES))
-def test_every_slip_in_other_logs_is_recognised_and_named(tones, name):
-    slipped = CASES[name].make(tones, np.random.default_rng(4))
-    answer = ask(slipped, "C")
-    assert answer.recognised
-    assert names_it(name, tones, slipped, answer.text), answer.text
+    assert names_it(name, logs, wrong, answer.text), answer.text
 
 
 def test_a_slip_is_said_first_and_its_factor_with_it(tones):
@@ -158,13 +155,10 @@ def _let_go(mass):
     return simulated(ROBOT, mass, np.zeros_like, 24.0, start=0.8)
 
 
-def test_columns_swapped_in_free_decays_are_named_where_an_angle_stands_still():
+def test_columns_swapped_in_free_decays_are_named_but_a_blocked_joint_is_no_such(sine_log):
     logs = [replace(log, input=log.angle, angle=log.input) for log in map(_let_go, MASSES)]
     with pytest.raises(InputError, match="Input and angle look swapped"):
         DataSet.of(logs)
-
-
-def test_a_joint_that_is_blocked_is_no_swapped_one(sine_log):
     blocked = replace(sine_log, angle=np.zeros_like(sine_log.angle), excitation=None)
     with pytest.raises(InputError) as refused:
         DataSet.of([blocked])
