@@ -96,13 +96,13 @@ def show(
 
 def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
     import butterfly as bf  # noqa: PLC0415 - as all of these
-    from butterfly.plant.watch.live import watch  # noqa: PLC0415 - slow to import
+    from butterfly.plant.watch.live import LiveRun, watch  # noqa: PLC0415 - slow to import
 
     plan = bf.read_experiment(source)
     _require_run(source, number, len(plan.runs()))
-    (added, excitation), seed = plan.runs()[number], plan.seeds()[number]
+    shown = LiveRun(plan.plant.rig, *plan.runs()[number], plan.duration, plan.seeds()[number])
     with suppress(KeyboardInterrupt):
-        watch(plan.plant.rig, added, excitation, plan.duration, seed, web=web, port=port)
+        watch(shown, web=web, port=port)
 
 
 def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, size: int) -> None:

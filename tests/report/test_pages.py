@@ -10,7 +10,7 @@ import pytest
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.api.compared import Compared, Leaderboard
-from butterfly.api.looking_ahead import predict
+from butterfly.api.result_verbs import predict
 from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
