@@ -22,7 +22,7 @@ from butterfly.errors import InputError
 from butterfly.logs.csv import write_csv
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import MANIFEST_NAME, LogEntry, Manifest, write_manifest
-from butterfly.model.known import Known
+from butterfly.model.prior import Known
 from butterfly.plant.motor import ControlLoop
 from butterfly.plant.sensors import Clock
 from examples.odrive_can import DriveError, ODrive

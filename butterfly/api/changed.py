@@ -1,31 +1,38 @@
-"""Has my robot changed? Two identifications of it compared."""
+"""Has my robot changed? What a comparison of two identifications of it says."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from butterfly.api.sources import Named
-from butterfly.comparison.change import change
+from butterfly.comparison.change import Change, ParameterChange, change
 from butterfly.errors import InputError
 from butterfly.identification.diagnostics.unit_errors import listed
 from butterfly.identification.identification import Identification
+from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
-from butterfly.report.change import (
-    change_rows,
-    change_sentences,
-    known,
-    shown_changes,
-    untested_sentences,
-)
+from butterfly.report.parameter_table import with_error
 from butterfly.result import Answer, aligned
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
+
+_NAMES = {
+    "p1": "the inertia p1",
+    "p2": "viscous friction p2",
+    "p3": "the gravity moment p3",
+    "p4": "the gain p4",
+    "coulomb": "Coulomb friction",
+    "delay": "the delay",
+}
+_PLACES = ("the first", "the second")
+_WHOLE = 0.1  # share from which whole per cents are told
+_LISTED = 4  # parameters of which it is said what would have been seen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -34,9 +41,58 @@ class Changed(Answer):
 
     kind: ClassVar[str] = "change"
 
+    @classmethod
+    def of(cls, one: Identification, other: Identification) -> Changed:
+        """Compare two identifications; InputError if that cannot be."""
+        kinds = [each.origin["input"] for each in (one, other)]
+        if kinds[0] != kinds[1]:
+            raise InputError("changed", "input", kinds[1], f"{kinds[0]}, as the first has it")
+        joints = [JointKind(each.origin.get("joint", JointKind.HINGE)) for each in (one, other)]
+        if joints[0] != joints[1]:
+            raise InputError("changed", "joint", joints[1], f"{joints[0]}, as the first has it")
+        found = change(one.estimate, other.estimate)
+        units = {
+            each.name: unit_of(each.name, InputKind(kinds[0]), joints[0])
+            for each in found.parameters
+        }
+        return cls(
+            title=f"{other.origin['name']!r} after {one.origin['name']!r}",
+            summary=(
+                _reserve(one, other) + _answer(found, units),
+                *_warnings(one, other),
+                *_untested(found),
+            ),
+            content={
+                "identifications": [
+                    {
+                        **{key: each.origin[key] for key in ("name", "input", "logs")},
+                        "estimator": each.estimator,
+                        **each.judged.numbers(),
+                    }
+                    for each in (one, other)
+                ],
+                "rows": [
+                    {
+                        "parameter": each.name,
+                        "before": each.before,
+                        "after": each.after,
+                        "change in %": 100 * each.relative,
+                        "lower": each.interval[0],
+                        "upper": each.interval[1],
+                        "standard_error": each.error,
+                        "probability": each.corrected,
+                        "detectable": each.detectable,
+                        "changed": each.changed,
+                        "unit": units[each.name],
+                    }
+                    for each in found.parameters
+                ],
+            },
+        )
+
     def shown_rows(self) -> list[dict[str, str]]:
         """Return the table as a person reads it."""
-        return shown_changes(self.rows())
+        return [_shown(row) for row in self.rows()]
 
     def shown_lines(self) -> list[str]:
         """Return the table as lines."""
@@ -48,7 +104,7 @@ class Changed(Answer):
 
         from butterfly.report.figures import GREY, PALETTE  # noqa: PLC0415 - slow to import
 
-        rows = [row for row in self.rows() if known(row)]
+        rows = [row for row in self.rows() if _is_relative(row)]
         sizes = [abs(row["before"]) / 100 for row in rows]
         differences = [row["after"] - row["before"] for row in rows]
         drawn = Scatter(
@@ -70,69 +126,98 @@ class Changed(Answer):
         return {"changes": figure}
 
 
-def changed(before: Identification | Named, after: Identification | Named) -> Changed:
-    """Tell whether a robot has changed between two identifications from independent logs.
+def _is_relative(row: Mapping[str, Any]) -> bool:
+    """Whether a row's parameter was known well enough for its change to be told in per cent."""
+    return row["change in %"] is not None and math.isfinite(row["change in %"])
 
-    Parameters
-    ----------
-    before, after
-        Identifications, or the files where they were saved.
 
-    Raises
-    ------
-    InputError
-        If one is none, their inputs are of different kinds, or they have no parameter in common of
-        which both know an error.
-    """
-    one, other = (_identified(each) for each in (before, after))
-    kinds = [each.origin["input"] for each in (one, other)]
-    if kinds[0] != kinds[1]:
-        raise InputError("changed", "input", kinds[1], f"{kinds[0]}, as the first has it")
-    joints = [JointKind(each.origin.get("joint", JointKind.HINGE)) for each in (one, other)]
-    if joints[0] != joints[1]:
-        raise InputError("changed", "joint", joints[1], f"{joints[0]}, as the first has it")
-    found = change(one.estimate, other.estimate)
-    kind, joint = InputKind(kinds[0]), joints[0]
-    return Changed(
-        title=f"{other.origin['name']!r} after {one.origin['name']!r}",
-        summary=(
-            *_with_reserve(change_sentences(found, kind, joint), one, other),
-            *_warnings(one, other),
-            *untested_sentences(found),
-        ),
-        content={
-            "identifications": [_named(each) for each in (one, other)],
-            "rows": change_rows(found, kind, joint),
-        },
+def _shown(row: Mapping[str, Any]) -> dict[str, str]:
+    before, after, error = (row[key] for key in ("before", "after", "standard_error"))
+    relative = _is_relative(row)
+    size, unit = (abs(before) / 100, " %") if relative else (1.0, "")
+    # decimals that show the first digit of the error
+    digits = f".{max(-math.floor(math.log10(error / size)), 0)}f" if relative else ".2g"
+    moved, reach = (after - before) / size, (row["upper"] - row["lower"]) / 2 / size
+    seen = row["detectable"] / size
+    return {
+        "": row["parameter"],
+        "first": with_error(before, error),
+        "second": with_error(after, error),
+        "change, 95 %": f"{moved:+{digits}} ± {reach:{digits}}{unit}",
+        "by chance": f"{row['probability']:.2g}",
+        "seen from": _percent(seen / 100) if relative else f"{seen:.2g}",
+    }
+
+
+def _answer(found: Change, units: Mapping[str, str]) -> str:
+    """Say whether the robot has changed, and how sure that is."""
+    if found.changed:
+        moved = [_moved(each, units[each.name]) for each in found.changed]
+        if len(found.changed) < len(found.parameters):
+            moved.append("No other parameter has changed beyond what the data can tell.")
+        return " ".join(moved)
+    if not found.jointly_changed:
+        return f"No change can be seen{_seen(found)}."
+    together = (
+        "Something has changed: together the parameters differ by more than chance explains "
+        f"(probability {found.joint_probability:.1g}), though none does so alone."
     )
+    if found.ratio is None or not math.isfinite(found.ratio.relative):
+        return together
+    return f"{together} Clearest is the ratio {found.ratio.name}, which {_by(found.ratio)}."
 
 
-def _named(found: Identification) -> dict[str, Any]:
-    """Return which identification it was, for programs."""
-    about = {key: found.origin[key] for key in ("name", "input", "logs")}
-    return {**about, "estimator": found.estimator, **found.judged.numbers()}
+def _moved(each: ParameterChange, unit: str) -> str:
+    """Say which way a parameter has gone, and from where to where."""
+    name = _NAMES.get(each.name, each.name)
+    one, other = (with_error(value, each.error) for value in (each.before, each.after))
+    return f"{name[0].upper()}{name[1:]} {_by(each)} (from {one} to {other} {unit})."
 
 
-def _identified(given: Identification | Named) -> Identification:
-    from butterfly.api.saved import load  # noqa: PLC0415 - it loads what is defined here
-
-    found = load(Path(given)) if isinstance(given, str | PathLike) else given
-    if not isinstance(found, Identification):
-        expected = "an identification, or the file where it was saved"
-        raise InputError("changed", "result", type(found).__name__, expected)
-    return found
+def _by(each: ParameterChange) -> str:
+    """Say by how much, of a size that is known."""
+    if not math.isfinite(each.relative):
+        return "has changed"
+    grown = each.difference * each.before > 0
+    return f"has {'grown' if grown else 'shrunk'} by {_percent(abs(each.relative))}"
 
 
-def _with_reserve(said: list[str], *both: Identification) -> list[str]:
-    """Say before anything else that values are not to be used."""
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= _WHOLE else f"{100 * share:.2g} %"
+
+
+def _seen(found: Change) -> str:
+    """Say which changes would have been seen, the smallest first."""
+    sizes = sorted(
+        (each.detectable / abs(each.before), each.name)
+        for each in found.parameters
+        if math.isfinite(each.relative)
+    )
+    if not sizes:
+        return ""
+    parts = [f"{_percent(size)} of {name}" for size, name in sizes[:_LISTED]]
+    return f"; one of more than {listed(parts)} would have been, four times in five"
+
+
+def _untested(found: Change) -> list[str]:
+    """Say of which parameters there is no evidence."""
+    said = [f"Not compared: {name}, which {why}." for name, why in found.untested.items()]
+    if math.isnan(found.joint_probability) and len(found.parameters) > 1:
+        said.append(
+            "The parameters were compared one by one only: these logs are too few to tell how "
+            "their errors go together."
+        )
+    return said
+
+
+def _reserve(*both: Identification) -> str:
+    """Say which values are not to be used, before anything else; nothing if both may be."""
     places = [
         place
         for place, each in zip(_PLACES, both, strict=True)
         if each.judged.level is Level.WARNING
     ]
-    if not places:
-        return said
-    return [f"Not to be relied on, since {listed(places)} is not to be used: {said[0]}", *said[1:]]
+    return f"Not to be relied on, since {listed(places)} is not to be used: " if places else ""
 
 
 def _warnings(*both: Identification) -> list[str]:
@@ -154,11 +239,10 @@ def _warnings(*both: Identification) -> list[str]:
             f"Only one of them fits {listed(terms)}: what it takes up there, the other has in its "
             "other parameters."
         )
-    held = sorted(
-        name for name in one.held.keys() & other.held.keys() if one.held[name] != other.held[name]
-    )
-    if held:
-        said.append(f"They hold {listed(held)} at different values, on which the others rest.")
+    in_both = one.fixed.keys() & other.fixed.keys()
+    fixed = sorted(name for name in in_both if one.fixed[name] != other.fixed[name])
+    if fixed:
+        said.append(f"They hold {listed(fixed)} at different values, on which the others rest.")
     shared = _files(both[0]) & _files(both[1])
     if shared:
         said.append(
@@ -174,6 +258,3 @@ def _files(found: Identification) -> set[Path]:
     if manifest is None or manifest["root"] is None:
         return set()
     return {Path(manifest["root"]) / entry["file"] for entry in manifest["logs"]}
-
-
-_PLACES = ("the first", "the second")

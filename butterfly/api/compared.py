@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from butterfly.api.results import Tabulated, about_log, rests_on
+from butterfly.api.results import Tabulated, about_log
 from butterfly.comparison.leaderboard import Entry
 from butterfly.comparison.three_way import ThreeWay
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.misfit import Misfit, misfit_units
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
-from butterfly.report.finding_texts import estimate_numbers, estimate_verdict, misfit_numbers
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.numbers import estimate_numbers, misfit_numbers, rests_on
 from butterfly.result import Answer
 from butterfly.verdict import Level, Verdict
 

@@ -1,91 +1,146 @@
-"""Logs predicted with an identification."""
+"""What an identification says of other logs, and the parameters that it leaves open."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from butterfly.api.drawn import Drawn
 from butterfly.api.results import Tabulated, about_log
+from butterfly.files import replacing
+from butterfly.identification.draws import ParameterDraws
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
+from butterfly.identification.identification import Identification
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS, Prediction
-from butterfly.report.finding_texts import (
-    estimate_numbers,
-    estimate_sentences,
-    estimate_verdict,
-)
+from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
 from butterfly.report.format import fit_text
+from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Page, Section
+from butterfly.result import Answer
 from butterfly.verdict import Level
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-_INSIDE = "{}: inside in %"
-_WIDTH = "{}: width in {}"
 _SAID_BY_NAME = {"added mass in kg", "frequency in rad/s"}  # columns left out where width counts
+
+WEIGHT = "weight"
+"""Column that says how much a draw counts, 1 on average."""
+
+_FIELDS = [each.name for each in fields(LumpedParameters)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Drawn(Answer):
+    """Sets of parameters of the bare hand in SI units, a row each, and their weights."""
+
+    kind: ClassVar[str] = "draws"
+
+    @classmethod
+    def of(cls, draws: ParameterDraws, found: Identification, more: Sequence[str]) -> Drawn:
+        """Tabulate draws from an identification; ``more`` is said of them."""
+        estimate, count = draws.estimate, len(draws.values)
+        columns = [*estimate.names, *(key for key in estimate.fixed if key not in estimate.names)]
+        rows = zip(draws.parameters, draws.weights.tolist(), strict=True)
+        units = {row["parameter"]: row["unit"] for row in found.rows()}
+        return cls(
+            title=f"{count} draws of the parameters of {found.title}",
+            summary=(found.judged.sentence, *more, *found.verdict[1:]),
+            judged=found.judged,
+            units={f"rows.{name}": unit for name, unit in units.items()},
+            content={
+                "rows": [
+                    {**{key: getattr(each, key) for key in columns}, WEIGHT: count * weight}
+                    for each, weight in rows
+                ]
+            },
+        )
+
+    @property
+    def parameters(self) -> list[LumpedParameters]:
+        """Each draw as parameters of the bare hand."""
+        return [
+            LumpedParameters(**{key: value for key, value in row.items() if key in _FIELDS})
+            for row in self.rows()
+        ]
+
+    def write_csv(self, path: str | PathLike[str]) -> None:
+        """Write the table as CSV: names of parameters in the first line, SI units, and `WEIGHT`.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
+        """
+        with (
+            replacing(Path(path)) as draft,
+            draft.open("w", newline="", encoding="utf-8") as file,
+        ):
+            writer = csv.DictWriter(file, list(self.rows()[0]))
+            writer.writeheader()
+            writer.writerows(self.rows())
+
+    def models(
+        self,
+        added_mass: AddedMass = NO_ADDED_MASS,
+        *,
+        mass: float | None = None,
+        bristle_stiffness: float = 0.0,
+    ) -> Iterator[str]:
+        """Yield an MJCF model of each draw, which plain MuJoCo loads, for domain randomisation.
+
+        Parameters
+        ----------
+        added_mass, mass, bristle_stiffness
+            See `butterfly.plant.stand_alone.models`.
+
+        Raises
+        ------
+        InputError
+            If no hand of that mass moves so, or MuJoCo has no such friction.
+        """
+        from butterfly.plant.stand_alone import models  # noqa: PLC0415 - slow to import
+
+        return models(self.parameters, added_mass, mass=mass, bristle_stiffness=bristle_stiffness)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Predicted(Tabulated):
-    """Logs predicted, and how far that is known.
-
-    Parameters
-    ----------
-    predictions
-        Free runs and bands; none of a result that was loaded.
-    drawn
-        The parameters of which the bands were made; None if there are none.
-    measured
-        Whether somebody recorded these logs.
-    """
+    """Logs predicted, and how far that is known."""
 
     kind: ClassVar[str] = "prediction"
 
-    predictions: tuple[Prediction, ...] = ()
-    drawn: Drawn | None = None
-    measured: bool = True
+    predictions: tuple[Prediction, ...] = ()  # free runs and bands; none of a loaded result
+    drawn: Drawn | None = None  # parameters of which the bands were made
+    measured: bool = True  # whether somebody recorded these logs
 
     @classmethod
     def of(
         cls,
         name: str,
         predictions: Sequence[Prediction],
-        said: Sequence[str],
+        more: Sequence[str],
         estimate: Estimate,
         *,
         drawn: Drawn | None,
         measured: bool,
     ) -> Predicted:
-        """Tabulate predictions.
-
-        Parameters
-        ----------
-        name
-            Of the data set or experiment.
-        predictions
-            At least one.
-        said
-            What else is to be said of them.
-        estimate
-            That they rest on, judged by them.
-        drawn
-            The parameters of which the bands were made.
-        measured
-            Whether somebody recorded these logs.
-        """
+        """Tabulate predictions with an estimate, judged by them; ``more`` is said of them."""
         verdict, log = estimate_verdict(estimate), predictions[0].run.log
         return cls(
             title=f"{name!r} predicted",
             summary=(
                 verdict.sentence,
                 *_followed(predictions, verdict.level, measured=measured),
-                *said,
+                *more,
                 *estimate_sentences(estimate)[1:],
             ),
             judged=verdict,
@@ -152,8 +207,8 @@ def _row(prediction: Prediction, *, measured: bool) -> dict[str, Any]:
         row["FIT in %"] = run.fit
     for name, band in prediction.bands.items():
         if measured:
-            row[_INSIDE.format(name)] = 100 * band.share(prediction.measured)
-        row[_WIDTH.format(name, way)] = band.width
+            row[f"{name}: inside in %"] = 100 * band.share(prediction.measured)
+        row[f"{name}: width in {way}"] = band.width
     return row
 
 

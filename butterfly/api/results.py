@@ -14,20 +14,19 @@ from numpy.typing import NDArray
 
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import Candidate
-from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.misfit import Misfit, judge_misfit, misfit_units
 from butterfly.identification.diagnostics.residual_torque import ResidualTorque, residual_torques
 from butterfly.identification.estimate import Estimate, left_out_content
 from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
-from butterfly.identification.identification import about_data, chosen_options
 from butterfly.identification.identify import held_out_fits
 from butterfly.identification.parameter import unit_of
-from butterfly.identification.validate import Bootstrap, HeldOut, Structure
+from butterfly.identification.validate import Bootstrap, CrossValidation, Structure
 from butterfly.logs.log import Log
 from butterfly.model.terms import TERMS
-from butterfly.report.finding_texts import estimate_numbers, estimate_verdict, misfit_numbers
+from butterfly.report.finding_texts import estimate_verdict
 from butterfly.report.format import fit_text
+from butterfly.report.numbers import misfit_numbers, rests_on
 from butterfly.report.summary import best_experiment_text, chosen_terms_text, held_out_sentences
 from butterfly.result import Answer, TextTable
 
@@ -35,21 +34,6 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 _WELL = 90  # FIT in per cent above which a log that was left out is followed well
-
-
-def rests_on(
-    data: DataSet,
-    estimate: Estimate,
-    estimator: Estimator | None,
-    *,
-    more: Sequence[Finding] = (),
-) -> dict[str, Any]:
-    """Return what every result says of the data and the estimate that it rests on."""
-    return {
-        "data": about_data(data),
-        "chosen": chosen_options(estimator, estimate),
-        **estimate_numbers(estimate, more=more),
-    }
 
 
 def about_log(log: Log) -> dict[str, Any]:
@@ -102,7 +86,7 @@ class Validated(Tabulated):
         cls,
         data: DataSet,
         estimator: Estimator,
-        held: HeldOut,
+        held: CrossValidation,
         whole: Estimate,
         drawn: Bootstrap | None = None,
     ) -> Validated:

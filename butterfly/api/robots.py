@@ -22,8 +22,9 @@ from butterfly.model.parameters import GRAVITY, AddedMass, JointKind
 from butterfly.plant.robot import HAND_MASS, Robot
 from butterfly.plant.stand_alone import command_of
 from butterfly.progress import Track, untracked
-from butterfly.report.finding_texts import estimate_numbers, require_possible
+from butterfly.report.finding_texts import require_possible
 from butterfly.report.inspection import inspect_logs
+from butterfly.report.numbers import estimate_numbers
 
 ARM = 0.104  # m
 

@@ -9,8 +9,7 @@ from typing import Any
 
 from butterfly.api.changed import Changed
 from butterfly.api.compared import Compared
-from butterfly.api.drawn import Drawn
-from butterfly.api.predicted import Predicted
+from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.results import Designed, Validated
 from butterfly.api.sources import root_of
 from butterfly.errors import InputError

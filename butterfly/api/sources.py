@@ -27,7 +27,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.manifest_draft import draft, of_logs
 from butterfly.logs.reading import pieces_of
-from butterfly.model.known import NOTHING, Knowledge, known_of
+from butterfly.model.prior import NO_PRIOR, Prior, known_of
 from butterfly.progress import Track, untracked
 from butterfly.yaml_files import load_yaml
 
@@ -177,7 +177,7 @@ def _of_read_logs(
 
 
 def _more_known(data: DataSet, given: Mapping[str, Any]) -> DataSet:
-    data = data.knowing(Knowledge.told(given.get("known", {})))
+    data = data.knowing(Prior.of(given.get("known", {})))
     return data.with_zero(known_of(given["zero"])) if "zero" in given else data
 
 
@@ -229,13 +229,13 @@ def _union(parts: Sequence[DataSet | Log], given: Mapping[str, Any]) -> DataSet:
     """Return the data set of all logs of several; every source's own repairs are made."""
     logs: list[Log] = []
     test_logs: list[Log] = []
-    known = NOTHING
+    known = NO_PRIOR
     repairs = DEFAULT_REPAIRS | given.get("repair", frozenset())
     for part in parts:
         if isinstance(part, Log):
             logs.append(part)
             continue
-        known = known.agreeing(part.told, part.name)
+        known = known.agreeing(part.given, part.name)
         logs.extend(part.recorded)
         test_logs.extend(() if part.test_logs is None else part.test_logs.recorded)
         if part.manifest is not None:

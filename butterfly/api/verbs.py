@@ -26,7 +26,7 @@ from butterfly.identification.identify import judged
 from butterfly.identification.parameters_by_hand import read_parameters
 from butterfly.identification.splits import Split
 from butterfly.identification.validate import bootstrap as bootstrap_of
-from butterfly.identification.validate import hold_out, select_terms
+from butterfly.identification.validate import cross_validate, select_terms
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
@@ -159,7 +159,7 @@ def validate(
         return rank([data], method, split=how, holdout=holdout, track=track)
     logs, estimator = _prepared(data, method, options, holdout)
     quick = estimator.unchecked()
-    held = hold_out(logs, quick, how, folds=folds, track=track)
+    held = cross_validate(logs, quick, how, folds=folds, track=track)
     whole, drawn = judged(logs, quick), None
     if bootstrap:
         drawn = bootstrap_of(logs, quick, whole, repetitions=bootstrap, track=track)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import io
 import os
+import re
 import signal
 import sys
 import threading
@@ -18,9 +19,8 @@ from cyclopts import App, Group, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnknownOptionError
 
 from butterfly import __version__
-from butterfly.cli.output import Asked, ExitCode, asked, write_json
+from butterfly.cli.output import Asked, ExitCode, asked, tell_no_more, write_json
 from butterfly.cli.output import warn as print_warning
-from butterfly.cli.progress import tell_no_more
 from butterfly.errors import (
     ButterflyError,
     InputError,
@@ -32,107 +32,53 @@ from butterfly.errors import (
 
 
 class Command(NamedTuple):
-    """Where a command is, in `butterfly.cli`, what it does, and the kind of its answer."""
+    """Where a command is, in `butterfly.cli`, and the kind of its answer."""
 
     path: str
-    summary: str
     answer: str = ""
+
+    @property
+    def summary(self) -> str:
+        """First line of its docstring, read without an import of its module, which is slow."""
+        module, _, function = self.path.partition(":")
+        text = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+        found = re.search(rf'^def {function}\(.*?^    """(.+?)$', text, re.DOTALL | re.MULTILINE)
+        return "" if found is None else found[1]
 
 
 PANELS = {
     "Look at logs": {
-        "inspect": Command(
-            "logs:inspect",
-            "Check logs, or tell the robot of an experiment or a saved result.",
-            "inspection",
-        ),
-        "manifest": Command(
-            "logs:manifest", "Draft a data-set manifest of the logs in a folder, to edit and keep."
-        ),
-        "fetch": Command(
-            "logs:fetch", "Fetch the thesis's 41 public logs, 40 MB, and check each by its SHA-256."
-        ),
+        "inspect": Command("logs:inspect", "inspection"),
+        "manifest": Command("logs:manifest"),
+        "fetch": Command("logs:fetch"),
     },
     "Identify": {
-        "identify": Command(
-            "estimate:identify", "Identify the robot from a data set.", "identification"
-        ),
-        "select": Command(
-            "estimate:select",
-            "Choose friction terms by how well they predict what was left out.",
-            "selection",
-        ),
+        "identify": Command("estimate:identify", "identification"),
+        "select": Command("estimate:select", "selection"),
     },
     "Judge": {
-        "validate": Command(
-            "estimate:validate",
-            "Predict logs that an estimator has not seen; of several estimators, rank them.",
-            "validation",
-        ),
-        "residual": Command(
-            "estimate:residual",
-            "Show the residuals of the identified model, and the term they look like.",
-            "residual",
-        ),
-        "predict": Command(
-            "predict:predict",
-            "Predict logs, or an experiment that nobody has done, with given parameters.",
-            "prediction",
-        ),
-        "compare": Command(
-            "estimate:compare",
-            "Compare MuJoCo, grey-box model and logs; or two saved results.",
-            "comparison",
-        ),
+        "validate": Command("estimate:validate", "validation"),
+        "residual": Command("estimate:residual", "residual"),
+        "predict": Command("experiments:predict", "prediction"),
+        "compare": Command("estimate:compare", "comparison"),
     },
     "Plan": {
-        "design": Command(
-            "estimate:design",
-            "Rank candidate next experiments by how much they would tell.",
-            "design",
-        ),
+        "design": Command("estimate:design", "design"),
     },
     "Experiments": {
-        "run": Command(
-            "experiments:run",
-            "Simulate an experiment, identify the robot from its logs, and write a report.",
-            "run",
-        ),
-        "simulate": Command(
-            "experiments:simulate", "Simulate an experiment in MuJoCo and write its logs."
-        ),
-        "show": Command("robot:show", "Watch a run in a window or a browser, or draw it."),
-        "export": Command(
-            "robot:export",
-            "Write the robot as one MJCF file that loads in plain MuJoCo and in its viewer.",
-        ),
-        "reproduce": Command(
-            "thesis:reproduce",
-            "Print the thesis's figures beside those obtained the same way, and the right ones.",
-            "reproduction",
-        ),
-        "schema": Command(
-            "experiments:schema",
-            "Print the JSON Schema of experiment or manifest files, for editors.",
-        ),
+        "run": Command("experiments:run", "run"),
+        "simulate": Command("experiments:simulate"),
+        "show": Command("robot:show"),
+        "export": Command("robot:export"),
+        "reproduce": Command("experiments:reproduce", "reproduction"),
+        "schema": Command("experiments:schema"),
     },
 }
 RESULTS = {
-    "list": Command(
-        "results:list_sweeps",
-        "List the sweeps whose results lie in a folder, and how many of their runs are done.",
-        "results",
-    ),
-    "show": Command(
-        "results:show_run",
-        "Show one run: what it set, what it found, how long it took, and with which versions.",
-        "run-record",
-    ),
-    "table": Command("results:table", "Print rows of a table, or write them.", "table"),
-    "clean": Command(
-        "results:clean",
-        "Remove records that the sweep no longer has, and files that were never finished.",
-    ),
+    "list": Command("results:list_sweeps", "results"),
+    "show": Command("results:show_run", "run-record"),
+    "table": Command("results:table", "table"),
+    "clean": Command("results:clean"),
 }
 COMMANDS = {name: each for panel in PANELS.values() for name, each in panel.items()}
 COMMANDS |= {f"results {name}": each for name, each in RESULTS.items()}
@@ -170,14 +116,14 @@ _EVERYWHERE = Group("Any command", sort_key=9)
 
 def program(called: Sequence[str] = ()) -> App:
     """Return the program; of the command that is called, its docstring tells all in its help."""
-    words = [word for word in called if not word.startswith("-")]
+    call = _name_of(called)
     plain = Parameter(negative=(), show_default=_worth_showing)
     app = App(
         name="butterfly",
         version=f"butterfly {__version__}",
         help="Simulate and identify the Butterfly robot's hand: MuJoCo, grey-box model, real logs.",
         help_format="markdown",
-        help_epilogue="Start with: butterfly run quickstart" if not words else "",
+        help_epilogue="Start with: butterfly run quickstart" if not call else "",
         default_parameter=plain,
         group_commands=_EVERYWHERE,
         group_parameters=Group("Options", sort_key=1),
@@ -192,9 +138,9 @@ def program(called: Sequence[str] = ()) -> App:
     for number, (panel, commands) in enumerate(PANELS.items()):
         group = Group(panel, sort_key=number)
         for name, command in commands.items():
-            _add(app, name, command, called=words[:1] == [name], group=group)
+            _add(app, name, command, call, group)
     for name, command in RESULTS.items():
-        _add(results, name, command, called=words[:2] == ["results", name])
+        _add(results, name, command, call)
     app.command(results)
     app.register_install_completion_command(help="Have the shell complete commands and options.")
     app.meta.default(_launch(app))
@@ -206,12 +152,12 @@ def _worth_showing(default: object) -> str | None:
     return None if default is None or isinstance(default, bool | tuple) else str(default)
 
 
-def _add(
-    app: App, name: str, command: Command, *, called: bool, group: Group | None = None
-) -> None:
-    """Add a command whose module is imported when it is called, and not before."""
+def _add(app: App, name: str, command: Command, call: str, group: Group | None = None) -> None:
+    """Add a command, whose module is imported when it is called; its summary is for lists."""
+    summary = "" if call in COMMANDS else command.summary
+    own = COMMANDS.get(call) is command
     path = f"butterfly.cli.{command.path}"
-    app.command(path, name=name, group=group, help=None if called else command.summary)
+    app.command(path, name=name, group=group, help=None if own else summary)
 
 
 def _launch(app: App) -> Callable[..., ExitCode | None]:

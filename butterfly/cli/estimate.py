@@ -28,8 +28,7 @@ from butterfly.cli.options import (
     parse_numbers,
     parse_pairs,
 )
-from butterfly.cli.output import ExitCode, say, show
-from butterfly.cli.progress import show_progress
+from butterfly.cli.output import ExitCode, say, show, show_progress
 from butterfly.errors import InputError
 from butterfly.experiment.methods import kind_of
 
@@ -58,8 +57,6 @@ def identify(
     ----------
     data
         A manifest, a folder of logs, logs, a saved result or a shipped data set's name.
-    holdout
-        Logs that no fit sees: names or glob patterns, by commas.
     against
         Other parameters to simulate the same logs with: p1=…,p2=…,p3=…, and more if wanted; without
         p4 the best one is taken. May be repeated.
@@ -99,8 +96,6 @@ def select(
         A manifest, a folder of logs, a saved result or a shipped data set's name.
     candidates
         Terms to choose from, by commas.
-    holdout
-        Logs that no fit sees: names or glob patterns, by commas.
     """
     found = bf.select(
         data,
@@ -140,8 +135,6 @@ def validate(
         suits.
     folds
         Parts, of frequency, log and time; 5 if not given, or as many as can be.
-    holdout
-        Logs that no fit sees: names or glob patterns, by commas.
     bootstrap
         Also estimate so often from logs drawn with replacement.
     """
@@ -188,10 +181,6 @@ def residual(
     data
         A manifest, a folder of logs, a saved result (whose estimate it is) or a shipped data set's
         name.
-    log
-        Numbers of the logs, from 0 on, by commas; all if not given.
-    holdout
-        Logs that no fit sees: names or glob patterns, by commas.
     plot
         Draw the log with the largest error to this file (HTML).
     """
@@ -235,12 +224,6 @@ def compare(
         name; or the first of two results.
     other
         A later saved identification; or another run of a sweep, as results/NAME/NUMBER.
-    log
-        Numbers of the logs, from 0 on, by commas; all if not given.
-    hand_mass
-        Mass of an identified hand; its motion does not depend on it. Chosen if not given.
-    holdout
-        Logs that no fit sees: names or glob patterns, by commas.
     """
     if other is None:
         found: bf.Result = bf.compare(
@@ -295,8 +278,6 @@ def design(
         Largest swing allowed (on a slide in m); 1 if not given, or what a slide's logs have shown.
     limit
         Candidates to print, at most.
-    holdout
-        Logs that no fit sees: names or glob patterns, by commas.
     """
     found = bf.design(
         data,

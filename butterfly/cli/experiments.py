@@ -1,17 +1,39 @@
-"""Commands that run experiments: run, simulate, schema."""
+"""Commands that do experiments, or foretell them: run, simulate, predict, reproduce, schema."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 import butterfly as bf
-from butterfly.cli.options import WRITTEN, Experiment, Out
-from butterfly.cli.output import ExitCode, print_document, say, show, warn
-from butterfly.cli.progress import show_progress
+from butterfly.cli.options import (
+    NO_REPORT,
+    WRITTEN,
+    Data,
+    Experiment,
+    Out,
+    Report,
+    parse_pairs,
+)
+from butterfly.cli.output import (
+    ExitCode,
+    print_document,
+    say,
+    show,
+    show_progress,
+    show_table,
+    warn,
+    write_json,
+)
+from butterfly.errors import InputError
+from butterfly.files import replacing, shipped
+
+if TYPE_CHECKING:
+    from butterfly.thesis.tables import Synthetic
 
 
 def run(
@@ -101,6 +123,133 @@ def simulate(
     say(f"Logs: {write_logs(plan, logs_of(plan, track=show_progress), out)}")
 
 
+def predict(
+    data: Data,
+    /,
+    *,
+    given: Annotated[str, Parameter(name="--with", metavar="RESULT")],
+    bands: bool = False,
+    draws: Annotated[int, Parameter(metavar="N")] = 200,
+    seed: Annotated[int, Parameter(metavar="N")] = 0,
+    out: Out = None,
+    page: Report = NO_REPORT,
+) -> ExitCode:
+    """Predict logs, or an experiment that nobody has done, with given parameters.
+
+    Identifies nothing: simulates each log from its first sample and its input alone, and says
+    whether these parameters move like this robot. With --bands it says of each instant where the
+    angle is with 95 %: of the model, with whatever parameters the estimate leaves open; and of a
+    new log, with what the model misses besides, as seen on the logs that the estimate was made
+    from.
+
+    Examples: butterfly predict quickstart --with result.json --bands --report prediction.html;
+    butterfly predict results/quickstart --with p1=0.0033,p2=0.0014,p3=0.05
+
+    Parameters
+    ----------
+    data
+        What is predicted: a manifest, a folder of logs, a log, a saved result or a shipped data
+        set's name; or an experiment, of which the inputs count.
+    given
+        An identification that was saved (butterfly identify --save FILE); or parameters, p1=…,p3=…
+        and whatever else is not 0 (p2, p4, coulomb, delay, …) and not known of the data; without p4
+        the best one is taken, without zero=… the encoder's is read off the logs.
+    bands
+        Say how far the prediction is known; a report always does.
+    draws
+        Sets of parameters drawn, for bands and --out.
+    seed
+        Fixes everything random.
+    out
+        Write the parameters drawn to this file (CSV), as for domain randomisation.
+    """
+    pairs = "=" in given and not Path(given).exists()
+    result = parse_pairs(given, "--with") if pairs else Path(given)
+    if out is not None and pairs:
+        raise InputError("butterfly predict", "--out", out, "an identification to draw from")
+    found = bf.predict(
+        data,
+        result,
+        bands=bands or (page.report is not None and not pairs),
+        draws=draws,
+        seed=seed,
+        track=show_progress,
+    )
+    ended = show(found, report=page.report, figures=page.figures)
+    if out is not None and isinstance(result, Path):
+        drawn = found.drawn or bf.draws(result, draws, seed, track=show_progress)
+        drawn.write_csv(out)
+        say(f"Draws: {out}")
+    return ended
+
+
+def reproduce(
+    what: Annotated[Literal["thesis"], Parameter(name="WHAT")],  # noqa: ARG001 - there is no other
+    /,
+    *,
+    root: Annotated[Path | None, Parameter(metavar="FOLDER")] = None,
+    out: Out = None,
+) -> None:
+    """Print the thesis's figures beside those obtained the same way, and the right ones.
+
+    Example: butterfly reproduce thesis --out figures
+
+    Parameters
+    ----------
+    what
+        What to reproduce: thesis.
+    root
+        Folder of the 41 real logs, if not fetched.
+    out
+        Write the data of Figures 3-12 to this folder.
+    """
+    from butterfly.result import document  # noqa: PLC0415 - slow to import
+    from butterfly.thesis.figure_data import write_figure_data  # noqa: PLC0415
+    from butterfly.thesis.tables import has_real_logs, reproduce  # noqa: PLC0415
+
+    synthetic = thesis_robot()
+    rows = reproduce(synthetic, root)
+    show_table(
+        "The thesis, published against obtained",
+        ("figures", "published", "obtained", "same", "right"),
+        [
+            (row.what, row.published, row.obtained, "yes" if row.agrees else "no", row.corrected)
+            for row in rows
+        ],
+    )
+    for row in rows:
+        if row.note:
+            say(f"{row.what}: {row.note}")
+    if not has_real_logs(root):
+        say("Tables 4 and 5 need the real logs: run `butterfly fetch`, or give --root.")
+    if out is not None:
+        for path in write_figure_data(out, synthetic, root):
+            say(f"Figure data: {path}")
+    alike = sum(row.agrees for row in rows)
+    write_json(
+        document(
+            "reproduction",
+            "The thesis, published against obtained",
+            {"rows": [{**asdict(row), "same": row.agrees} for row in rows]},
+            summary=(f"{alike} of {len(rows)} are the same.",),
+        )
+    )
+
+
+def thesis_robot() -> Synthetic:
+    """Return what Tables 1 and 2 and Figures 3 to 8 rest on."""
+    from butterfly.experiment.source import read_experiment  # noqa: PLC0415
+    from butterfly.thesis.tables import Synthetic  # noqa: PLC0415
+
+    experiment = read_experiment(shipped("experiments/thesis/synthetic.yaml"))
+    return Synthetic(
+        rig=experiment.plant.rig,
+        added_masses=experiment.added_masses,
+        sines=experiment.excitations,
+        duration=experiment.duration,
+    )
+
+
 def schema(
     what: Annotated[Literal["experiment", "manifest"], Parameter(name="FILE")] = "experiment",
     /,
@@ -120,7 +269,6 @@ def schema(
         Write it to this file; it is printed if not given.
     """
     from butterfly.experiment.schema import Experiment as ExperimentFile  # noqa: PLC0415 - slow
-    from butterfly.files import replacing  # noqa: PLC0415
     from butterfly.logs.manifest import Manifest  # noqa: PLC0415
 
     model = ExperimentFile if what == "experiment" else Manifest

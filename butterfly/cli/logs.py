@@ -18,8 +18,7 @@ from butterfly.cli.options import (
     Page,
     parse_numbers,
 )
-from butterfly.cli.output import ExitCode, say, show
-from butterfly.cli.progress import show_progress
+from butterfly.cli.output import ExitCode, say, show, show_progress
 from butterfly.errors import InputError
 
 
@@ -47,12 +46,8 @@ def inspect(
     data
         A log, a folder of logs, a manifest, a saved result or a shipped data set's name; or an
         experiment.
-    log
-        Numbers of the logs, from 0 on, by commas; all if not given.
     plot
         Draw the log to this file (HTML).
-    hand_mass
-        Mass of an identified hand; its motion does not depend on it. Chosen if not given.
     added_mass
         Of the robot of an experiment or a saved result, at --arm (0.104 m if that is not given).
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,9 +26,12 @@ Experiment = Annotated[Path, Parameter(name="EXPERIMENT")]
 """An experiment file (YAML), or a shipped one's name."""
 
 Out = Annotated[Path | None, Parameter(name=("--out", "-o"), group=WRITTEN, metavar="PATH")]
-LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS")]
-Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES")]
-HandMass = Annotated[float | None, Parameter(metavar="kg")]
+_LOG = "Numbers of the logs, from 0 on, by commas; all if not given."
+_HOLDOUT = "Logs that no fit sees: names or glob patterns, by commas."
+_HAND_MASS = "Mass of an identified hand; its motion does not depend on it. Chosen if not given."
+LogNumbers = Annotated[str | None, Parameter(name="--log", metavar="NUMBERS", help=_LOG)]
+Holdout = Annotated[str | None, Parameter(group=THE_DATA, metavar="NAMES", help=_HOLDOUT)]
+HandMass = Annotated[float | None, Parameter(metavar="kg", help=_HAND_MASS)]
 Limit = Annotated[int, Parameter(metavar="N")]
 Page = Annotated[Path | None, Parameter(group=WRITTEN, metavar="FILE")]
 Split = Literal["auto", "mass", "frequency", "log", "time"]
@@ -126,24 +129,16 @@ class DataOptions:
 
     def description(self) -> dict[str, Any]:
         """Return what was said, by the fields of a manifest."""
-        pairs = {
-            name: parse_pairs(text, f"--{name}")
+        said = {each.name: getattr(self, each.name) for each in fields(self)}
+        said |= {
+            name: parse_pairs(said[name], f"--{name}")
             for name in ("columns", "units", "known")
-            if (text := getattr(self, name)) is not None
+            if said[name] is not None
         }
-        said = {
-            "input": self.input,
-            "arm": self.arm,
-            "zero": self.zero,
-            "intersample": self.intersample,
-            "repair": self.repair or None,
-            "joint": self.joint,
-            "gravity": self.gravity,
-            "begin": self.begin,
-            "end": self.end,
-            "split": "restarts" if self.restarts else None,
-        }
-        return {**pairs, **{name: value for name, value in said.items() if value is not None}}
+        said["repair"] = said["repair"] or None
+        said["split"] = "restarts" if said.pop("restarts") else None
+        del said["root"]
+        return {name: value for name, value in said.items() if value is not None}
 
 
 SILENT = DataOptions()

@@ -1,5 +1,7 @@
 """What commands print: sentences, tables, documents; all, the verdict alone, or a document alone.
 
+How far long work has come is told on standard error: results alone go to standard output.
+
 A pipe gets the same tables as a terminal of 80 columns (or of as many as ``COLUMNS`` says), but
 each sentence in one line, which `grep` finds whole.
 """
@@ -10,11 +12,14 @@ import os
 import re
 import sys
 import textwrap
-from collections.abc import Mapping, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,31 +42,16 @@ class ExitCode(IntEnum):
     """How a command ends, as a number for whoever called it."""
 
     DONE = 0
-    NO_RESULT = 1
+    NO_RESULT = 1  # of some runs of a sweep
     BAD_INPUT = 2
-    NOT_TO_BE_USED = 3
-    STOPPED = 130
-    UNREAD = 141
-
-    @property
-    def meaning(self) -> str:
-        """What it says, in words."""
-        return _MEANINGS[self]
+    NOT_TO_BE_USED = 3  # the answer: it did not converge, or warns of itself
+    STOPPED = 130  # by Ctrl-C or a signal to end; what is done is kept
+    UNREAD = 141  # whoever read standard output closed it, as `head` does
 
     @classmethod
     def of(cls, verdict: Verdict | None) -> ExitCode:
         """Return how an answer ends that rests on an estimate of this verdict, or on none."""
         return cls.DONE if verdict is None or verdict.level.usable else cls.NOT_TO_BE_USED
-
-
-_MEANINGS = {
-    ExitCode.DONE: "done",
-    ExitCode.NO_RESULT: "some runs of a sweep gave no result",
-    ExitCode.BAD_INPUT: "bad input",
-    ExitCode.NOT_TO_BE_USED: "an answer not to be used: it did not converge, or warns of itself",
-    ExitCode.STOPPED: "a sweep was stopped, by Ctrl-C or a signal to end; what is done is kept",
-    ExitCode.UNREAD: "whoever read standard output closed it, as `head` does",
-}
 
 
 @dataclass
@@ -277,3 +267,58 @@ def _folded(sentence: str) -> str:
         break_on_hyphens=False,
     )
     return "\n".join(lines).replace(_GLUE, " ")
+
+
+_T = TypeVar("_T")
+
+EVERY = 10.0
+"""Seconds between the lines that tell of work where there is no terminal."""
+
+_telling: set[threading.Event] = set()  # by which lines that are told end
+
+
+def show_progress(items: Iterable[_T], description: str) -> Iterable[_T]:
+    """Show a bar on terminals, and elsewhere a plain line every `EVERY` seconds."""
+    if asked.quiet:
+        return items
+    if not sys.stderr.isatty():
+        return _told(items, description)
+    from rich.console import Console  # noqa: PLC0415 - slow to import
+    from rich.progress import track  # noqa: PLC0415
+
+    console = Console(stderr=True, markup=False, emoji=False)
+    return track(items, description, console=console, transient=True)
+
+
+def _told(items: Iterable[_T], description: str) -> Iterator[_T]:
+    done = 0
+    of = f" of {len(items)}" if isinstance(items, Sized) else ""
+    with _from_time_to_time(lambda: f"{description}: {done}{of} done"):
+        for item in items:
+            yield item
+            done += 1
+
+
+@contextmanager
+def _from_time_to_time(line: Callable[[], str]) -> Iterator[None]:
+    """Print a line every `EVERY` seconds while a block runs."""
+    begin, over = time.monotonic(), threading.Event()
+    _telling.add(over)
+
+    def tell() -> None:
+        while not over.wait(EVERY):
+            print(f"{line()}, {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
+
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        over.set()
+        _telling.discard(over)
+
+
+def tell_no_more() -> None:
+    """End all lines: what was under way may have been left by an error."""
+    while _telling:
+        _telling.pop().set()

@@ -10,13 +10,14 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from butterfly.cli.options import WRITTEN, HandMass, Out
-from butterfly.cli.output import ExitCode, say, say_verdict
-from butterfly.cli.progress import show_progress
+from butterfly.cli.output import ExitCode, say, say_verdict, show_progress
 from butterfly.errors import InputError
 
 Source = Annotated[Path, Parameter(name="SOURCE")]
 AddedMass = Annotated[float, Parameter(metavar="kg")]
-Arm = Annotated[float | None, Parameter(metavar="m")]
+Arm = Annotated[
+    float | None, Parameter(metavar="m", help="Pivot to added mass; 0.104 if not given.")
+]
 _FILMS = (".gif", ".mp4", ".webp")
 
 
@@ -67,12 +68,8 @@ def show(
         Frames per second of a film.
     size
         Width and height in pixels, even for .mp4.
-    hand_mass
-        Mass of an identified hand; its motion does not depend on it. Chosen if not given.
     added_mass
         What the hand of a picture carries, at --arm.
-    arm
-        Pivot to added mass; 0.104 if not given.
     """
     from butterfly.api.sources import is_data  # noqa: PLC0415 - slow to import
     from butterfly.files import locate  # noqa: PLC0415
@@ -99,13 +96,13 @@ def show(
 
 def _watch(source: Path, number: int, *, web: bool, port: int) -> None:
     import butterfly as bf  # noqa: PLC0415 - as all of these
-    from butterfly.plant.watch.live import watch  # noqa: PLC0415 - slow to import
+    from butterfly.plant.watch.live import LiveRun, watch  # noqa: PLC0415 - slow to import
 
     plan = bf.read_experiment(source)
     _require_run(source, number, len(plan.runs()))
-    (added, excitation), seed = plan.runs()[number], plan.seeds()[number]
+    shown = LiveRun(plan.plant.rig, *plan.runs()[number], plan.duration, plan.seeds()[number])
     with suppress(KeyboardInterrupt):
-        watch(plan.plant.rig, added, excitation, plan.duration, seed, web=web, port=port)
+        watch(shown, web=web, port=port)
 
 
 def _film(source: Path, number: int, out: Path, seconds: float, *, fps: int, size: int) -> None:
@@ -158,12 +155,8 @@ def export(
         data, which are identified.
     out
         MJCF file to write.
-    hand_mass
-        Mass of an identified hand; its motion does not depend on it. Chosen if not given.
     added_mass
         What the hand carries, at --arm.
-    arm
-        Pivot to added mass; 0.104 if not given.
     """
     from butterfly.api.robots import robot_of  # noqa: PLC0415 - slow to import
     from butterfly.plant.stand_alone import stand_alone  # noqa: PLC0415

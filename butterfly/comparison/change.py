@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from scipy.special import chdtrc, fdtrc, ndtri, stdtr, stdtrit
 from butterfly.errors import InputError
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import CONFIDENCE, widened
-from butterfly.model.known import OF_SCALE
+from butterfly.model.prior import OF_SCALE
 from butterfly.model.terms import TERMS
 
 Values = NDArray[np.float64]
@@ -106,24 +106,11 @@ def change(before: Estimate, after: Estimate) -> Change:
     difference = sides[1].values - sides[0].values
     errors = np.hypot(sides[0].errors, sides[1].errors)
     freedom = _welch(sides)
-    tails = _tails(difference / errors, freedom)
-    corrected = _holm(tails)
-    least = _quantile(freedom, 1 - _OF_EACH / len(names) / 2) + _POWER
-    columns = (sides[0].values, sides[1].values, errors, freedom, tails, corrected, least * errors)
+    columns = zip(names, sides[0].values, sides[1].values, errors, freedom, strict=True)
+    alone = [_compared(*each, count=len(names)) for each in columns]
+    corrected = _holm(np.array([each.probability for each in alone])).tolist()
     parameters = tuple(
-        ParameterChange(
-            name=name,
-            before=float(one),
-            after=float(other),
-            error=float(error),
-            freedom=float(nu),
-            probability=float(alone),
-            corrected=float(holm),
-            detectable=float(detectable),
-        )
-        for name, one, other, error, nu, alone, holm, detectable in zip(
-            names, *columns, strict=True
-        )
+        replace(each, corrected=holm) for each, holm in zip(alone, corrected, strict=True)
     )
     covariance = sides[0].covariance + sides[1].covariance
     return Change(
@@ -131,6 +118,24 @@ def change(before: Estimate, after: Estimate) -> Change:
         joint_probability=_joint_probability(difference, covariance, float(np.median(freedom))),
         ratio=_clearest_ratio(parameters, sides),
         untested=untested,
+    )
+
+
+def _compared(
+    name: str, before: float, after: float, error: float, freedom: float, *, count: int
+) -> ParameterChange:
+    """Test one of so many parameters, corrected for their number as if it were the clearest."""
+    tail = float(_tails((after - before) / error, freedom)) if error > 0 else 1.0
+    least = float(_quantile(freedom, 1 - _OF_EACH / count / 2)) + _POWER
+    return ParameterChange(
+        name=name,
+        before=float(before),
+        after=float(after),
+        error=float(error),
+        freedom=float(freedom),
+        probability=tail,
+        corrected=min(1.0, count * tail),
+        detectable=least * float(error),
     )
 
 
@@ -174,7 +179,7 @@ def _untested(before: Estimate, after: Estimate) -> dict[str, str]:
     why: dict[str, str] = {}
     for name in dict.fromkeys(names):
         known = [name in each.known.parameters and not _informed(each, name) for each in both]
-        fixed = [name in each.held or name in each.known.exact for each in both]
+        fixed = [name in each.fixed or name in each.known.fixed for each in both]
         fitted = [name in each.names for each in both]
         if all(known):
             why[name] = "was known in both, so that these logs are no evidence of it"
@@ -253,21 +258,9 @@ def _clearest_ratio(
             slope = np.array([1 / side.values[row], -1 / side.values[base]])
             pair = side.covariance[np.ix_([row, base], [row, base])]
             errors.append(abs(ratio) * math.sqrt(max(float(slope @ pair @ slope), 0.0)))
+        one, other = ratios
         error, freedom = math.hypot(*errors), parameters[row].freedom
-        tail = float(_tails((ratios[1] - ratios[0]) / error, freedom)) if error > 0 else 1.0
-        found.append(
-            ParameterChange(
-                name=f"{name}/p1",
-                before=float(ratios[0]),
-                after=float(ratios[1]),
-                error=error,
-                freedom=freedom,
-                probability=tail,
-                corrected=min(1.0, len(names) * tail),
-                detectable=float(_quantile(freedom, 1 - _OF_EACH / len(names) / 2) + _POWER)
-                * error,
-            )
-        )
+        found.append(_compared(f"{name}/p1", one, other, error, freedom, count=len(names)))
     return min(found, key=lambda each: each.probability, default=None)
 
 

@@ -13,7 +13,7 @@ from butterfly.identification.estimators import Estimator
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identify import estimated, judge
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import hold_out
+from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import InputKind
 from butterfly.model.parameters import JointKind
 from butterfly.progress import Track, untracked
@@ -70,7 +70,7 @@ def _entry(data: DataSet, estimator: Estimator, split: Split) -> Entry:
         fits = predictor.fits(found)
         found = judge(data, estimator, found, fits)
         seen = FitSummary.of(fits, found.horizon)
-        held = hold_out(data, estimator.unchecked(), split)
+        held = cross_validate(data, estimator.unchecked(), split)
     except ButterflyError as problem:
         error = str(problem)
     return Entry(

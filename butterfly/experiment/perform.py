@@ -30,9 +30,9 @@ from butterfly.identification.estimators import Estimator, OutputError
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.identification import Identification
 from butterfly.identification.identify import identify, judged
-from butterfly.identification.validate import hold_out
+from butterfly.identification.validate import cross_validate
 from butterfly.logs.log import Log
-from butterfly.orbit.study import OrbitStudy, study_orbit
+from butterfly.orbit.loop import OrbitStudy, study_orbit
 from butterfly.progress import Track, untracked
 from butterfly.result import versions
 from butterfly.signals.excitations import Table
@@ -211,7 +211,7 @@ class _Run:
             estimate=found,
             truth={
                 name: float(getattr(self._truth, name))
-                for name in (*found.names, *found.known.exact)
+                for name in (*found.names, *found.known.fixed)
             },
             fit=identification.fit,
             holdout=FitSummary.of(held_out) if held_out.size else None,
@@ -230,7 +230,7 @@ class _Run:
         if validation is None:
             return record
         try:
-            held = hold_out(
+            held = cross_validate(
                 data,
                 self._threaded(spec).unchecked(),
                 validation.split,

@@ -22,7 +22,7 @@ from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import Parameter, or_nan, or_none
-from butterfly.orbit.study import OrbitStudy
+from butterfly.orbit.loop import OrbitStudy
 from butterfly.verdict import Level
 
 SCHEMA = 4

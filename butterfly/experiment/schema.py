@@ -29,7 +29,6 @@ from butterfly.identification.splits import Split
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import Uncertain
 from butterfly.model.energy import Orbit
-from butterfly.model.known import Knowledge
 from butterfly.model.linear import LARGEST_SWING, predicted_swing
 from butterfly.model.parameters import (
     AddedMass,
@@ -39,6 +38,7 @@ from butterfly.model.parameters import (
     TorqueDrive,
     VoltageDrive,
 )
+from butterfly.model.prior import Prior
 from butterfly.orbit.controller import Observer, VelocityEstimator
 from butterfly.orbit.loop import OrbitSchedule
 from butterfly.orbit.recalibration import RecalibrationOptions
@@ -281,7 +281,7 @@ class Experiment(StrictModel):
 
     @model_validator(mode="after")
     def _possible(self) -> Experiment:
-        Knowledge.told(self.known)
+        Prior.of(self.known)
         self.plant.clock.count(self.duration)
         for added in self.added_masses:
             self.plant.robot.loaded(added)

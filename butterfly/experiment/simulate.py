@@ -20,7 +20,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.mat import write_mat
 from butterfly.logs.parquet import parquet_bytes
-from butterfly.model.known import Knowledge, Known
+from butterfly.model.prior import Known, Prior
 from butterfly.plant.rig import Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Faults
@@ -47,7 +47,7 @@ def data_set_of(experiment: Experiment, logs: Sequence[Log], track: Track = untr
         logs,
         name=experiment.name,
         description=experiment.description,
-        known=Knowledge.told(experiment.known),
+        known=Prior.of(experiment.known),
         track=track,
     )
     return data.holding_out(experiment.holdout)

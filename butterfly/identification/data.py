@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from butterfly.errors import InputError
+from butterfly.identification.derived_quantities import beside_masses, implied
 from butterfly.identification.diagnostics.unit_errors import (
     unit_errors_of_refused,
     unit_errors_of_still,
@@ -23,15 +24,14 @@ from butterfly.identification.encoder_offset import (
     reading_of,
 )
 from butterfly.identification.free_run import Simulations
-from butterfly.identification.implied import beside_masses, implied
 from butterfly.identification.inference.identifiability import is_driven
 from butterfly.logs.health import DEFAULT_REPAIRS, Health, Repair, examine
 from butterfly.logs.log import InputKind, Log
 from butterfly.logs.manifest import Manifest
 from butterfly.logs.reading import numbers_named, read_logs, with_unique_names
 from butterfly.logs.thinning import thinned
-from butterfly.model.known import NOTHING, Knowledge, Known
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import NO_PRIOR, Known, Prior
 from butterfly.progress import Track, untracked
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 
@@ -50,10 +50,10 @@ class DataSet:
         What it was read by; None if its logs came from no files.
     input_kind
         What its input commands.
-    told
+    given
         What its owner knows of the robot.
     known
-        That, and what it implies of the parameters (see `butterfly.identification.implied`).
+        That, and what it implies of the parameters (see `implied`).
     recorded
         The logs as they were recorded.
     logs, health
@@ -69,8 +69,8 @@ class DataSet:
     description: str
     manifest: Manifest | None = None
     input_kind: InputKind
-    told: Knowledge = NOTHING
-    known: Knowledge = NOTHING
+    given: Prior = NO_PRIOR
+    known: Prior = NO_PRIOR
     recorded: tuple[Log, ...]
     logs: tuple[Log, ...]
     health: tuple[Health, ...]
@@ -85,16 +85,13 @@ class DataSet:
         name: str = "logs",
         description: str = "",
         manifest: Manifest | None = None,
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         repairs: frozenset[Repair] = DEFAULT_REPAIRS,
         track: Track = untracked,
     ) -> DataSet:
         """Check and repair logs, and fit the steady response of those whose input is a sine.
 
-        Raises
-        ------
-        InputError
-            If there is no log, one cannot be used, or their inputs are of different kinds.
+        An InputError if there is none, one cannot be used, or they are of different kinds.
         """
         if not recorded:
             raise InputError(name, "logs", "none", "at least one log")
@@ -106,21 +103,21 @@ class DataSet:
             raise InputError(name, "gravity", "different ones", "one joint under one gravity")
         recorded = with_unique_names(recorded)
         try:
-            ready = [_ready(log, repairs) for log in recorded]
+            examined = [examine(log, repairs) for log in recorded]
         except InputError as error:
             raise with_unit_errors(error, unit_errors_of_still(recorded)) from None
-        logs = [log for log, _ in ready]
-        told = _of_logs(recorded).also(known)
+        logs = [thinned(log) for log, _ in examined]
+        given = _of_logs(recorded) | known
         return cls(
             name=name,
             description=description,
             manifest=manifest,
             input_kind=recorded[0].input_kind,
-            told=told,
-            known=_implied(told, recorded),
+            given=given,
+            known=_implied(given, recorded),
             recorded=tuple(recorded),
             logs=tuple(logs),
-            health=tuple(health for _, health in ready),
+            health=tuple(health for _, health in examined),
             points=_responses(logs, track),
         )
 
@@ -177,7 +174,7 @@ class DataSet:
     @property
     def unread(self) -> list[AddedMass]:
         """Added masses with logs whose zero is not known exactly, if there is any to know."""
-        open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.exact}
+        open_ = {log.added_mass for log in self.logs if log.zero is None or not log.zero.fixed}
         return sorted(open_) if self.hangs else []
 
     @property
@@ -204,17 +201,17 @@ class DataSet:
             f"{self.input_kind})"
         )
 
-    def knowing(self, known: Knowledge) -> DataSet:
+    def knowing(self, known: Prior) -> DataSet:
         """Return the data set of a robot of which more is known."""
         if not known:
             return self
         manifest = None if self.manifest is None else self.manifest.knowing(known)
-        told = self.told.also(known)
+        given = self.given | known
         test_logs = None if self.test_logs is None else self.test_logs.knowing(known)
         return replace(
             self,
-            told=told,
-            known=_implied(told, self.recorded),
+            given=given,
+            known=_implied(given, self.recorded),
             manifest=manifest,
             test_logs=test_logs,
         )
@@ -258,21 +255,12 @@ class DataSet:
     def holding_out(self, names: Sequence[str]) -> DataSet:
         """Return the data set with some logs, by name or glob pattern, as `test_logs`.
 
-        Raises
-        ------
-        InputError
-            If there is no such log, or none is left.
+        An InputError if there is no such log, or none is left.
         """
         return self.holding(numbers_named(self.logs, names, self.name)) if names else self
 
     def holding(self, rows: Sequence[int]) -> DataSet:
-        """Return the data set with some logs, by their numbers, as `test_logs`.
-
-        Raises
-        ------
-        InputError
-            If none is left.
-        """
+        """Return the data set with some logs, by their numbers, as `test_logs` (if any is left)."""
         if not rows:
             return self
         whole, count = self.whole, len(self.logs)
@@ -284,9 +272,13 @@ class DataSet:
 
     def take(self, rows: Sequence[int]) -> DataSet:
         """Return the data set of some of the logs that are used, by their numbers."""
+        manifest = self.manifest
+        if manifest is not None:
+            entries = [manifest.logs[k] for k in rows]
+            manifest = manifest.model_copy(update={"logs": entries, "holdout": []})
         return replace(
             self,
-            manifest=self._part(rows),
+            manifest=manifest,
             recorded=tuple(self.recorded[k] for k in rows),
             logs=tuple(self.logs[k] for k in rows),
             health=tuple(self.health[k] for k in rows),
@@ -294,32 +286,21 @@ class DataSet:
             test_logs=None,
         )
 
-    def _part(self, rows: Sequence[int]) -> Manifest | None:
-        if self.manifest is None:
-            return None
-        entries = [self.manifest.logs[k] for k in rows]
-        return self.manifest.model_copy(update={"logs": entries, "holdout": []})
 
-
-def _ready(log: Log, repairs: frozenset[Repair]) -> tuple[Log, Health]:
-    clean, health = examine(log, repairs)
-    return thinned(clean), health
-
-
-def _of_logs(logs: Sequence[Log]) -> Knowledge:
+def _of_logs(logs: Sequence[Log]) -> Prior:
     """Tell what follows of the logs: across no gravity is no moment, without input nothing late."""
     absent = {"p3": not logs[0].added_mass.gravity, "delay": not is_driven(logs)}
     zero = Known(value=0.0)
-    return Knowledge(parameters={name: zero for name, holds in absent.items() if holds})
+    return Prior(parameters={name: zero for name, holds in absent.items() if holds})
 
 
-def _implied(told: Knowledge, logs: Sequence[Log]) -> Knowledge:
-    """Return what is told, and what follows, of the joint that made some logs."""
+def _implied(given: Prior, logs: Sequence[Log]) -> Prior:
+    """Return what is given, and what follows, of the joint that made some logs."""
     first = logs[0]
-    moment = told.parameters.get("p3")
+    moment = given.parameters.get("p3")
     if moment is not None and moment != Known(value=0.0) and not first.added_mass.gravity:
         raise InputError("known", "p3", moment, "0 of a joint across which there is no gravity")
-    known = implied(told, first.input_kind, first.added_mass.joint)
+    known = implied(given, first.input_kind, first.added_mass.joint)
     return beside_masses(known, [log.added_mass for log in logs])
 
 

@@ -39,6 +39,8 @@ from butterfly.model.parameters import AddedMass, LumpedParameters
 from butterfly.model.terms import lower_bounds
 from butterfly.progress import Track, in_threads, untracked
 
+Samples = NDArray[np.float64]
+
 COUNT = 200
 """Draws if no other number is asked for: five lie beyond either edge of a band."""
 
@@ -60,8 +62,8 @@ class ParameterDraws:
     """
 
     estimate: Estimate
-    values: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    values: Samples
+    weights: Samples
     runs: tuple[DrawnRun, ...] = ()
 
     @property
@@ -82,7 +84,7 @@ class ParameterDraws:
         for values in self.values:
             yield replace(estimate, values=values)
 
-    def angles_of(self, log: Log, setting: Setting) -> NDArray[np.float64] | None:
+    def angles_of(self, log: Log, setting: Setting) -> Samples | None:
         """(m, k) angles in rad at the samples of a log's bands, if the draws were weighed by it."""
         found = (each.angles for each in self.runs if each.serves(log, setting))
         return next(found, None)
@@ -94,7 +96,7 @@ class DrawnRun:
 
     log: Log
     setting: Setting  # with the estimate itself
-    angles: NDArray[np.float64]
+    angles: Samples
 
     def serves(self, log: Log, setting: Setting) -> bool:
         """Whether a log would be simulated alike: the same record, perhaps read again."""
@@ -116,16 +118,12 @@ def samples_of_bands(log: Log) -> NDArray[np.intp]:
     return np.arange(0, log.time.size, max(1, round(_STEP / log.mean_step)))
 
 
-def _record(log: Log) -> tuple[NDArray[np.float64], ...]:
+def _record(log: Log) -> tuple[Samples, ...]:
     return (log.time, log.angle, *log.command, np.array(log.initial_state))
 
 
 def draw_parameters(
-    estimate: Estimate,
-    count: int = COUNT,
-    *,
-    masses: Iterable[AddedMass] = (),
-    seed: int = 0,
+    estimate: Estimate, count: int = COUNT, *, masses: Iterable[AddedMass] = (), seed: int = 0
 ) -> ParameterDraws:
     """Draw parameters within their bounds, all with the same weight.
 
@@ -141,7 +139,7 @@ def draw_parameters(
     covariance = honest_covariance(estimate)
     lower, rng = lower_bounds(estimate.names) - estimate.values, np.random.default_rng(seed)
     different, root = tuple(set(masses)), covariance_root(covariance)
-    found: list[NDArray[np.float64]] = []
+    found: list[Samples] = []
     for _ in range(_ROUNDS):
         moved = rng.standard_normal((count, root.shape[0])) @ root
         for row in np.flatnonzero(np.any(moved < lower, axis=1)):
@@ -159,7 +157,7 @@ def draw_parameters(
     )
 
 
-def honest_covariance(estimate: Estimate) -> NDArray[np.float64]:
+def honest_covariance(estimate: Estimate) -> Samples:
     """(n, n) covariance whose spreads are at least those of the intervals; refused without one."""
     limits = np.array([estimate.lower, estimate.upper])
     if not (np.isfinite(estimate.covariance).all() and np.isfinite(limits).all()):
@@ -175,7 +173,7 @@ def honest_covariance(estimate: Estimate) -> NDArray[np.float64]:
     return np.asarray(covariance * max(factor, 1.0) ** 2)
 
 
-def covariance_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def covariance_root(covariance: Samples) -> Samples:
     """(n, n) matrix that gives rows of independent standard normal numbers a covariance."""
     spread = np.sqrt(np.diag(covariance))
     spread[spread == 0] = 1.0  # of what does not vary
@@ -183,9 +181,7 @@ def covariance_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.maximum(eigenvalues, 0.0))[:, None] * axes.T * spread)
 
 
-def _within(
-    moved: NDArray[np.float64], lower: NDArray[np.float64], covariance: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _within(moved: Samples, lower: Samples, covariance: Samples) -> Samples:
     """Move (n,) values to (n,) bounds that they are beyond, the others as they are correlated."""
     bound = moved < lower
     result = moved
@@ -200,9 +196,7 @@ def _within(
     return np.asarray(result)
 
 
-def _possible(
-    moved: NDArray[np.float64], estimate: Estimate, masses: Iterable[AddedMass]
-) -> NDArray[np.bool_]:
+def _possible(moved: Samples, estimate: Estimate, masses: Iterable[AddedMass]) -> NDArray[np.bool_]:
     """(m,) whether (m, n) changes of the estimate make a joint with each mass."""
     possible = np.ones(len(moved), dtype=bool)
     for row, values in enumerate(estimate.values + moved):
@@ -213,11 +207,7 @@ def _possible(
 
 
 def weighed(
-    draws: ParameterDraws,
-    data: DataSet,
-    *,
-    bands: Sequence[Log] = (),
-    track: Track = untracked,
+    draws: ParameterDraws, data: DataSet, *, bands: Sequence[Log] = (), track: Track = untracked
 ) -> ParameterDraws:
     """Return draws with weights by the logs that the estimate was made from.
 
@@ -251,9 +241,9 @@ class _Followed(NamedTuple):
     """
 
     start: float
-    slope: NDArray[np.float64]
-    curvature: NDArray[np.float64]
-    risen: NDArray[np.float64]
+    slope: Samples
+    curvature: Samples
+    risen: Samples
     run: DrawnRun | None
 
 

@@ -34,8 +34,8 @@ from butterfly.identification.inference.covariance import (
 from butterfly.identification.normal_equations import scaled_least_squares
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Known
 from butterfly.model.terms import FrictionTerms
 from butterfly.signals.frequency_response import ResponsePoint
 

@@ -28,8 +28,8 @@ from butterfly.identification.inference.identifiability import (
 from butterfly.identification.normal_equations import SolvedEquations, pulled_below
 from butterfly.identification.parameter import Parameter, or_none, unit_of
 from butterfly.logs.log import InputKind, Log
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import TERMS
 from butterfly.verdict import Level
 
@@ -39,81 +39,39 @@ Truth: TypeAlias = LumpedParameters | Mapping[str, float]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """Parameters of the bare hand and how far to trust them.
+    """Parameters of the bare hand and how far to trust them."""
 
-    Parameters
-    ----------
-    method
-        How they were obtained.
-    names
-        The n parameters estimated: `butterfly.model.terms.PARAMETERS`, then terms.
-    values
-        (n,) in their order.
-    covariance
-        (n, n); NaN where the method has no statement to make.
-    lower, upper
-        (n,) limits of the 95 % intervals.
-    left_out
-        (n,) estimates with the logs of one added mass (or one run) left out; empty if there are
-        too few.
-    condition
-        Condition number of the column-scaled regression (or Jacobian).
-    on_bound
-        Parameters held by a bound.
-    ending
-        How the estimation ended.
-    findings
-        What can and cannot be concluded.
-    held
-        Parameters that were held at values other than the model's defaults.
-    resonances
-        Where the method rests on resonance frequencies: these, in rad/s, per added mass.
-    local
-        Where the method estimates them: ``zero`` (the encoder's reading in rad at the model's
-        angle 0), ``velocity`` (at the first sample, in rad/s) and ``bias``, for one log (by its
-        name), for one added mass, or for all (None).
-    corrections
-        What added masses would have to be for the logs to agree better, the best explained first;
-        none where that was not asked.
-    rivals
-        (n,) estimates of fits with other terms that predict as well, which the intervals hold too.
-    horizon
-        Longest stretch in s over which logs are simulated with it; infinite where whole logs were
-        asked for, None where it is left to the logs (see `identification.prediction_horizon`).
-    known
-        What was known of the robot before; what is known exactly is among ``held``.
-    freedom
-        (n,) degrees of freedom of the standard errors; None where they are not known.
-    unestimated
-        Names to which the method gives a value without estimating it.
-    ratios
-        Whether the values are ratios to p1, gains excepted.
-    input_kind, joint
-        What drives how it moves, which give the units; None for an input of unknown unit.
-    """
-
-    method: str
-    names: tuple[str, ...]
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    lower: NDArray[np.float64]
+    method: str  # how they were obtained
+    names: tuple[str, ...]  # the n that were estimated: PARAMETERS of model.terms, then terms
+    values: NDArray[np.float64]  # (n,) in their order
+    covariance: NDArray[np.float64]  # (n, n); NaN where the method has no statement to make
+    lower: NDArray[np.float64]  # (n,) limits of the 95 % intervals
     upper: NDArray[np.float64]
+    # (n,) estimates without the logs of one added mass, or one run; none if there are too few
     left_out: Mapping[Hashable, NDArray[np.float64]]
-    condition: float
-    on_bound: tuple[str, ...]
+    condition: float  # number of the column-scaled regression, or Jacobian
+    on_bound: tuple[str, ...]  # parameters held by a bound
     ending: Ending
-    findings: tuple[Finding, ...]
-    held: dict[str, float] = field(default_factory=dict)
+    findings: tuple[Finding, ...]  # what can and cannot be concluded
+    fixed: dict[str, float] = field(default_factory=dict)  # at others than the model's defaults
+    # in rad/s by added mass, where the method rests on them
     resonances: dict[AddedMass, float] = field(default_factory=dict)
+    # of one log (by its name), one added mass or all (None), where the method estimates them:
+    # ``zero`` (the encoder's reading in rad at the model's angle 0), ``velocity`` (at the first
+    # sample, in rad/s) and ``bias``
     local: dict[AddedMass | str | None, dict[str, float]] = field(default_factory=dict)
+    # what added masses would have to be for the logs to agree better, the best explained first
     corrections: tuple[Correction, ...] = ()
+    # (n,) fits with other terms that predict as well, which the intervals hold too
     rivals: tuple[NDArray[np.float64], ...] = ()
+    # longest stretch in s over which logs are simulated with it; infinite where whole logs were
+    # asked for, None where it is left to the logs (see `identification.prediction_horizon`)
     horizon: float | None = None
-    known: Knowledge = NOTHING
-    freedom: NDArray[np.float64] | None = None
-    unestimated: tuple[str, ...] = ()
-    ratios: bool = False
-    input_kind: InputKind | None = None
+    known: Prior = NO_PRIOR  # what is known exactly is among ``fixed``
+    freedom: NDArray[np.float64] | None = None  # (n,) degrees, of the standard errors
+    unestimated: tuple[str, ...] = ()  # names to which the method gives a value all the same
+    ratios: bool = False  # whether the values are ratios to p1, gains excepted
+    input_kind: InputKind | None = None  # gives units, with the joint; None if unknown
     joint: JointKind = JointKind.HINGE
 
     @classmethod
@@ -126,12 +84,12 @@ class Estimate:
         rivals: Sequence[NDArray[np.float64]] = (),
         shared: int | None = None,
         findings: Sequence[Finding] = (),
-        held: dict[str, float] | None = None,
+        fixed: dict[str, float] | None = None,
         local: dict[AddedMass | str | None, dict[str, float]] | None = None,
         masses: Sequence[AddedMass] = (),
         horizon: float | None = None,
         blocks: int = 1,
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         besides: NDArray[np.float64] | None = None,
         ratios: bool = False,
     ) -> Estimate:
@@ -145,7 +103,7 @@ class Estimate:
         """
         rows, residuals = solved.by_cluster()
         whole, left = solved.with_prior(rows, residuals)
-        told = None if solved.prior is None else solved.prior.told
+        told = None if solved.prior is None else solved.prior.active
         conditioning = Conditioning.of(rows.reshape(-1, len(solved.names)), solved.names, told)
         conditioning.refuse_singular()
         numbers = np.unique(solved.cluster).tolist() if masses else []
@@ -182,12 +140,11 @@ class Estimate:
                 *sort_by_precision(values, lower, limits[1], names),
                 *conditioning.findings,
                 *solved.findings,
-                *_of_bounds(on_bound, pulled),
-                *_of_signs(names),
+                *_of_bounds_and_signs(names, on_bound, pulled),
                 *apart,
                 *findings,
             ),
-            held=known.exact | (held or {}),
+            fixed=known.fixed | (fixed or {}),
             local=local or {},
             corrections=corrections(rows, residuals, solved.names, carried if blocks == 1 else {}),
             known=known,
@@ -201,7 +158,7 @@ class Estimate:
     def parameters(self) -> LumpedParameters:
         """The estimate as parameters of the model."""
         found = dict(zip(self.names, self.values.tolist(), strict=True))
-        return LumpedParameters(**self.held | found)
+        return LumpedParameters(**self.fixed | found)
 
     def table(self, truth: Truth | None = None) -> tuple[Parameter, ...]:
         """Return a row for each parameter, beside the truth if it is known.
@@ -240,12 +197,15 @@ class Estimate:
                 known=True,
                 claim="known",
             )
-            for name, value in self.known.exact.items()
+            for name, value in self.known.fixed.items()
         ]
         return tuple(rows)
 
     def _about(self, name: str, truth: Mapping[str, float] | None) -> dict[str, Any]:
         term = TERMS[name]
+        unit = unit_of(name, self.input_kind, self.joint)
+        if self.ratios and not term.of_gain:
+            unit = f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
         meaning = (term.looks_like or term.meaning).removeprefix("a ").removeprefix("an ")
         if self.joint is JointKind.SLIDE:
             meaning = meaning.replace("inertia", "mass that moves").replace("torque", "force")
@@ -253,22 +213,15 @@ class Estimate:
             "name": name,
             "symbol": term.symbol,
             "meaning": meaning,
-            "unit": self.unit_of(name),
+            "unit": unit,
             "true": None if truth is None else float(truth[name]),
         }
-
-    def unit_of(self, name: str) -> str:
-        """Return the unit of a parameter of this estimate."""
-        unit = unit_of(name, self.input_kind, self.joint)
-        if not self.ratios or TERMS[name].of_gain:
-            return unit
-        return f"{unit}/({unit_of('p1', self.input_kind, self.joint)})"
 
     def to_dict(self, truth: Truth | None = None) -> dict[str, Any]:
         """Return all that it holds but its corrections, as JSON can hold it."""
         rows = {row["name"]: row for row in map(asdict, self.table(truth))}
         values = dict(zip(self.names, self.values.tolist(), strict=True))
-        content = {
+        content: dict[str, Any] = {
             "method": self.method,
             "ending": str(self.ending),
             "input": None if self.input_kind is None else str(self.input_kind),
@@ -283,11 +236,14 @@ class Estimate:
             "condition": self.condition,
             "findings": [asdict(finding) for finding in self.findings],
             "on_bound": list(self.on_bound),
-            "held": dict(self.held),
-            "known": self.known.as_told(),
+            "held": dict(self.fixed),
+            "known": self.known.to_dict(),
             "resonances": [[asdict(mass), omega] for mass, omega in self.resonances.items()],
             "horizon": "whole" if self.horizon == math.inf else self.horizon,
-            "local": [[_key(whose), values] for whose, values in self.local.items()],
+            "local": [
+                [asdict(whose) if isinstance(whose, AddedMass) else whose, values]
+                for whose, values in self.local.items()
+            ],
         }
         found: dict[str, Any] = finite(content)
         return found
@@ -323,8 +279,8 @@ class Estimate:
             on_bound=tuple(content["on_bound"]),
             ending=Ending(content["ending"]),
             findings=tuple(map(Finding.from_dict, content["findings"])),
-            held={str(name): float(value) for name, value in content["held"].items()},
-            known=Knowledge.told(content.get("known", {})),
+            fixed={str(name): float(value) for name, value in content["held"].items()},
+            known=Prior.of(content.get("known", {})),
             resonances={_mass(key): float(_array(each)) for key, each in content["resonances"]},
             horizon=_horizon(content.get("horizon")),
             local={
@@ -336,7 +292,7 @@ class Estimate:
             input_kind=None if content.get("input") is None else InputKind(content["input"]),
             joint=JointKind(content.get("joint", JointKind.HINGE)),
         )
-        named = {*names, *found.on_bound, *found.held, *found.unestimated}
+        named = {*names, *found.on_bound, *found.fixed, *found.unestimated}
         if not named <= TERMS.keys() or len({*names}) < len(names):
             raise ValueError("names that are no parameters, or twice the same")
         if any(each.shape != found.values.shape for each in (*found.rivals, *left_out.values())):
@@ -365,7 +321,7 @@ class Estimate:
         own: dict[str, float] = {}
         for key in (None, log.added_mass, log.name):
             own |= self.local.get(key, {})
-        if log.zero is not None and log.zero.exact:
+        if log.zero is not None and log.zero.fixed:
             own["zero"] = log.zero.value
         parameters = self.parameters
         return replace(parameters, bias=own.pop("bias", parameters.bias)), own
@@ -402,24 +358,16 @@ class Estimate:
         return replace(self, findings=(*slips, *rest))
 
 
-def _of_bounds(on_bound: tuple[str, ...], pulled: set[str]) -> list[Finding]:
-    """Say what a bound holds; it needs care only where the data would go far beyond."""
-    groups = {
-        Level.CARE: tuple(name for name in on_bound if name in pulled),
-        Level.NOTE: tuple(name for name in on_bound if name not in pulled),
-    }
-    return [
-        Finding(FindingKind.ON_BOUND, names, severity=severity)
-        for severity, names in groups.items()
-        if names
-    ]
-
-
-def _of_signs(names: Sequence[str]) -> list[Finding]:
-    unknown = tuple(name for name in names if not TERMS[name].sign_observable)
-    if not unknown:
-        return []
-    return [Finding(FindingKind.SIGN_UNKNOWN, unknown, severity=Level.CARE)]
+def _of_bounds_and_signs(
+    names: Sequence[str], on_bound: Sequence[str], pulled: set[str]
+) -> list[Finding]:
+    """Say what a bound holds, with care where the data would go far beyond; and unseen signs."""
+    groups = (
+        (FindingKind.ON_BOUND, Level.CARE, [name for name in on_bound if name in pulled]),
+        (FindingKind.ON_BOUND, Level.NOTE, [name for name in on_bound if name not in pulled]),
+        (FindingKind.SIGN_UNKNOWN, Level.CARE, [n for n in names if not TERMS[n].sign_observable]),
+    )
+    return [Finding(kind, tuple(own), severity=level) for kind, level, own in groups if own]
 
 
 def left_out_content(
@@ -437,11 +385,6 @@ def left_out_content(
 def _array(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - whatever is in the file
     """Return numbers as an array; null is NaN, anything else a TypeError or ValueError."""
     return np.array(values, dtype=np.float64)
-
-
-def _key(key: object) -> object:
-    """Return what a value belongs to: a log by its name, an added mass by its numbers, or all."""
-    return asdict(key) if isinstance(key, AddedMass) else key
 
 
 def _mass(key: dict[str, Any]) -> AddedMass:

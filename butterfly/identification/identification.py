@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -25,15 +25,8 @@ from butterfly.identification.parameters_by_hand import OtherParameters
 from butterfly.identification.physical import PhysicalParameters, physical_parameters
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import Manifest
-from butterfly.model.known import PHYSICAL, Knowledge
-from butterfly.model.parameters import (
-    GRAVITY,
-    NO_ADDED_MASS,
-    AddedMass,
-    JointKind,
-    LumpedParameters,
-)
-from butterfly.model.terms import PARAMETERS
+from butterfly.model.parameters import GRAVITY, NO_ADDED_MASS, AddedMass, LumpedParameters
+from butterfly.model.prior import PHYSICAL, Prior
 from butterfly.result import Result, TextTable, aligned, document, text, texts, write_document
 from butterfly.signals.frequency_response import measured_response
 from butterfly.verdict import Verdict
@@ -46,10 +39,6 @@ if TYPE_CHECKING:
     from butterfly.report.identification_plots import IdentificationPlots
     from butterfly.report.physical import Separated
 
-_HEADERS = (
-    *("", "true", "deviation", "estimate", "std error", "95 % interval", "unit"),
-    "one mass left out",
-)
 _UNITS = {"fit": "%", "fit.horizon": "s", "fits": "%", "held_out": "%", "against.fit": "%"}
 _SAVED = ("summary", "chosen", "against", "misfit")
 _LARGEST = 1e60  # of any number: squares of such are numbers too
@@ -57,42 +46,31 @@ _LARGEST = 1e60  # of any number: squares of such are numbers too
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Identification(Result):
-    """What was learnt from a data set.
-
-    Parameters
-    ----------
-    estimate
-        Parameters with covariance and findings.
-    estimator
-        What made it, and its options, in a line.
-    origin
-        The data: name, description, input, number of logs, what was known of the robot, its joint
-        and gravity, and the manifest that the logs were read by.
-    fits, held_out
-        FIT in per cent of the free run of each log, by its name, and of each that was held out.
-    logs
-        The data set; None for a result that was loaded, whose logs are read again by `data`.
-    runs
-        Free run of each log; those of a result that was loaded are simulated by `free_runs`.
-    comparisons
-        Other parameters on the same logs.
-    made_by
-        The estimator; None for a result that was loaded.
-    saved
-        What a file said that the logs are needed for: summary, options, other parameters, misfit.
-    """
+    """What was learnt from a data set."""
 
     kind: ClassVar[str] = "identification"
 
     estimate: Estimate
+    """Parameters with covariance and findings."""
+
     estimator: str
+    """What made it, and its options, in a line."""
+
     origin: dict[str, Any]
+    """The data: name, description, input, number of logs, what was known of the robot, its joint
+    and gravity, and the manifest that the logs were read by."""
+
     fits: dict[str, float]
+    """FIT in per cent of the free run of each log, by its name."""
+
     held_out: dict[str, float] = field(default_factory=dict)
-    logs: DataSet | None = None
-    runs: tuple[FreeRun, ...] = ()
-    comparisons: tuple[OtherParameters, ...] = ()
-    made_by: Estimator | None = None
+    """The same of each that was held out."""
+
+    logs: DataSet | None = None  # of a result that was loaded `data` reads them again
+    runs: tuple[FreeRun, ...] = ()  # of a result that was loaded `free_runs` simulates them
+    comparisons: tuple[OtherParameters, ...] = ()  # on the same logs
+    made_by: Estimator | None = None  # None for a result that was loaded
+    # what a file said that the logs are needed for: summary, options, other parameters, misfit
     saved: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -119,11 +97,9 @@ class Identification(Result):
         return found
 
     def to_dict(self, truth: LumpedParameters | None = None) -> dict[str, Any]:
-        """Return the result as plain values that JSON can hold; None stands for what is unknown.
-
-        It is what the commands write with ``--json``, and holds no path of this machine.
-        """
-        from butterfly.report.finding_texts import (  # noqa: PLC0415 - a view
+        """Return it as JSON can hold it, beside the truth if that is known (see `Result`)."""
+        from butterfly.report.numbers import (  # noqa: PLC0415 - a view
+            chosen_options,
             estimate_numbers,
             misfit_numbers,
         )
@@ -180,8 +156,7 @@ class Identification(Result):
         """Method, data, and the FIT."""
         from butterfly.report.format import fit_text  # noqa: PLC0415 - a view
 
-        fit = self.fit
-        name = self.origin["name"]
+        fit, name = self.fit, self.origin["name"]
         return f"{self.estimator} of {name!r}, median FIT{fit.over} {fit_text(fit.median)} %"
 
     @cached_property
@@ -203,63 +178,25 @@ class Identification(Result):
         """Return the table of parameters with the digits that their errors leave."""
         from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415 - a view
 
+        columns = ("symbol", "value", "error", "interval", "unit")
+        names = ("parameter", "value", "standard error", "95 % interval", "unit")
         return [
-            {
-                "parameter": row.symbol,
-                "value": row.value,
-                "standard error": row.error,
-                "95 % interval": row.interval,
-                "unit": row.unit,
-            }
+            {name: getattr(row, column) for name, column in zip(names, columns, strict=True)}
             for row in parameter_rows(self.estimate.table())
         ]
 
     def tables(self, truth: LumpedParameters | None = None) -> list[TextTable]:
         """Return parameters beside the true ones if known, physical ones, and FIT of others."""
-        from butterfly.report import physical as view  # noqa: PLC0415 - a view
-        from butterfly.report.parameter_table import parameter_rows  # noqa: PLC0415 - a view
+        from butterfly.report.summary import tables  # noqa: PLC0415 - a view
 
-        rows = [
-            (
-                *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
-                *(row.unit, row.left_out),
-            )
-            for row in parameter_rows(self.estimate.table(truth))
-        ]
-        name = f"{self.origin['name']}: {self.estimate.method}"
-        tables = [TextTable(name, _HEADERS, rows)]
-        if physical := view.physical_rows(self.separated()):
-            tables.append(TextTable(view.TITLE, view.HEADERS, physical))
-        if self.estimate.resonances:
-            found = [(str(mass), f"{w:.4f}") for mass, w in self.estimate.resonances.items()]
-            tables.append(TextTable("Resonance, as this method finds it", ("", "rad/s"), found))
-        if self.comparisons:
-            tables.append(self._against())
-        return tables
-
-    def _against(self) -> TextTable:
-        """Return FIT of this identification, and of the parameters that it was compared with."""
-        from butterfly.report.format import fit_text  # noqa: PLC0415 - a view
-
-        fits = [(f"{self.estimate.method}, this identification", self.fit)]
-        for other in self.comparisons:
-            gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
-            fits.append((other.name + gain, other.summary))
-        return TextTable(
-            f"FIT in %{self.fit.over} on the same logs",
-            ("parameters", "median", "mean", "worst"),
-            [(name, *map(fit_text, (fit.median, fit.mean, fit.worst))) for name, fit in fits],
-        )
+        return tables(self, truth)
 
     def paragraphs(self) -> list[str]:
         """Return the summary, and what is open of the physical parameters if any are known."""
         from butterfly.report.physical import physical_sentences  # noqa: PLC0415 - a view
 
-        return [*self.summary, *(physical_sentences(self.separated()) if self._weighed else ())]
-
-    @property
-    def _weighed(self) -> bool:
-        return bool(Knowledge.told(self.origin.get("known", {})).physical)
+        weighed = Prior.of(self.origin.get("known", {})).physical
+        return [*self.summary, *(physical_sentences(self.separated()) if weighed else ())]
 
     def shown_lines(self) -> list[str]:
         """Return the table of parameters as lines."""
@@ -285,10 +222,6 @@ class Identification(Result):
         return estimate_sentences(self.estimate)
 
     @property
-    def _joint(self) -> JointKind:
-        return JointKind(self.origin.get("joint", JointKind.HINGE))
-
-    @property
     def parameters(self) -> LumpedParameters:
         """The parameters of the bare hand."""
         return self.estimate.parameters
@@ -306,7 +239,7 @@ class Identification(Result):
         from butterfly.report.finding_texts import require_possible  # noqa: PLC0415
 
         require_possible(self.estimate)
-        return IdentifiedModel(self.parameters, self._joint)
+        return IdentifiedModel(self.parameters, self.estimate.joint)
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -320,7 +253,7 @@ class Identification(Result):
         ----------
         known
             What is known of motor and hand besides what the data say of it, by names of
-            `butterfly.model.known.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
+            `butterfly.model.prior.PHYSICAL`: a number, or ``(0.3, 0.01)`` with its uncertainty.
 
         Raises
         ------
@@ -333,19 +266,17 @@ class Identification(Result):
 
     def separated(self, known: Mapping[str, Any] = MappingProxyType({})) -> PhysicalParameters:
         """Return the physical parameters, with what is known besides (see `physical`)."""
-        before, told = Knowledge.told(self.origin.get("known", {})), Knowledge.told(known)
+        before, told = Prior.of(self.origin.get("known", {})), Prior.of(known)
         for name in known:
             if name not in told.physical:
                 raise InputError("physical", name, "no part of motor or hand", listed([*PHYSICAL]))
             if name in before.physical:
                 expected = "what was not known before; else identify again with it"
                 raise InputError("physical", name, known[name], expected)
-        carrier = AddedMass(
-            gravity=float(self.origin.get("gravity", GRAVITY)),
-            joint=self._joint,
-        )
+        gravity = float(self.origin.get("gravity", GRAVITY))
+        carrier = AddedMass(gravity=gravity, joint=self.estimate.joint)
         kind = InputKind(self.origin["input"])
-        return physical_parameters(self.estimate, before.also(told), kind, carrier)
+        return physical_parameters(self.estimate, before | told, kind, carrier)
 
     @property
     def fit(self) -> FitSummary:
@@ -388,12 +319,7 @@ class Identification(Result):
         return judge_misfit(self.data, self.estimate)
 
     def measured(self, added_mass: AddedMass = NO_ADDED_MASS) -> control.FrequencyResponseData:
-        """Return the responses measured with an added mass, beside `model.linearised` with it.
-
-        Parameters
-        ----------
-        added_mass
-            One of ``data.masses``; none if not given.
+        """Return the responses measured with an added mass, to stand beside `model.linearised`.
 
         Raises
         ------
@@ -441,12 +367,6 @@ class Identification(Result):
         write_report(self, Path(path), truth, figures=figures)
 
 
-def origin_of(data: DataSet) -> dict[str, Any]:
-    """Return what is known of the data, where its logs lie among it."""
-    manifest = data.whole_manifest
-    return about_data(data) | {"manifest": manifest and manifest.model_dump(mode="json")}
-
-
 def about_data(data: DataSet) -> dict[str, Any]:
     """Return what every result says of the data that it rests on."""
     carrier = data.logs[0].added_mass
@@ -455,32 +375,10 @@ def about_data(data: DataSet) -> dict[str, Any]:
         "description": data.description,
         "input": str(data.input_kind),
         "logs": len(data.logs),
-        "known": data.known.as_told(),
+        "known": data.known.to_dict(),
         "joint": str(carrier.joint),
         "gravity": carrier.gravity,
     }
-
-
-def chosen_options(
-    estimator: Estimator | None, estimate: Estimate, label: str = ""
-) -> dict[str, Any]:
-    """Return what an estimate was made with: method, terms that it fits, options.
-
-    Of an estimator of which only the label is known there are no options.
-    """
-    options = {} if estimator is None else asdict(estimator)
-    return {
-        "method": options.pop("method", label.partition("(")[0]),
-        "label": label if estimator is None else estimator.label,
-        "terms": [name for name in estimate.names if name not in PARAMETERS],
-        "options": {name: _plain(value) for name, value in options.items()},
-    }
-
-
-def _plain(value: object) -> Any:  # noqa: ANN401 - any option
-    if isinstance(value, tuple | list):
-        return [_plain(each) for each in value]
-    return value if isinstance(value, bool | int | float | None) else str(value)
 
 
 def _fits(content: dict[str, Any]) -> dict[str, float]:

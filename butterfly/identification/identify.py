@@ -29,7 +29,7 @@ from butterfly.identification.diagnostics.unit_errors import with_unit_errors
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, Suitable
 from butterfly.identification.free_run import FreeRun
-from butterfly.identification.identification import Identification, origin_of
+from butterfly.identification.identification import Identification, about_data
 from butterfly.identification.parameters_by_hand import try_parameters
 from butterfly.model.parameters import LumpedParameters
 from butterfly.progress import Track, untracked
@@ -161,10 +161,11 @@ def simulated(
         for name, parameters in against.items()
     ]
     held = () if data.test_logs is None else _runs(data.test_logs, estimate)
+    manifest = data.whole_manifest
     return Identification(
         estimate=estimate,
         estimator=estimate.method,
-        origin=origin_of(data),
+        origin=about_data(data) | {"manifest": manifest and manifest.model_dump(mode="json")},
         fits={run.log.name: run.fit for run in runs},
         held_out={run.log.name: run.fit for run in held},
         logs=data,

@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Ending, Finding
 from butterfly.identification.inference.covariance import cluster_covariance, compress_all
-from butterfly.identification.prior import Prior
+from butterfly.model.prior import Penalty
 from butterfly.model.terms import TERMS, lower_bounds
 
 _TOLD = 1e-7  # of the scaled equations, below which a combination is not determined
@@ -48,7 +48,7 @@ class Regression:
     # p4, where it is known, and no unknown; a guess of it otherwise, by which what is known of
     # products is turned
     gain: float = 0.0
-    prior: Prior | None = None  # what is known of the values with an uncertainty
+    prior: Penalty | None = None  # what is known of the values with an uncertainty
 
     def solve(self, use: NDArray[np.bool_] | slice = slice(None)) -> Solution:
         """Return the values that fit the rows to use best, within their bounds."""
@@ -90,7 +90,7 @@ class Regression:
         return (np.empty((0, len(self.names))), np.empty(0)) if known is None else known.rows()
 
     @property
-    def turned_prior(self) -> Prior | None:
+    def turned_prior(self) -> Penalty | None:
         """The prior, of what the rows multiply."""
         if self.prior is None:
             return None
@@ -139,7 +139,7 @@ class SolvedEquations:
     findings: tuple[Finding, ...] = ()  # what it has to say besides
     # (n, n) derivatives of the gradient, where the weights depend on the residuals
     bread: NDArray[np.float64] | None = None
-    prior: Prior | None = None  # what was known of the values with an uncertainty
+    prior: Penalty | None = None  # what was known of the values with an uncertainty
 
     @classmethod
     def of(

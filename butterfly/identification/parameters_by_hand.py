@@ -19,9 +19,9 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators.weak_form import WeakForm
 from butterfly.identification.free_run import FitSummary
 from butterfly.identification.parameter import lumped_numbers
-from butterfly.model.known import Knowledge, Known
 from butterfly.model.linear import quasi_linear_response, resonance_frequency
 from butterfly.model.parameters import AddedMass, JointKind, LumpedParameters
+from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import PARAMETERS
 from butterfly.progress import Track, untracked
 from butterfly.verdict import Level
@@ -157,7 +157,7 @@ def given_estimate(
     taken. `data`: The logs that they are to foretell, if somebody recorded them. Raises InputError:
     naming the part that is wrong, or p4, where no log tells the best one.
     """
-    values = ({} if data is None else data.known.exact) | dict(told)
+    values = ({} if data is None else data.known.fixed) | dict(told)
     zero = values.pop("zero", None)
     parameters = read_parameters(values, source)
     local: dict[AddedMass | str | None, dict[str, float]] = {}
@@ -183,7 +183,7 @@ def given_estimate(
         on_bound=(),
         ending=Ending.CONVERGED,
         findings=(),
-        held={name: value for name, value in found.items() if name not in PARAMETERS},
+        fixed={name: value for name, value in found.items() if name not in PARAMETERS},
         local=local,
         input_kind=None if data is None else data.input_kind,
         joint=JointKind.HINGE if data is None else data.joint,
@@ -207,7 +207,7 @@ def outdone(
 
     `fits`: (n,) FIT in per cent with them.
     """
-    known = Knowledge(parameters={"p4": Known(value=estimate.parameters.p4)})
+    known = Prior(parameters={"p4": Known(value=estimate.parameters.p4)})
     try:
         own = WeakForm(check=False)(replace(data.take(numbers), known=known))
     except ButterflyError:

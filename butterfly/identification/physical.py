@@ -15,14 +15,13 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.derived_quantities import SIGNED, SYMBOLS, WAYS
+from butterfly.identification.derived_quantities import SIGNED, SYMBOLS, WAYS, relations, with_gear
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import relations, with_gear
 from butterfly.identification.inference.covariance import SPREADS
 from butterfly.identification.quantities import Quantities
 from butterfly.logs.log import InputKind
-from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import Known, Prior
 
 _BETTER = 0.99  # of a told uncertainty; what is known no better than that was not learnt
 
@@ -85,7 +84,7 @@ class PhysicalParameters:
 
 def physical_parameters(
     estimate: Estimate,
-    known: Knowledge,
+    known: Prior,
     input_kind: InputKind,
     carrier: AddedMass,
 ) -> PhysicalParameters:
@@ -138,7 +137,7 @@ def _unit(name: str, input_kind: InputKind, joint: JointKind) -> str:
 def _together(
     estimate: Estimate,
     errors: NDArray[np.float64],
-    known: Knowledge,
+    known: Prior,
     input_kind: InputKind,
     carrier: AddedMass,
 ) -> Quantities:
@@ -151,16 +150,16 @@ def _together(
     links = relations(known.physical, input_kind, joint)
     if not np.isfinite(lumped.covariance).all():
         links = []  # what is known how well tells nothing of what is not
-    links = [each for each in links if each.parameter in lumped.names]
+    links = [each for each in links if each.name in lumped.names]
     used = {
-        each.parameter
+        each.name
         for each in relations(estimate.known.physical, input_kind, joint)
-        if each.parameter in estimate.known.parameters
+        if each.name in estimate.known.parameters
     }
     return lumped.told_of(
-        Quantities.told(causes),
-        {each.parameter: each.formula for each in links},
-        new=frozenset(each.parameter for each in links) - used,
+        Quantities.of(causes),
+        {each.name: each.formula for each in links},
+        new=frozenset(each.name for each in links) - used,
     )
 
 
@@ -168,7 +167,7 @@ def _estimated(estimate: Estimate, errors: NDArray[np.float64]) -> Quantities:
     """Return the lumped parameters, those that were held exactly known."""
     held = {
         name: value
-        for name, value in (estimate.known.exact | estimate.held).items()
+        for name, value in (estimate.known.fixed | estimate.fixed).items()
         if name not in estimate.names
     }
     n, count = len(estimate.names), len(estimate.names) + len(held)
@@ -190,7 +189,7 @@ def _of_intervals(estimate: Estimate) -> NDArray[np.float64]:
 
 
 def _unseparated(
-    found: Quantities, known: Knowledge, input_kind: InputKind, carrier: AddedMass
+    found: Quantities, known: Prior, input_kind: InputKind, carrier: AddedMass
 ) -> Iterator[Unseparated]:
     """Say what is left open (see `Lack`)."""
     told = known.physical.keys()

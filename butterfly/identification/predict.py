@@ -35,7 +35,6 @@ from butterfly.model.parameters import AddedMass
 from butterfly.progress import Track, in_threads, untracked
 
 Samples = NDArray[np.float64]
-SettingOf = Callable[[int, Estimate], Setting]
 
 OF_PARAMETERS = "parameters"
 OF_NEW_LOG = "new log"
@@ -148,7 +147,7 @@ def donors(found: Sequence[ExpectedErrors], mass: AddedMass) -> list[ExpectedErr
 def predict_logs(
     logs: Sequence[Log],
     estimate: Estimate,
-    setting: SettingOf,
+    setting: Callable[[int, Estimate], Setting],
     *,
     draws: ParameterDraws | None = None,
     errors: Sequence[ExpectedErrors] = (),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.model.known import Known
+from butterfly.model.prior import Known
 
 Formula = Callable[[Mapping[str, Any]], Any]
 """What follows from quantities, by their names; it takes complex numbers as well."""
@@ -26,7 +26,7 @@ class Quantities:
     covariance: NDArray[np.float64]  # (n, n), in their units; zeros for one that is known exactly
 
     @classmethod
-    def told(cls, known: Mapping[str, Known]) -> Quantities:
+    def of(cls, known: Mapping[str, Known]) -> Quantities:
         """Take quantities whose errors have nothing to do with each other."""
         return cls(
             names=tuple(known),

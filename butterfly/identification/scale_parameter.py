@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.identification.normal_equations import SolvedEquations
-from butterfly.identification.prior import Prior
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING, PARAMETERS, TERMS
 
 Samples = NDArray[np.float64]
@@ -28,12 +27,12 @@ class ScaleParameter:
 
     # the parameter that is held; None where masses, or what is known exactly, tell the scale
     name: str | None
-    known: Knowledge
+    known: Prior
     added: AddedMass  # what all logs carry
 
     @classmethod
     def of(
-        cls, masses: Sequence[AddedMass], known: Knowledge, *, driven: bool = True
+        cls, masses: Sequence[AddedMass], known: Prior, *, driven: bool = True
     ) -> ScaleParameter:
         """Find it for logs with some masses; of undriven ones p4 tells nothing."""
         same = len({mass.inertia_and_moment for mass in masses}) == 1
@@ -41,9 +40,9 @@ class ScaleParameter:
         return cls(name=telling.reference if same else None, known=known, added=masses[0])
 
     @property
-    def held(self) -> Knowledge:
+    def fixed(self) -> Prior:
         """What is known, with the reference held."""
-        return self.known if self.name is None else self.known.holding(self.name)
+        return self.known if self.name is None else self.known.fixing(self.name)
 
     def grown(self, values: Samples, names: Sequence[str]) -> Samples:
         """Return (n,) values of a fit that held the reference, with its own in its place."""
@@ -60,10 +59,10 @@ class ScaleParameter:
         turned = np.insert(np.eye(len(solved.names)), at, self._shares(solved), axis=1)
         jacobian = solved.jacobian @ turned
         lower = np.insert(solved.lower, at, TERMS[self.name].lower)
-        prior = Prior.of(names, self.known.parameters, solved.realised_variance)
+        prior = Penalty.of(names, self.known.parameters, solved.realised_variance)
         assert prior is not None  # noqa: S101 - the reference is uncertain
         moved = values
-        if prior.told.sum() > 1:
+        if prior.active.sum() > 1:
             moved = np.maximum(values + _step(jacobian, solved.residuals, prior, values), lower)
         return replace(
             solved,
@@ -101,7 +100,7 @@ class ScaleParameter:
         return np.asarray(turned.T @ of_logs @ turned)
 
 
-def _step(jacobian: Samples, residuals: Samples, prior: Prior, values: Samples) -> Samples:
+def _step(jacobian: Samples, residuals: Samples, prior: Penalty, values: Samples) -> Samples:
     """Return the step to where rows and prior agree best."""
     curvature = jacobian.T @ jacobian + prior.curvature
     pull = jacobian.T @ residuals + prior.gradient(values)

@@ -65,7 +65,7 @@ class Division:
         for number, log in enumerate(data.logs):
             stretch = samples.get(number)
             pieces += [log] if stretch is None else excluding_interval(log, stretch)
-        return DataSet.of(pieces, name=data.name, known=data.told)
+        return DataSet.of(pieces, name=data.name, known=data.given)
 
 
 def divide(data: DataSet, split: Split = Split.AUTO, folds: int | None = None) -> Division:

@@ -18,14 +18,12 @@ from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.identification.splits import ENOUGH, Division, Split, divide, remedy
 from butterfly.progress import Track, untracked
 
-Fitter = Callable[[DataSet], Estimate]
-
 _LEAST_GAIN = 0.1  # per cent of held-out FIT that a further term must bring
 _LEAST_REPETITIONS = 20  # for one draw beyond a limit of 95 %, on either side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HeldOut:
+class CrossValidation:
     """Prediction of what was left out."""
 
     division: Division  # what was left out together
@@ -41,14 +39,14 @@ class HeldOut:
         return FitSummary.of(self.fits[~np.isnan(self.fits)], self.horizon)
 
 
-def hold_out(
+def cross_validate(
     data: DataSet,
-    estimator: Fitter,
+    estimator: Callable[[DataSet], Estimate],
     split: Split = Split.AUTO,
     *,
     folds: int | None = None,
     track: Track = untracked,
-) -> HeldOut:
+) -> CrossValidation:
     """Estimate from all logs but a part, predict that part, and go on to the next.
 
     Logs are simulated from their first sample on, also where a stretch of them was left out, whose
@@ -58,9 +56,9 @@ def hold_out(
     InputError if there cannot be so many folds (see `divide`); IdentifiabilityError if there are
     fewer than two parts, or the rest cannot determine the parameters.
     """
-    division = divide(data, split, folds)
-    errors, estimates, predictor = _Errors(data), {}, data.simulations
-    horizon = math.inf
+    division, predictor = divide(data, split, folds), data.simulations
+    squares = np.zeros((len(data.logs), 2))
+    estimates, horizon = {}, math.inf
     for name, samples in track(division.parts.items(), f"In turns, {division.left_out}"):
         try:
             found = estimator(division.kept(data, name))
@@ -68,9 +66,18 @@ def hold_out(
             raise IdentifiabilityError(_refusal(data, division.split, name, error)) from None
         estimates[name] = found
         for number, stretch in samples.items():
-            errors.add(number, stretch, predictor.run(number, found))
+            squares[number] += _squares(predictor.run(number, found), stretch)
         horizon = min(horizon, predictor.horizon(found))
-    return HeldOut(division=division, fits=errors.fits, estimates=estimates, horizon=horizon)
+    fits = np.array([fit_of(*each) if each.any() else np.nan for each in squares])
+    return CrossValidation(division=division, fits=fits, estimates=estimates, horizon=horizon)
+
+
+def _squares(run: FreeRun, stretch: slice) -> tuple[float, float]:
+    """Return sums of squares in rad^2 over a stretch of a log: errors of a free run, and motion."""
+    measured = run.log.angle
+    with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
+        error = float(np.sum((run.simulated[stretch] - measured[stretch]) ** 2))
+    return error, float(np.sum((measured[stretch] - measured.mean()) ** 2))
 
 
 def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
@@ -83,27 +90,6 @@ def _refusal(data: DataSet, split: Split, name: str, error: Exception) -> str:
             f"{remedy(data, besides=split)}"
         )
     return f"without {part}: {error}{remedy(data, besides=split)}"
-
-
-class _Errors:
-    """Sums of squares in rad^2 over what was left out of each log so far."""
-
-    def __init__(self, data: DataSet) -> None:
-        self._angles = [log.angle for log in data.logs]
-        self._squares = np.zeros((len(data.logs), 2))
-
-    def add(self, number: int, stretch: slice, run: FreeRun) -> None:
-        """Add the errors of a free run over a stretch of a log, and the motion there."""
-        measured = self._angles[number]
-        with np.errstate(over="ignore", invalid="ignore"):  # of a simulation that diverged
-            error = float(np.sum((run.simulated[stretch] - measured[stretch]) ** 2))
-        motion = float(np.sum((measured[stretch] - measured.mean()) ** 2))
-        self._squares[number] += error, motion
-
-    @property
-    def fits(self) -> NDArray[np.float64]:
-        """(n,) FIT in per cent; NaN where nothing was left out."""
-        return np.array([fit_of(*each) if each.any() else np.nan for each in self._squares])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +116,7 @@ def select_terms(
     """
 
     def judge(terms: tuple[str, ...], split: Split) -> FitSummary:
-        return hold_out(data, estimator.with_terms(terms), split).summary
+        return cross_validate(data, estimator.with_terms(terms), split).summary
 
     predictor, first = data.simulations, divide(data).split
     splits = [first]

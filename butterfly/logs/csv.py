@@ -1,49 +1,73 @@
-"""Logs in text files (.csv, .tsv, .txt, .dat), whatever their columns are called."""
+"""Logs in text files (.csv, .tsv, .txt, .dat), however they are delimited, encoded and named."""
 
 from __future__ import annotations
 
+import codecs
+import io
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from csv import reader as csv_reader
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pyarrow
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from butterfly.errors import InputError
+from butterfly.errors import InputError, require_room, size_text
 from butterfly.files import replacing
-from butterfly.logs.csv_dialect import is_number, read_text_table
 from butterfly.logs.formats import (
     DEFAULT_COLUMNS,
+    VELOCITY,
     ColumnMap,
     checked_map,
     has_column,
     place,
     unit_in,
 )
-from butterfly.logs.log import AS_WRITTEN, FileReading, Log
-from butterfly.logs.units import AS_IS, Units, known_factor
+from butterfly.logs.log import AS_WRITTEN, MIN_SAMPLES, FileReading, Log
+from butterfly.logs.units import AS_IS, UNITS, Units, known_factor
 
 _TABS = {".tsv"}  # endings of files that are written with tabs
-_VELOCITY = "velocity"
-
+_PER_BYTE = 16  # bytes of memory that one of a text of an unusual form takes
+_COMMENTS = ("#", "%", "//")
+_SAMPLE = 60  # lines that show how a file is delimited
+_DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+_BLANKS = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")  # but for those before and within brackets
+_NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?")
+_MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "inf", "+inf", "-inf", "-nan"}
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8",
+    codecs.BOM_UTF16_LE: "utf-16-le",
+    codecs.BOM_UTF16_BE: "utf-16-be",
+}
 _BY_NUMBER = (
     "a line with the names of the columns, delimited as the numbers are, or columns by number "
     "(--columns time=0,input=1,angle=2)"
 )
 
+Samples = NDArray[np.float64]
+Column: TypeAlias = Samples | pyarrow.ChunkedArray
 
-@dataclass(frozen=True)
-class _Table:
-    """Names and columns of a file, and what else it gives."""
 
-    names: Sequence[str]
-    columns: Mapping[int, NDArray[np.float64] | pyarrow.ChunkedArray]
-    units: Sequence[str] | None = None
-    lines: Sequence[int] | None = None
+@dataclass(frozen=True, kw_only=True)
+class TextTable:
+    """A table as its file gives it."""
+
+    names: Sequence[str]  # "" each if the file has no header
+    columns: Mapping[int, Column]
+    units: Sequence[str] | None = None  # the row below the header; None if there is none
+    headless: str | None = None  # what stands where a header should; None if that is one
+    lines: Sequence[int] = ()  # (n,) number of each row's line, from 1 on
     reading: FileReading = AS_WRITTEN
+
+
+class _Line(NamedTuple):
+    number: int
+    text: str
 
 
 def read_csv(
@@ -59,14 +83,14 @@ def read_csv(
     ``units`` say others. Without a map a column ``velocity`` is read too, if it holds numbers.
     """
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
-    table = _table(path, mapping.values(), () if columns else (_VELOCITY,))
-    layout = table.reading.layout
-    if not columns and has_column(table.names, _VELOCITY):
-        if _holds_numbers(table.columns[place(path, table.names, _VELOCITY)]):
-            mapping[_VELOCITY] = _VELOCITY
+    table = _table(path, list(mapping.values()), () if columns else (VELOCITY,))
+    names, layout = table.names, table.reading.layout
+    if not columns and has_column(names, VELOCITY):
+        if _holds_numbers(table.columns[place(path, names, VELOCITY)]):
+            mapping[VELOCITY] = VELOCITY
         else:
             layout += ("no numbers in the column velocity, which is left out",)
-    places = {field: place(path, table.names, name) for field, name in mapping.items()}
+    places = {field: place(path, names, name) for field, name in mapping.items()}
     arrays = {
         field: _numeric(path, table, number, str(mapping[field]))
         for field, number in places.items()
@@ -93,37 +117,49 @@ def write_csv(log: Log, path: Path) -> None:
         draft.write_text("\n".join(lines), encoding="ascii")
 
 
-def read_columns(path: Path, names: Iterable[str]) -> list[NDArray[np.float64]]:
+def read_columns(path: Path, wanted: Sequence[str]) -> list[Samples]:
     """Read (n,) numeric columns of a table by their names."""
-    wanted = list(names)
     table = _table(path, wanted)
     return [_numeric(path, table, place(path, table.names, name), name) for name in wanted]
 
 
-def _table(path: Path, wanted: Iterable[str | int], welcome: Iterable[str] = ()) -> _Table:
+def holds_table(path: Path) -> bool:
+    """Whether a file holds as many numbers as a log does at least."""
+    try:
+        table = read_text_table(path)
+    except InputError:
+        return False
+    return len(table.lines) >= MIN_SAMPLES and len(table.columns) >= len(DEFAULT_COLUMNS)
+
+
+def _table(path: Path, wanted: Sequence[str | int], welcome: Iterable[str] = ()) -> TextTable:
     """Read a file as pyarrow does, which is fast, if that finds the wanted columns in it."""
-    wanted = list(wanted)
     try:
         with csv.open_csv(path) as beginning:
             schema = beginning.schema
-        names = schema.names
+        names: Sequence[str] = schema.names
         known = [*wanted, *(name for name in welcome if has_column(names, name))]
         numbers = [place(path, names, name) for name in known]
         plain = all(_is_number_type(schema.types[number]) for number in numbers)
         if plain and len(set(names)) == len(names) and not any(map(is_number, names)):
-            return _Table(names, _streamed(path, {number: names[number] for number in numbers}))
+            columns = _streamed(path, {number: names[number] for number in numbers})
+            return TextTable(names=names, columns=columns)
     except (InputError, pyarrow.ArrowInvalid, OSError, UnicodeDecodeError):
         pass
-    return _loose(path, wanted)
+    table = read_text_table(path)
+    if table.headless is not None and not all(str(each).isdecimal() for each in wanted):
+        found = f"{table.headless} above rows of {len(table.columns)} numbers"
+        raise InputError(path, "header", found, _BY_NUMBER)
+    return table
 
 
-def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, NDArray[np.float64]]:
+def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, Samples]:
     """Read columns, by their numbers, of a file of any length: no more of it is kept at a time."""
     options = csv.ConvertOptions(
         include_columns=list(wanted.values()),
         column_types=dict.fromkeys(wanted.values(), pyarrow.float64()),
     )
-    parts: dict[int, list[NDArray[np.float64]]] = {number: [] for number in wanted}
+    parts: dict[int, list[Samples]] = {number: [] for number in wanted}
     with csv.open_csv(path, convert_options=options) as batches:
         for batch in batches:
             for number, name in wanted.items():
@@ -132,20 +168,9 @@ def _streamed(path: Path, wanted: Mapping[int, str]) -> dict[int, NDArray[np.flo
     return {number: np.concatenate(parts.pop(number)) for number in wanted}
 
 
-def _loose(path: Path, wanted: Sequence[str | int]) -> _Table:
-    table = read_text_table(path)
-    names = table.names
-    if names is None:
-        if not all(str(each).isdecimal() for each in wanted):
-            above = "no line" if table.above is None else repr(table.above)
-            found = f"{above} above rows of {len(table.columns)} numbers"
-            raise InputError(path, "header", found, _BY_NUMBER)
-        names = [""] * len(table.columns)
-    columns = dict(enumerate(table.columns))
-    return _Table(names, columns, table.units, table.lines, table.reading)
-
-
-def _own_units(path: Path, table: _Table, places: dict[str, int], units: Units) -> dict[str, str]:
+def _own_units(
+    path: Path, table: TextTable, places: Mapping[str, int], units: Units
+) -> dict[str, str]:
     """Return the units that a file gives to the wanted columns, unless they were given."""
     found = {}
     for field, number in places.items():
@@ -167,11 +192,11 @@ def _is_number_type(kind: pyarrow.DataType) -> bool:
     return bool(pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind))
 
 
-def _holds_numbers(column: NDArray[np.float64] | pyarrow.ChunkedArray) -> bool:
+def _holds_numbers(column: Column) -> bool:
     return isinstance(column, np.ndarray) or _is_number_type(column.type)
 
 
-def _numeric(path: Path, table: _Table, number: int, name: str) -> NDArray[np.float64]:
+def _numeric(path: Path, table: TextTable, number: int, name: str) -> Samples:
     column = table.columns[number]
     if isinstance(column, np.ndarray):
         return column
@@ -179,6 +204,179 @@ def _numeric(path: Path, table: _Table, number: int, name: str) -> NDArray[np.fl
         return np.asarray(column.to_numpy().astype(np.float64))
     texts = [str(each).strip().strip('"') for each in column.to_pylist()]
     row = next((k for k, text in enumerate(texts) if not is_number(text)), None)
-    if row is None or table.lines is None:
+    if row is None:
         raise InputError(path, name, f"a column of type {column.type}", "numbers")
     raise InputError(path, name, f"{texts[row]!r} in line {table.lines[row]}", "a number")
+
+
+def read_text_table(path: Path) -> TextTable:
+    """Read a table of any delimiter, decimal sign and encoding, with or without a header."""
+    size = path.stat().st_size if path.is_file() else 0
+    require_room(path, "content", f"{size_text(size)} of an unusual form", _PER_BYTE * size)
+    text, encoding = _decoded(path)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    filled = [_Line(k, line) for k, line in enumerate(lines, 1) if line.strip()]
+    comments = [line for line in filled if line.text.lstrip().startswith(_COMMENTS)]
+    body = [line for line in filled if not line.text.lstrip().startswith(_COMMENTS)]
+    delimiter, first = _dialect(path, body)
+    width = len(_cells(body[first].text, delimiter))
+    rows = body[first:]
+    cut = _is_cut(rows[-2:], delimiter, width, ended=not lines[-1].strip())
+    rows = rows[:-1] if cut else rows
+    heads = _heads(body[:first], comments, rows[0], delimiter, width)
+    names, units = _names_and_units(heads, delimiter, width)
+    above = repr(body[first - 1].text.strip()) if first else "no line"
+    others = first - (names is not None) - (units is not None) if first else 0
+    decimal = "," if _has_decimal_commas(rows, delimiter) else "."
+    texts = {
+        f"{_DELIMITERS[delimiter]} between columns": delimiter != ",",
+        "decimal commas": decimal == ",",
+        encoding: encoding != "UTF-8",
+        f"comment lines: {len(comments)}": bool(comments),
+        f"lines above the table: {others}": others > 0,
+        "no header": names is None,
+    }
+    layout = tuple(text for text, holds in texts.items() if holds)
+    return TextTable(
+        names=names or [""] * width,
+        units=units,
+        headless=above if names is None else None,
+        columns=dict(enumerate(_parsed(path, rows, delimiter, decimal, width))),
+        lines=[line.number for line in rows],
+        reading=FileReading(layout=layout, cut_lines=int(cut)),
+    )
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell holds a number, with a decimal point or comma."""
+    return _NUMBER.fullmatch(text) is not None
+
+
+def _decoded(path: Path) -> tuple[str, str]:
+    """Return a file's text and the name of its encoding."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(path, "path", "no such file", "an existing file") from None
+    except OSError as error:
+        raise InputError(path, "path", error.strerror, "a readable file") from None
+    encoding = next((name for mark, name in _MARKS.items() if content.startswith(mark)), None)
+    if encoding is None and content[1:200:2].count(0) > content[0:200:2].count(0):
+        encoding = "utf-16-le"
+    elif encoding is None and content[:200].count(0):
+        encoding = "utf-16-be"
+    named = "UTF-16" if encoding and encoding.startswith("utf-16") else "UTF-8"
+    try:
+        return content.decode(encoding or "utf-8").removeprefix("\ufeff"), named
+    except UnicodeDecodeError:
+        if encoding is not None or b"\0" in content:
+            raise InputError(path, "content", "bytes that are not text", "a text file") from None
+    return content.decode("latin-1"), "Latin-1"
+
+
+def _cells(text: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        cells = _BLANKS.split(text.strip()) if "[" in text or "(" in text else text.split()
+    elif '"' in text:
+        cells = next(csv_reader([text.strip()], delimiter=delimiter, skipinitialspace=True))
+    else:
+        cells = text.split(delimiter)
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def _dialect(path: Path, body: list[_Line]) -> tuple[str, int]:
+    """Return the delimiter by which most cells are numbers, and which line is the first row."""
+    sample = body[:_SAMPLE]
+    best, share = ",", 0.0
+    for delimiter in _DELIMITERS:
+        rows = [_cells(line.text, delimiter) for line in sample]
+        filled = [[cell for cell in row if cell] for row in rows if len(row) > 1]
+        numbers = sum(sum(map(is_number, row)) for row in filled if sum(map(is_number, row)) > 1)
+        own = numbers / max(sum(map(len, filled)), 1)
+        if own > share:
+            best, share = delimiter, own
+    for k, line in enumerate(body if share else []):
+        cells = _cells(line.text, best)
+        if sum(map(is_number, cells)) > 1 and 2 * sum(map(_is_value, cells)) >= len(cells):
+            return best, k
+    expected = "a table of numbers, delimited by commas, semicolons, tabs or blanks"
+    raise InputError(path, "content", "no row of numbers", expected)
+
+
+def _is_value(cell: str) -> bool:
+    return is_number(cell) or cell.lower() in _MISSING
+
+
+def _is_cut(rows: list[_Line], delimiter: str, width: int, *, ended: bool) -> bool:
+    """Whether the last line lacks values, or breaks off in a number that the row before has."""
+    before, last = (_cells(line.text, delimiter) for line in (rows[0], rows[-1]))
+    return len(last) < width or (not ended and _is_value(before[-1]) and not _is_value(last[-1]))
+
+
+def _heads(
+    above: list[_Line], comments: list[_Line], first: _Line, delimiter: str, width: int
+) -> list[str]:
+    """Return the lines, two at most, right above the rows that have as many cells.
+
+    If there are none, the comment lines right above the rows may be: so NumPy writes a header.
+    """
+    texts = [line.text for line in above]
+    if not texts:
+        before = (line.text.lstrip() for line in comments if line.number < first.number)
+        texts = [text.lstrip("#%/") for text in before]
+    widths = {width, width - 1}  # a row may end in a cell that has no name
+    wide = takewhile(lambda text: len(_cells(text, delimiter)) in widths, reversed(texts))
+    return [*wide][1::-1]
+
+
+def _names_and_units(
+    heads: list[str], delimiter: str, width: int
+) -> tuple[list[str] | None, list[str] | None]:
+    """Read header and row of units off the one or two lines above the rows."""
+    if not heads:
+        return None, None
+    rows = [_cells(text, delimiter) for text in heads]
+    rows = [[*row, ""][:width] for row in rows]
+    units = [cell.strip("[]() ") for cell in rows[-1]]
+    given = [unit for unit in units if unit not in {"", "-"}]
+    known = [unit for unit in given if any(known_factor(name, unit) for name in UNITS)]
+    if len(rows) > 1 and 2 * len(known) > len(given):
+        return rows[-2], units
+    return rows[-1], None
+
+
+def _has_decimal_commas(rows: list[_Line], delimiter: str) -> bool:
+    """Whether the first number that is no whole one is written with a comma."""
+    for line in rows:
+        if "," not in line.text and "." not in line.text:
+            continue
+        for cell in _cells(line.text, delimiter):
+            if is_number(cell) and ("," in cell or "." in cell):
+                return "," in cell
+    return False
+
+
+def _parsed(
+    path: Path, rows: list[_Line], delimiter: str, decimal: str, width: int
+) -> list[pyarrow.ChunkedArray]:
+    blanks = delimiter == " "
+    for line in rows:
+        count = len(line.text.split()) if blanks else line.text.count(delimiter) + 1
+        if count != width and len(_cells(line.text, delimiter)) != width:
+            found = f"{len(_cells(line.text, delimiter))} values"
+            expected = f"{width}, as in the first row"
+            if delimiter == ",":
+                expected += " (numbers with decimal commas need another delimiter)"
+            raise InputError(path, f"line {line.number}", found, expected)
+    texts = ("\t".join(line.text.split()) if blanks else line.text.strip(" ") for line in rows)
+    try:
+        table = csv.read_csv(
+            io.BytesIO("\n".join(texts).encode()),
+            read_options=csv.ReadOptions(column_names=[str(k) for k in range(width)]),
+            parse_options=csv.ParseOptions(delimiter="\t" if blanks else delimiter),
+            convert_options=csv.ConvertOptions(decimal_point=decimal),
+        )
+    except pyarrow.ArrowInvalid as error:
+        reason = " ".join(str(error).split())
+        raise InputError(path, "content", f"unreadable ({reason})", "a table") from None
+    return list(table.columns)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeGuard
@@ -16,38 +15,18 @@ from butterfly.errors import InputError, nearest
 from butterfly.logs.log import SAMPLED, Log
 from butterfly.logs.units import AS_IS, Units
 
-
-@dataclass(frozen=True, kw_only=True)
-class Format:
-    """How logs are read from files of one ending, and written to them."""
-
-    name: str  # of the module that does it, imported when it is used: each is slow
-    texts: bool = False  # whether files of this ending are often texts of another kind
-
-    @property
-    def read(self) -> Callable[..., Log]:
-        """Reader, of a path, a column map, units and the fields of `Log` that no file holds."""
-        return self._function("read")
-
-    @property
-    def write(self) -> Callable[[Log, Path], None]:
-        """Writer, of a log and a path."""
-        return self._function("write")
-
-    def _function(self, verb: str) -> Callable[..., Any]:
-        module = import_module(f"butterfly.logs.{self.name}")
-        function: Callable[..., Any] = getattr(module, f"{verb}_{self.name}")
-        return function
-
-
 FORMATS = {
-    ".mat": Format(name="mat"),
-    ".csv": Format(name="csv"),
-    ".parquet": Format(name="parquet"),
-    ".tsv": Format(name="csv"),
-    ".txt": Format(name="csv", texts=True),
-    ".dat": Format(name="csv", texts=True),
+    ".mat": "mat",
+    ".csv": "csv",
+    ".parquet": "parquet",
+    ".tsv": "csv",
+    ".txt": "csv",
+    ".dat": "csv",
 }
+"""The module that reads files of an ending; imported when it is used, as each is slow."""
+
+OFTEN_TEXTS = {".txt", ".dat"}
+"""Endings of files that are often texts of another kind."""
 
 ENDINGS = " or ".join([", ".join(list(FORMATS)[:-1]), list(FORMATS)[-1]])
 """The endings, in words."""
@@ -63,18 +42,12 @@ def read_log(
 
     Raises InputError if the file cannot be read, or is of none of the `FORMATS`.
     """
-    return _format_of(path).read(path, columns, units, **{"name": path.name} | properties)
-
-
-def write_log(log: Log, path: Path) -> None:
-    """Write one file, in the format of its ending."""
-    _format_of(path).write(log, path)
-
-
-def _format_of(path: Path) -> Format:
-    if path.suffix.lower() not in FORMATS:
+    ending = path.suffix.lower()
+    if ending not in FORMATS:
         raise InputError(path, "file name", path.suffix or "no ending", ENDINGS)
-    return FORMATS[path.suffix.lower()]
+    module = import_module(f"butterfly.logs.{FORMATS[ending]}")
+    read: Callable[..., Log] = getattr(module, f"read_{FORMATS[ending]}")
+    return read(path, columns, units, **{"name": path.name} | properties)
 
 
 ColumnMap = Mapping[str, str | int]
@@ -82,6 +55,9 @@ ColumnMap = Mapping[str, str | int]
 
 DEFAULT_COLUMNS = {"time": "time", "input": "input", "angle": "angle"}
 """Column map used when none is given: the columns carry the names of the fields of `Log`."""
+
+VELOCITY = "velocity"
+"""Column that is read besides, where no map is given and it is there."""
 
 _HINT = "--columns time=T,input=U,angle=Q, or the manifest's key columns, says which holds what"
 _UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from butterfly.errors import InputError, nearest, require_number
 from butterfly.logs.units import Units
-from butterfly.model.known import Known, known_of
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass
+from butterfly.model.prior import Known, known_of
 
 MIN_SAMPLES = 16
 """Fewest samples that make a log."""

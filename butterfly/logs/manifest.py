@@ -30,8 +30,8 @@ from butterfly.logs import thesis_logs
 from butterfly.logs.health import DEFAULT_REPAIRS, Repair
 from butterfly.logs.log import InputKind, Intersample, Sine
 from butterfly.logs.units import Units
-from butterfly.model.known import Knowledge, Known, known_of, plain
 from butterfly.model.parameters import GRAVITY, AddedMass, JointKind, rounded
+from butterfly.model.prior import Known, Prior, known_of, plain
 from butterfly.yaml_files import Document, StrictModel, load_yaml, validate, yaml_text
 
 MANIFEST_NAME = "manifest.yaml"
@@ -47,7 +47,7 @@ def _read_known(value: Any) -> Known:  # noqa: ANN401 - whatever was given
 
 
 def _require_known(values: Any) -> Any:  # noqa: ANN401 - whatever was given
-    Knowledge.told(values)
+    Prior.of(values)
     return values
 
 
@@ -164,7 +164,7 @@ class Manifest(StrictModel):
     known: Annotated[dict[str, Uncertain], BeforeValidator(_require_known), _Rule.ADDS] = Field(
         default_factory=dict
     )
-    """Of the robot: parameters of the model, of motor and hand (see `butterfly.model.known`)."""
+    """Of the robot: parameters of the model, of motor and hand (see `butterfly.model.prior`)."""
     zero: Uncertain | None = None
     """What the encoder reads in rad where the hand hangs; found from the logs if not given."""
     zeros: list[MassZero] = Field(default_factory=list)
@@ -207,15 +207,15 @@ class Manifest(StrictModel):
         return Units.of(self.units).with_sign(self.sign)
 
     @property
-    def knowledge(self) -> Knowledge:
+    def knowledge(self) -> Prior:
         """What is known of the robot."""
-        return Knowledge.told(self.known)
+        return Prior.of(self.known)
 
-    def knowing(self, known: Knowledge) -> Manifest:
+    def knowing(self, known: Prior) -> Manifest:
         """Return the manifest of a robot of which more is known."""
         if not known:
             return self
-        both = self.knowledge.also(known)
+        both = self.knowledge | known
         return self.model_copy(update={"known": {**both.parameters, **both.physical}})
 
     def with_zero(self, zero: Known) -> Manifest:

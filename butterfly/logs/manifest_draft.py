@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from butterfly.errors import InputError
-from butterfly.logs.formats import ENDINGS, FORMATS
+from butterfly.logs.formats import ENDINGS, FORMATS, OFTEN_TEXTS
 from butterfly.logs.log import InputKind
 from butterfly.logs.manifest import (
     MANIFEST_NAME,
@@ -19,7 +19,7 @@ from butterfly.logs.manifest import (
 )
 from butterfly.logs.reading import read_entry
 from butterfly.logs.units import Units
-from butterfly.model.known import known_of
+from butterfly.model.prior import known_of
 
 _THESIS_NAME = re.compile(r"Data_(\d+(?:_\d+)?)__(\d+(?:_\d+)?)__0(\d+)")
 _QUESTIONS = {
@@ -67,7 +67,7 @@ def manifest_from_names(folder: Path, given: Mapping[str, Any]) -> Manifest:
         entry = _entry_by_name(path, folder, units)
         if entry is not None:
             entries.append(entry)
-        elif not _may_be_other(path):
+        elif path.suffix.lower() not in OFTEN_TEXTS:
             expected = "Data_<grams>__<rad/s>__<0amplitude>, or a manifest"
             raise InputError(path, "file name", path.stem, expected)
     if not entries:
@@ -82,9 +82,13 @@ def manifest_of_files(folder: Path, given: Mapping[str, Any]) -> Manifest:
     Files that are often texts of another kind are logs if they hold a table. Subfolders are
     searched.
     """
-    from butterfly.logs.csv_dialect import holds_table  # noqa: PLC0415 - slow to import
+    from butterfly.logs.csv import holds_table  # noqa: PLC0415 - slow to import
 
-    paths = [path for path in log_files(folder) if not _may_be_other(path) or holds_table(path)]
+    paths = [
+        path
+        for path in log_files(folder)
+        if path.suffix.lower() not in OFTEN_TEXTS or holds_table(path)
+    ]
     if not paths:
         raise InputError(folder, "path", f"no {ENDINGS} file with a table", "a folder of logs")
     entries = [LogEntry(file=path.relative_to(folder).as_posix()) for path in paths]
@@ -161,10 +165,6 @@ def log_files(folder: Path) -> list[Path]:
 def has_thesis_names(folder: Path) -> bool:
     """Whether a file below a folder is named as the thesis does it."""
     return any(_THESIS_NAME.fullmatch(path.stem) for path in log_files(folder))
-
-
-def _may_be_other(path: Path) -> bool:
-    return FORMATS[path.suffix.lower()].texts
 
 
 def _of_folder(folder: Path, entries: list[LogEntry], given: Mapping[str, Any]) -> Manifest:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from butterfly.errors import InputError, size_text
-from butterfly.files import most_in, replacing
-from butterfly.logs.formats import DEFAULT_COLUMNS, ColumnMap, checked_map, place
+from butterfly.files import most_in
+from butterfly.logs.formats import DEFAULT_COLUMNS, VELOCITY, ColumnMap, checked_map, place
 from butterfly.logs.log import Log
 from butterfly.logs.units import AS_IS, Units
 
@@ -31,7 +31,7 @@ def read_parquet(
     mapping = checked_map(path, columns or DEFAULT_COLUMNS)
     try:
         with parquet.ParquetFile(path) as file:
-            arrays = _columns(path, file, mapping, None if columns else "velocity")
+            arrays = _columns(path, file, mapping, None if columns else VELOCITY)
     except FileNotFoundError:
         raise InputError(path, "path", "no such file", "an existing Parquet file") from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -65,12 +65,6 @@ def _columns(
         parts = [each.column(which).to_numpy(zero_copy_only=False) for each in batches]
         arrays[field] = np.concatenate([np.empty(0), *parts])
     return arrays
-
-
-def write_parquet(log: Log, path: Path) -> None:
-    """Write a log; a missing velocity column is left out."""
-    with replacing(path) as draft:
-        draft.write_bytes(parquet_bytes(log))
 
 
 def parquet_bytes(log: Log) -> bytes:

@@ -8,8 +8,8 @@ the motor's with the basis -u. Whatever needs a fact about a parameter (its unit
 torque, its potential, which estimators offer it) takes it from here; the compiled kernel and the
 MJCF are written by hand and held to this table by a test. A further term is a field of
 `FrictionTerms` and a row below, a line in `butterfly.plant.mjcf`, and in `butterfly.model.kernel` a
-constant with its number (`constants`), a torque (`equation`) and its derivatives (`linearise`; and
-where a joint breaks loose, `events`, if it acts at rest).
+constant with its number, a torque and its derivatives (`equation`; and where a joint breaks loose,
+`events`, if it acts at rest).
 """
 
 from __future__ import annotations

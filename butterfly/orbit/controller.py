@@ -52,17 +52,10 @@ class VelocityEstimator(Protocol):
 class Observer:
     """Luenberger's observer with the model: without lag where the model is right.
 
-    The delay, the armature's lag and bristles are left out of it.
-
-    Parameters
-    ----------
-    parameters
-        Of the hand with what it carries.
-    zero
-        Encoder reading in rad where the model's angle is 0.
-    bandwidth
-        In rad/s; both poles of the error are there. Encoder noise s is amplified to about
-        2 bandwidth s per reading.
+    The delay, the armature's lag and bristles are left out of it. The parameters are of the hand
+    with what it carries; ``zero`` is the encoder reading in rad where the model's angle is 0. Both
+    poles of the error are at the ``bandwidth`` in rad/s, which amplifies encoder noise s to about
+    2 bandwidth s per reading.
     """
 
     def __init__(
@@ -104,23 +97,11 @@ class EnergyShaping:
     """The control law (103) with (109), to be run on a bench.
 
     v = (p2 thd + T_c sgn thd)/p4 - gamma thd (E - E*) sgn p4, and whatever other friction the
-    model has is compensated like T_c. A kick along the velocity starts a
-    hand that hangs still, which (109) would leave alone.
-
-    Parameters
-    ----------
-    orbit
-        To be held, of the hand with what it carries, as believed.
-    gamma
-        In units of the input per rad/s and J.
-    zero
-        Encoder reading in rad where the model's angle is 0.
-    velocity
-        Estimator; a filtered difference if not given.
-    kick
-        Command added along the velocity while the energy is below a hundredth of the target's.
-    compensate_terms
-        Whether to compensate the friction terms besides p2, too.
+    model has is compensated like T_c, all of it besides p2 if ``compensate_terms``. The orbit is
+    that of the hand with what it carries, as believed; gamma is in units of the input per rad/s and
+    J; ``zero`` is the encoder reading in rad where the model's angle is 0. A ``kick``, added along
+    the velocity while the energy is below a hundredth of the target's, starts a hand that hangs
+    still, which (109) would leave alone.
     """
 
     def __init__(

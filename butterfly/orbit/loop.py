@@ -1,10 +1,10 @@
-"""Control, log, re-calibrate, control again, until the hand swings as wanted."""
+"""Control, log, re-calibrate, control again, until the hand swings as it should; try the model."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +12,9 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from butterfly.errors import InputError, require_number
+from butterfly.identification.diagnostics.plausibility import judge_fit
+from butterfly.identification.estimate import Estimate
+from butterfly.identification.free_run import FreeRun, Setting
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
@@ -27,9 +30,16 @@ from butterfly.plant.motor import ControlLaw
 from butterfly.plant.sensors import FilteredDifference
 from butterfly.progress import Track, untracked
 
+PERIODS = 5
+"""Length of the free runs that are compared, in periods of the orbit."""
+
 _SETTLED = 0.5  # share of a run after which its amplitude is measured
 _TOP = 0.25  # share of a half swing, either side of its middle, to which a turning point is fitted
 _FEWEST = 10  # samples of a half swing
+_BESIDE = 1.08  # amplitude over the orbit's, at which a held-out run starts
+_DITHER = 0.2  # of a held-out run
+_HANGING = 1e-3  # rad, of a swing as long as that of a hand that begins where it hangs
+_AROUND = (1.0, 0.8, 1.2)  # amplitudes over the orbit's, at which runs for its calibration start
 
 
 class RunLaw(Protocol):
@@ -44,53 +54,24 @@ class RunLaw(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class OrbitSchedule:
-    """An orbit to hold, and what each round of re-calibration next to it does.
-
-    Parameters
-    ----------
-    target
-        From parameters to the orbit.
-    velocity
-        From parameters, and the encoder reading in rad of the hanging hand, to an estimator.
-    multiplier
-        Wanted Floquet multiplier, the share of a perturbation that is left after one period; sets
-        gamma.
-    duration
-        Of each run in s.
-    starts
-        Angles in rad from which a run of each round starts; the amplitude is measured in the
-        first.
-    orbits
-        Amplitudes in rad of further orbits, held in a run each.
-    dither
-        Share of the control's rms added to all runs but the first, at random.
-    added_masses
-        Which of them each run is made with; with two different ones the scale becomes known. The
-        first is the one that the controller is for.
-    kick
-        See `EnergyShaping`.
-    rounds
-        At most so many.
-    amplitude_tolerance
-        In rad; the loop ends when the amplitude is off by less.
-    parameter_tolerance
-        The loop ends, too, when no parameter changes by more than this share.
-    """
+    """An orbit to hold, and what each round of re-calibration next to it does."""
 
     target: Target
     velocity: Callable[[LumpedParameters, float], VelocityEstimator] = lambda _parameters, _zero: (
         FilteredDifference()
-    )
-    multiplier: float = 0.5
-    duration: float = 20.0
-    starts: tuple[float, ...]
-    orbits: tuple[float, ...] = ()
-    dither: float = 0.0
+    )  # of parameters, and the encoder reading in rad of the hanging hand
+    multiplier: float = 0.5  # share of a perturbation that is left after one period; sets gamma
+    duration: float = 20.0  # of each run in s
+    starts: tuple[float, ...]  # rad, a run from each; the first one's amplitude is measured
+    orbits: tuple[float, ...] = ()  # amplitudes in rad of further orbits, held in a run each
+    dither: float = 0.0  # share of the control's rms added to all runs but the first, at random
+    # each run is made with each of them, the first is the one that the controller is for; with two
+    # different ones the scale becomes known
     added_masses: tuple[AddedMass, ...] = (NO_ADDED_MASS,)
-    kick: float = 0.0
-    rounds: int = 4
-    amplitude_tolerance: float = 3.5e-3
-    parameter_tolerance: float = 1e-3
+    kick: float = 0.0  # see `EnergyShaping`
+    rounds: int = 4  # at most
+    amplitude_tolerance: float = 3.5e-3  # rad off, below which the loop ends; it does, too,
+    parameter_tolerance: float = 1e-3  # when no parameter changes by more than this share
 
     def __post_init__(self) -> None:
         require_number(
@@ -171,25 +152,10 @@ def calibrate(
 ) -> Calibration:
     """Hold the orbit, re-calibrate next to it, and hold it better.
 
-    Parameters
-    ----------
-    rig
-        Runs a control law on the robot.
-    believed
-        Parameters of the bare hand to begin with, from small swings say.
-    zero
-        Encoder reading in rad of the hanging hand.
-    schedule, options
-        What each round does, and how it re-calibrates.
-    rng
-        Source of the dither.
-
-    Raises
-    ------
-    IdentifiabilityError
-        If a round's logs cannot tell the parameters apart.
-    InputError
-        If no controller can be built on ``believed``.
+    ``believed`` are parameters of the bare hand to begin with, from small swings say, ``zero`` is
+    the encoder reading in rad of the hanging hand; the dither is drawn from ``rng``. An
+    IdentifiabilityError if a round's logs cannot tell the parameters apart, an InputError if no
+    controller can be built on ``believed``.
     """
     require_number("believed parameters", positive=True, p1=believed.p1, p4=believed.p4)
     loaded = {mass: believed.with_added_mass(mass) for mass in schedule.added_masses}
@@ -276,10 +242,103 @@ def _turning_points(time: NDArray[np.float64], angle: NDArray[np.float64]) -> li
     for start, end in edges.reshape(-1, 2).tolist():
         if start == 0 or end == angle.size or end - start < _FEWEST:
             continue  # cut off by the ends of the log, or noise about 0
-        length = time[end - 1] - time[start]
-        top = np.abs(time - 0.5 * (time[start] + time[end - 1])) < _TOP * length
         middle = 0.5 * (time[start] + time[end - 1])
+        top = np.abs(time - middle) < _TOP * (time[end - 1] - time[start])
         fit = Polynomial.fit(time[top] - middle, angle[top], 4)
         fine = np.linspace(float(fit.domain[0]), float(fit.domain[1]), 201)
         heights.append(float(fit(fine).max()))
     return heights
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OrbitStudy:
+    """A calibration, and how well its model predicts runs that it has not seen."""
+
+    name: str
+    description: str
+    zero: float  # encoder reading in rad of the hanging hand
+    calibration: Calibration
+    held_out: Log  # a run next to the orbit that was used for nothing else
+    estimate: Estimate  # of the last round, with what its free run of that log says
+    small_swings: Estimate | None  # that it began with; None if parameters were given
+    errors: dict[str, float]  # rms in rad over `PERIODS`, by model: "generic", "re-calibrated"
+    amplitudes: tuple[float, ...]  # (n,) in rad, of the orbits of the next
+    cross: NDArray[np.float64]  # (n, n) rms in rad of the row's model at the column's orbit
+
+    @property
+    def generic(self) -> LumpedParameters:
+        """Parameters of the loaded hand that the loop began with."""
+        return self.calibration.rounds[0].believed
+
+
+def study_orbit(
+    rig: RunLaw,
+    believed: LumpedParameters,
+    zero: float,
+    schedule: OrbitSchedule,
+    options: RecalibrationOptions,
+    *,
+    amplitudes: tuple[float, ...] = (),
+    small_swings: Estimate | None = None,
+    rng: np.random.Generator,
+    name: str = "orbit",
+    description: str = "",
+    track: Track = untracked,
+) -> OrbitStudy:
+    """Calibrate, and compare free runs of the generic and the re-calibrated model.
+
+    ``believed`` are parameters of the bare hand, from ``small_swings`` if they were identified;
+    ``zero`` is the encoder reading in rad of the hanging hand. At the orbits of the ``amplitudes``
+    in rad models are re-calibrated and used crosswise.
+    """
+    calibration = calibrate(rig, believed, zero, schedule, options, rng=rng, track=track)
+    carried = schedule.added_masses[0]
+    final = calibration.parameters
+
+    def run(amplitude: float, start: float, dither: float) -> Log:
+        orbit = Orbit.of_amplitude(final, amplitude)
+        law = Dithered(schedule.law(orbit, zero), dither, 2 * np.pi / orbit.period, rng)
+        return rig(law, start, schedule.duration, carried)
+
+    last, generic = calibration.rounds[-1], calibration.rounds[0].believed
+    nominal = last.orbit.upper
+    held_out = run(nominal, _BESIDE * nominal, _DITHER)
+    runs = {
+        name: beside_orbit(held_out, model, zero)
+        for name, model in (("generic", generic), ("re-calibrated", final))
+    }
+    followed = judge_fit(np.array([runs["re-calibrated"].fit]), ["next to the orbit"])
+    fresh, models_at = [], []
+    for amplitude in track(amplitudes, "Cross-checking orbits"):
+        fresh.append(run(amplitude, _BESIDE * amplitude, _DITHER))
+        logs = [run(amplitude, share * amplitude, _DITHER) for share in _AROUND]
+        models_at.append(recalibrate(logs, zero, options).loaded(carried, final.p1))
+    return OrbitStudy(
+        name=name,
+        description=description,
+        zero=zero,
+        calibration=calibration,
+        held_out=held_out,
+        estimate=last.recalibration.estimate.with_findings(*followed),
+        small_swings=small_swings,
+        errors={name: run.rms for name, run in runs.items()},
+        amplitudes=amplitudes,
+        cross=np.array(
+            [[beside_orbit(log, model, zero).rms for log in fresh] for model in models_at]
+        ).reshape(len(amplitudes), len(amplitudes)),
+    )
+
+
+def beside_orbit(
+    log: Log, loaded: LumpedParameters, zero: float, periods: float = PERIODS
+) -> FreeRun:
+    """Return a free run from the log's first sample, with its input, where the log is at rest.
+
+    The parameters are of the hand with what it carries; compared are so many periods of a swing
+    from there.
+    """
+    start = max(abs(float(log.angle[0]) - zero), _HANGING)
+    period = Orbit.of_amplitude(replace(loaded, p3_offset=0.0, bias=0.0), start).period
+    rows = log.time - log.time[0] <= periods * period
+    cut = replace(log.take(rows), added_mass=NO_ADDED_MASS)
+    return FreeRun.of(cut, Setting(parameters=loaded, zero=zero, velocity=0.0))

@@ -37,18 +37,9 @@ class OnlineRecalibration:
 
     The rows of the past fade as exp(-age/memory) and are solved under the constraints p2, p4,
     friction >= 0; without constraints this is recursive least squares with forgetting (Ljung,
-    System Identification, 2nd ed., 11.2).
-
-    Parameters
-    ----------
-    zero
-        Encoder reading in rad of the hanging hand.
-    terms
-        Estimated besides p2, p3, p4.
-    memory
-        Time in s over which the past fades.
-    options
-        For balance, half-width, delay and cogging periods; its candidates are not used.
+    System Identification, 2nd ed., 11.2). ``zero`` is the encoder reading in rad of the hanging
+    hand; ``terms`` are estimated besides p2, p3, p4, not those that the options have as candidates;
+    the past fades over ``memory`` s.
     """
 
     def __init__(
@@ -124,8 +115,7 @@ class OnlineRecalibration:
     def estimate(self) -> Estimate:
         """Return the current ratios to p1, and how far to trust them.
 
-        Raises IdentifiabilityError if the motion so far is too short, or cannot tell the parameters
-        apart.
+        An IdentifiabilityError if the motion so far is too short, or does not tell them apart.
         """
         if len(self._rows) <= 2 * SEGMENT:
             moving = len(self._rows) * SPACING * self._options.half_width
@@ -156,25 +146,10 @@ class OnlineRecalibration:
 class SelfTuning:
     """An energy-shaping law that replaces its beliefs by on-line estimates as it runs.
 
-    Parameters
-    ----------
-    law
-        To be retuned.
-    online
-        The estimator.
-    target
-        Orbit of given parameters that is to be held.
-    multiplier
-        Wanted Floquet multiplier, for gamma.
-    inertia
-        p1 of the hand with what it carries, which sets the scale.
-    every
-        Time in s between two retunings.
-    commands
-        What makes the commands of ``law``, such as `Dithered` about it; the law itself if not
-        given. The estimator must see the commands that are set, so a dither belongs in here.
-    path
-        That saturates and rounds the commands, so that the estimator sees them as they are set.
+    Every so many s it is retuned to the target orbit of the present estimates, p1 = ``inertia`` of
+    the hand with what it carries, and to the wanted Floquet multiplier. The estimator must see the
+    commands as they are set: a dither (`Dithered` about the law) belongs into ``commands``, and the
+    ``path`` saturates and rounds them.
     """
 
     def __init__(

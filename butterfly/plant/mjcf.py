@@ -15,7 +15,6 @@ from butterfly.model.parameters import (
     NO_ADDED_MASS,
     AddedMass,
     Drive,
-    Hand,
     LumpedParameters,
     VoltageDrive,
 )
@@ -53,7 +52,7 @@ def mjcf(
     Every number is written so that it reads back bit for bit. A scene is stand, scale, light,
     background and camera. A robot that MuJoCo alone cannot run is an InputError.
     """
-    return _text(_built(robot, added, scene=scene, assisted=False))
+    return text_of(built(robot, added, scene=scene))
 
 
 def compile_model(
@@ -63,10 +62,12 @@ def compile_model(
 
     `mount` changes what it carries. Without a scene nothing can be seen.
     """
-    root = _built(robot, added, scene=scene, assisted=True)
-    if not scene:
-        _undress(root)
-    return mujoco.MjModel.from_xml_string(_text(root))
+    root = built(robot, added, scene=scene, assisted=True)
+    if not scene:  # all that is drawn would cost time where nobody looks
+        for parent in root.iter():
+            for child in [each for each in parent if each.tag in {"geom", "asset"}]:
+                parent.remove(child)
+    return mujoco.MjModel.from_xml_string(text_of(root))
 
 
 def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
@@ -85,12 +86,15 @@ def mount(model: mujoco.MjModel, robot: Robot, added: AddedMass) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def _text(root: ElementTree.Element) -> str:
+def text_of(root: ElementTree.Element) -> str:
+    """Return a model as text."""
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _built(robot: Robot, added: AddedMass, *, scene: bool, assisted: bool) -> ElementTree.Element:
-    """Fill in the shipped model.
+def built(
+    robot: Robot, added: AddedMass, *, scene: bool, assisted: bool = False
+) -> ElementTree.Element:
+    """Return the shipped model, filled in.
 
     ``assisted``: whether `butterfly.plant.joints.MujocoJoint` is to run it (see `Assistance`). The
     motor's command is then its current, if the current is a state; MuJoCo's own is 6e-4 rad off at
@@ -106,18 +110,22 @@ def _built(robot: Robot, added: AddedMass, *, scene: bool, assisted: bool) -> El
             "that `butterfly export` adds",
         )
     root = _parse(shipped(MODEL))
-    _set_gravity(root, robot.hand.tilt)
-    _set_inertial(_named(root, "body", "hand"), robot.hand)
-    joint = _named(root, "joint", "hinge")
+    tilt = robot.hand.tilt  # of gravity along the axis, instead of the axis
+    pull = f"0 {GRAVITY * math.sin(tilt)!r} {-GRAVITY * math.cos(tilt)!r}"
+    next(root.iter("option")).set("gravity", pull)
+    inertial = next(named(root, "hand").iter("inertial"))
+    inertial.set("pos", f"{robot.hand.com_offset!r} 0 {-robot.hand.com_distance!r}")
+    inertial.set("mass", repr(robot.hand.mass))
+    inertial.set("diaginertia", " ".join([repr(robot.hand.inertia)] * 3))
+    joint = named(root, "hinge")
     joint.set("damping", f"{robot.friction.viscous!r} {robot.friction.drag!r}")
     joint.set("frictionloss", repr(0.0 if friction.bristle_stiffness else friction.coulomb))
-    body = _named(root, "body", "added_mass")
+    body = named(root, "added_mass")
     body.set("pos", f"0 0 {-added.arm!r}")
     next(body.iter("inertial")).set("mass", repr(added.mass))
     if robot.clutch:
         _insert_clutch(root, robot.clutch)
-    motor = _named(root, "dcmotor", "motor")
-    _set_motor(motor, robot.drive, commands_current=assisted)
+    _set_motor(named(root, "motor"), robot.drive, commands_current=assisted)
     actuators = next(root.iter("actuator"))
     actuators.extend(_pulls(friction))
     if scene:
@@ -131,30 +139,18 @@ def _parse(path: Path) -> ElementTree.Element:
     return ElementTree.parse(path, ElementTree.XMLParser(target=builder)).getroot()  # noqa: S314 - our own file
 
 
-def _named(root: ElementTree.Element, tag: str, name: str) -> ElementTree.Element:
-    return next(element for element in root.iter(tag) if element.get("name") == name)
-
-
-def _set_gravity(root: ElementTree.Element, tilt: float) -> None:
-    """Tilt gravity, along the axis, instead of the axis."""
-    pull = f"0 {GRAVITY * math.sin(tilt)!r} {-GRAVITY * math.cos(tilt)!r}"
-    next(root.iter("option")).set("gravity", pull)
-
-
-def _set_inertial(body: ElementTree.Element, hand: Hand) -> None:
-    inertial = next(body.iter("inertial"))
-    inertial.set("pos", f"{hand.com_offset!r} 0 {-hand.com_distance!r}")
-    inertial.set("mass", repr(hand.mass))
-    inertial.set("diaginertia", " ".join([repr(hand.inertia)] * 3))
+def named(root: ElementTree.Element, name: str) -> ElementTree.Element:
+    """Return the mechanism's body, joint or motor of a name."""
+    return next(element for element in root.iter() if element.get("name") == name)
 
 
 def _insert_clutch(root: ElementTree.Element, clutch: Clutch) -> None:
     """Put a rotor between world and hand, which then hangs on a joint with play."""
-    world, hand = next(root.iter("worldbody")), _named(root, "body", "hand")
+    world, hand = next(root.iter("worldbody")), named(root, "hand")
     inertial = next(hand.iter("inertial"))
     rest = float(inertial.get("diaginertia", "").split()[0]) - clutch.rotor_inertia
     inertial.set("diaginertia", " ".join([repr(rest)] * 3))
-    hinge = _named(hand, "joint", "hinge")
+    hinge = named(root, "hinge")
     rotor = ElementTree.SubElement(world, "body", name="rotor")
     rotor.append(hinge)
     own = " ".join([repr(clutch.rotor_inertia)] * 3)
@@ -250,7 +246,7 @@ def _dress(root: ElementTree.Element, added: AddedMass) -> None:
     """
     if not added.mass:
         return
-    body = next(each for each in root.iter("body") if each.get("name") == "added_mass")
+    body = named(root, "added_mass")
     radius = disc_radius(added.mass)
     half, bolt = _FLATNESS * radius / 2, _BOLT * radius
     depth = _FRONT - half
@@ -261,14 +257,10 @@ def _dress(root: ElementTree.Element, added: AddedMass) -> None:
         ends = (0, depth, 0, 0, depth, added.arm)
         _geom(body, "visual", type="capsule", size=(_ROD,), fromto=ends)
     if reach > _SCENE:
-        _step_back(root, reach / _SCENE)
-
-
-def _undress(root: ElementTree.Element) -> None:
-    """Leave out all that is drawn, which would cost time wherever nobody looks."""
-    for parent in root.iter():
-        for child in [each for each in parent if each.tag in {"geom", "asset"}]:
-            parent.remove(child)
+        for tag, name in (("camera", "pos"), ("statistic", "extent")):
+            for element in root.iter(tag):
+                numbers = [float(number) for number in element.get(name, "").split()]
+                element.set(name, " ".join(repr(reach / _SCENE * number) for number in numbers))
 
 
 def _geom(body: ElementTree.Element, kind: str, **attributes: str | tuple[float, ...]) -> None:
@@ -277,10 +269,3 @@ def _geom(body: ElementTree.Element, kind: str, **attributes: str | tuple[float,
         for name, value in attributes.items()
     }
     ElementTree.SubElement(body, "geom", {"class": kind} | texts)
-
-
-def _step_back(root: ElementTree.Element, factor: float) -> None:
-    for tag, name in (("camera", "pos"), ("statistic", "extent")):
-        for element in root.iter(tag):
-            numbers = [factor * float(number) for number in element.get(name, "").split()]
-            element.set(name, " ".join(map(repr, numbers)))

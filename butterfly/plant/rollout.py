@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import mujoco
 import numpy as np
@@ -44,69 +44,54 @@ def simulate_runs(
     """Simulate each run from rest, hanging down, its excitation applied through a zero-order hold.
 
     The runs share a compiled loop and its threads where nothing has to be done between steps (see
-    `Rig.runs_open_loop`); otherwise each goes through the motor wrapper. The grey box's loop
-    gives the wrapper's log bit for bit, MuJoCo's to within rounding.
+    `Rig.runs_open_loop`), one thread per core if not said; otherwise each goes through the motor
+    wrapper. The grey box's loop gives the wrapper's log bit for bit, MuJoCo's to within rounding.
 
-    `runs`: What the robot carries and its excitation, for each run; `seeds`: One for each run, the
-    source of everything random in it; `threads`: Of the compiled loop; one per core if not given.
-    Returns the log of each run, in order, named after its number, mass and frequency. Raises
-    InputError if a simulation diverges.
+    A run is what the robot carries and its excitation; its seed is the source of everything random
+    in it. The logs come in order, named after number, mass and frequency. An InputError if a
+    simulation diverges.
     """
     generators = [np.random.default_rng(seed) for seed in seeds]
     jobs = list(zip(runs, generators, strict=True))
-    workers = threads or os.cpu_count() or 1
-    for number, log in enumerate(_simulated(rig, jobs, duration, workers, track)):
+    threads = threads or os.cpu_count() or 1
+    for number, log in enumerate(_simulated(rig, jobs, duration, threads, track)):
         sine = log.excitation
         what = f"{sine.omega:g}rads" if sine else "signal"
         yield replace(log, name=f"run{number:03d}_{1e3 * log.added_mass.mass:g}g_{what}")
 
 
 def _simulated(
-    rig: Rig, jobs: Sequence[_Job], duration: float, workers: int, track: Track
+    rig: Rig, jobs: Sequence[_Job], duration: float, threads: int, track: Track
 ) -> Iterator[Log]:
     if not rig.runs_open_loop:
         for (added, excitation), rng in track(jobs, "Simulating"):
             yield rig.play(added, excitation, duration, rng)
         return
-    batches = [jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)]
-    compiled = _GreyBoxLoop if rig.simulator is Simulator.GREY_BOX else _MujocoLoop
-    with compiled(rig, duration, workers) as loop:
-        for batch in track(batches, "Simulating"):
-            yield from loop.logs(batch)
+    batches = track([jobs[k : k + _BATCH] for k in range(0, len(jobs), _BATCH)], "Simulating")
+    if rig.simulator is Simulator.GREY_BOX:
+        with ThreadPoolExecutor(threads) as pool:
+            for batch in batches:
+                yield from pool.map(partial(_by_grey_box, rig, duration), batch)
+        return
+    yield from _by_mujoco(rig, batches, duration, threads)
 
 
-class _GreyBoxLoop:
-    """Simulates batches of runs, on any clock and through any path: the logs of `Rig.play`.
+def _by_grey_box(rig: Rig, duration: float, job: _Job) -> Log:
+    """Simulate a run, on any clock and through any path: the log of `Rig.play`.
 
     What is random is drawn in the same order as there: cycles, encoder, faults.
     """
-
-    def __init__(self, rig: Rig, duration: float, threads: int) -> None:
-        self._rig, self._duration = rig, duration
-        self._pool = ThreadPoolExecutor(threads)
-
-    def __enter__(self) -> _GreyBoxLoop:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown()
-
-    def logs(self, batch: Sequence[_Job]) -> Iterator[Log]:
-        """Simulate a batch, and yield its logs in order."""
-        return self._pool.map(self._log, batch)
-
-    def _log(self, job: _Job) -> Log:
-        ((added, excitation), rng), rig = job, self._rig
-        cycles = rig.clock.cycles(self._duration, rng)
-        time = stamps_of(cycles)
-        if rig.clock.jitter == 0 and isinstance(excitation, Multisine):
-            sampled = _on_a_regular_clock(excitation, rig.clock.step, cycles.size)
-        else:
-            sampled = excitation.sample(time)
-        commands = rig.path.shape_all(sampled)
-        joint = GreyBoxJoint(rig.robot, added, angle=initial_angle(excitation))
-        true = joint.angles_under(time, rig.path.deliver(commands), rig.path.delay)
-        return rig.record((added, excitation), time, commands, true, rng)
+    (added, excitation), rng = job
+    cycles = rig.clock.cycles(duration, rng)
+    time = stamps_of(cycles)
+    if rig.clock.jitter == 0 and isinstance(excitation, Multisine):
+        sampled = _on_a_regular_clock(excitation, rig.clock.step, cycles.size)
+    else:
+        sampled = excitation.sample(time)
+    commands = rig.path.shape_all(sampled)
+    joint = GreyBoxJoint(rig.robot, added, angle=initial_angle(excitation))
+    true = joint.angles_under(time, rig.path.deliver(commands), rig.path.delay)
+    return rig.record((added, excitation), time, commands, true, rng)
 
 
 @lru_cache(maxsize=4)
@@ -115,56 +100,37 @@ def _on_a_regular_clock(multisine: Multisine, step: float, count: int) -> NDArra
     return multisine.sample(stamps_of(np.full(count, step)))
 
 
-class _MujocoLoop:
-    """Simulates batches of runs on a regular clock, of a robot that needs no `Assistance`.
+def _by_mujoco(
+    rig: Rig, batches: Iterable[Sequence[_Job]], duration: float, threads: int
+) -> Iterator[Log]:
+    """Simulate runs on a regular clock, of a robot that needs no `Assistance`.
 
     MuJoCo's own compiled loop does, in its threads.
     """
-
-    def __init__(self, rig: Rig, duration: float, threads: int) -> None:
-        clock = rig.clock
-        self._rig = rig
-        self._time = clock.step * np.arange(clock.count(duration) + 1, dtype=np.float64)
-        self._model = compile_model(rig.robot)
-        self._substeps = steps_of(clock.step)
-        self._model.opt.timestep = clock.step / self._substeps
-        self._data = [mujoco.MjData(self._model) for _ in range(threads)]
-        self._pool = Rollout(nthread=threads)
-
-    def __enter__(self) -> _MujocoLoop:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.close()
-
-    def logs(self, batch: Sequence[_Job]) -> Iterator[Log]:
-        """Simulate a batch, and yield its logs in order."""
-        rig, time = self._rig, self._time
-        excitations = [excitation for (_, excitation), _ in batch]
-        inputs = np.array([rig.path.shape_all(each.sample(time)) for each in excitations])
-        start = np.array([initial_angle(each) for each in excitations])
-        angles = self._roll_out(
-            [added for (added, _), _ in batch], start, rig.path.deliver(inputs[:, :-1])
-        )
-        for (run, rng), command, true in zip(batch, inputs, angles, strict=True):
-            yield rig.record(run, time, command, true, rng)
-
-    def _roll_out(
-        self, added: list[AddedMass], start: NDArray[np.float64], held: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the (runs, cycles + 1) angles under (runs, cycles) held commands."""
-        models = [copy.copy(self._model) for _ in added]
-        for model, mass in zip(models, added, strict=True):
-            mount(model, self._rig.robot, mass)
-        controls = np.zeros((len(added), held.shape[1] * self._substeps, self._model.nu))
-        controls[:, :, 0] = np.repeat(held, self._substeps, axis=1)
-        size = mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        states = np.zeros((len(added), size))
-        states[:, 1] = start  # a state is time, angles, velocities
-        reached, _ = self._pool.rollout(models, self._data, states, controls)
-        if any(data.warning[_BAD_ACCELERATION].number for data in self._data):
-            raise InputError("MuJoCo", "motion", "a joint that diverged", "smaller commands")
-        return np.column_stack([start, reached[:, self._substeps - 1 :: self._substeps, 1]])
+    step, count = rig.clock.step, rig.clock.count(duration)
+    time = step * np.arange(count + 1, dtype=np.float64)
+    substeps = steps_of(step)
+    model = compile_model(rig.robot)
+    model.opt.timestep = step / substeps
+    workers = [mujoco.MjData(model) for _ in range(threads)]
+    size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    with Rollout(nthread=threads) as pool:
+        for batch in batches:
+            inputs = np.array([rig.path.shape_all(run.sample(time)) for (_, run), _ in batch])
+            held = rig.path.deliver(inputs[:, :-1])
+            controls = np.zeros((len(batch), count * substeps, model.nu))
+            controls[:, :, 0] = np.repeat(held, substeps, axis=1)
+            states = np.zeros((len(batch), size))
+            states[:, 1] = [initial_angle(run) for (_, run), _ in batch]  # time, angles, velocities
+            models = [copy.copy(model) for _ in batch]
+            for own, ((added, _), _) in zip(models, batch, strict=True):
+                mount(own, rig.robot, added)
+            reached, _ = pool.rollout(models, workers, states, controls)
+            if any(data.warning[_BAD_ACCELERATION].number for data in workers):
+                raise InputError("MuJoCo", "motion", "a joint that diverged", "smaller commands")
+            angles = np.column_stack([states[:, 1], reached[:, substeps - 1 :: substeps, 1]])
+            for (run, rng), command, true in zip(batch, inputs, angles, strict=True):
+                yield rig.record(run, time, command, true, rng)
 
 
 def replay_input(

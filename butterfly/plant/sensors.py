@@ -211,12 +211,7 @@ def _low_passed(keep: NDArray[np.float64], values: NDArray[np.float64]) -> NDArr
 class FilteredDifference:
     """The `filtered_difference` of readings as they come, in a running control loop.
 
-    Parameters
-    ----------
-    time_constant
-        Of the low pass in s.
-    step
-        Of the control loop in s, for `lag` only.
+    ``time_constant`` is that of the low pass in s, ``step`` that of the loop, for `lag` only.
     """
 
     def __init__(self, time_constant: float = 0.003, step: float = 0.001) -> None:

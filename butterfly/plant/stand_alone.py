@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from butterfly.files import replacing
 from butterfly.model.kernel import Constants, least_steps
 from butterfly.model.parameters import NO_ADDED_MASS, AddedMass, LumpedParameters
-from butterfly.plant.mjcf import mjcf
+from butterfly.plant.mjcf import built, mjcf, named, text_of
 from butterfly.plant.robot import Robot
 
 AIM = 1e-4
@@ -74,13 +74,20 @@ def stand_alone(
     """
     friction = robot.loaded(added)
     step, left_out = _step_for(robot, friction, delay)
-    left_out += _not_in_mujoco(resolution, compression)
-    root = _parsed(mjcf(_sliding(robot), added, scene=True))
+    if resolution > 0:
+        left_out.append(
+            f"MuJoCo does not round commands: set ctrl to multiples of {resolution:g} yourself"
+        )
+    if compression > 0:
+        left_out.append(
+            "MuJoCo has no gain that falls with the command: set ctrl to "
+            f"u/(1 + {compression:.6g} |u|) yourself"
+        )
+    root = built(_sliding(robot), added, scene=True)
     next(root.iter("option")).set("timestep", repr(step))
     next(root.iter("flag")).set("refsafe", "disable")  # lets friction grip within a step
-    joint, motor = (_named(root, name) for name in ("hinge", "motor"))
-    joint.set("solreffriction", f"{_GRIP * step!r} 1")
-    actuators = next(root.iter("actuator"))
+    named(root, "hinge").set("solreffriction", f"{_GRIP * step!r} 1")
+    motor = named(root, "motor")
     if math.isfinite(limit):
         motor.set("ctrlrange", f"{-limit!r} {limit!r}")
     if _can_delay(delay, step):
@@ -90,13 +97,17 @@ def stand_alone(
             "interp": "linear",
         }
     if robot.friction.sticks_harder:
-        actuators.extend(_slips(friction))
-    for k, sentence in enumerate(_comments(step, delay, left_out)):
+        next(root.iter("actuator")).extend(_slips(friction))
+    late = f", a delay of {1e3 * delay:.4g} ms included" if _can_delay(delay, step) else ""
+    first = (
+        f"Moves by itself in plain MuJoCo, driven by ctrl[0] (motor){late}; other commands stay 0. "
+        "The step was chosen for what friction and delay ask for."
+    )
+    for k, sentence in enumerate([first, *left_out]):
         comment = ElementTree.Comment(f" {sentence} ")
         comment.tail = "\n  "
         root.insert(k, comment)
-    text = ElementTree.tostring(root, encoding="unicode")
-    return StandAlone(text=text, step=step, left_out=left_out)
+    return StandAlone(text=text_of(root), step=step, left_out=tuple(left_out))
 
 
 def command_of(parameters: LumpedParameters) -> dict[str, float]:
@@ -113,12 +124,9 @@ def models(
 ) -> Iterator[str]:
     """Yield the MJCF text of a robot for each set of parameters, for domain randomisation.
 
-    The input delay is left out (`stand_alone` has it).
-
-    `drawn`: Parameters of the bare hand; numbers of any kind, as frames have them;
-    `bristle_stiffness`: In N m/rad, of friction that is larger at rest, which these models have
-    with bristles only (`stand_alone` has it without). Raises InputError if no hand of that mass
-    moves so, or such friction has no bristles.
+    The parameters are of the bare hand, numbers of any kind. The input delay is left out; friction
+    that is larger at rest needs a ``bristle_stiffness`` in N m/rad (`stand_alone` has both). An
+    InputError if no hand of that mass moves so, or such friction has no bristles.
     """
     for parameters in drawn:
         bends = bristle_stiffness if parameters.stribeck > 0 else 0.0
@@ -126,24 +134,11 @@ def models(
         yield mjcf(Robot.of_lumped(bent, mass), added)
 
 
-def _parsed(text: str) -> ElementTree.Element:
-    parser = ElementTree.XMLParser(  # noqa: S314 - our own text
-        target=ElementTree.TreeBuilder(insert_comments=True)
-    )
-    return ElementTree.fromstring(text, parser)  # noqa: S314
-
-
 def _can_delay(delay: float, step: float) -> bool:
     return delay >= _DELAYED * step * (1 - 1e-9)
 
 
-def _named(root: ElementTree.Element, name: str) -> ElementTree.Element:
-    return next(each for each in root.iter() if each.get("name") == name)
-
-
-def _step_for(
-    robot: Robot, friction: LumpedParameters, delay: float
-) -> tuple[float, tuple[str, ...]]:
+def _step_for(robot: Robot, friction: LumpedParameters, delay: float) -> tuple[float, list[str]]:
     """Return the longest step in s that keeps to `AIM`, and what none does.
 
     MuJoCo's dry friction turns round up to a step from where the joint does, which costs a velocity
@@ -178,30 +173,7 @@ def _step_for(
             f"The delay of {1e3 * delay:.3g} ms is left out: MuJoCo has none shorter than one and "
             f"a half of its steps of {1e3 * step:g} ms"
         )
-    return step, tuple(sentences)
-
-
-def _not_in_mujoco(resolution: float, compression: float) -> tuple[str, ...]:
-    sentences = []
-    if resolution > 0:
-        sentences.append(
-            f"MuJoCo does not round commands: set ctrl to multiples of {resolution:g} yourself"
-        )
-    if compression > 0:
-        sentences.append(
-            "MuJoCo has no gain that falls with the command: set ctrl to "
-            f"u/(1 + {compression:.6g} |u|) yourself"
-        )
-    return tuple(sentences)
-
-
-def _comments(step: float, delay: float, left_out: tuple[str, ...]) -> list[str]:
-    late = f", a delay of {1e3 * delay:.4g} ms included" if _can_delay(delay, step) else ""
-    return [
-        f"Moves by itself in plain MuJoCo, driven by ctrl[0] (motor){late}; other commands stay 0. "
-        "The step was chosen for what friction and delay ask for.",
-        *left_out,
-    ]
+    return step, sentences
 
 
 def _sliding(robot: Robot) -> Robot:

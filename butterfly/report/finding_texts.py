@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 from butterfly.errors import UnusableError
 from butterfly.identification.derived_quantities import SYMBOLS
@@ -15,11 +14,8 @@ from butterfly.identification.diagnostics.findings import (
     grade,
     is_impossible,
 )
-from butterfly.identification.diagnostics.misfit import Misfit
 from butterfly.identification.diagnostics.unit_errors import listed, unit_error_text
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.parameter import lumped_numbers
-from butterfly.model.parameters import LumpedParameters
 from butterfly.model.terms import TERMS
 from butterfly.report.format import counted, fit_text
 from butterfly.verdict import Level, Verdict
@@ -59,42 +55,7 @@ def require_possible(estimate: Estimate) -> Verdict:
 
 def values_of(estimate: Estimate) -> dict[str, float]:
     """Return the values that sentences speak of, by parameter."""
-    return estimate.held | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
-
-
-def finding_numbers(findings: Iterable[Finding], estimate: Estimate) -> list[dict[str, Any]]:
-    """Return findings about an estimate for programs, each with its text."""
-    values = values_of(estimate)
-    return [
-        {
-            "kind": str(each.kind),
-            "severity": str(each.severity),
-            "text": finding_text(each, values),
-            "parameters": list(each.parameters),
-            "number": each.number,
-            "logs": list(each.logs),
-        }
-        for each in findings
-    ]
-
-
-def estimate_numbers(
-    estimate: Estimate, truth: LumpedParameters | None = None, more: Sequence[Finding] = ()
-) -> dict[str, Any]:
-    """Return an estimate under the keys that all results have which rest on one.
-
-    The truth where it is known, and findings besides the estimate's own.
-    """
-    content = estimate.to_dict(truth)
-    content["findings"] = finding_numbers((*estimate.findings, *more), estimate)
-    if truth is not None:
-        content["truth"] = lumped_numbers(truth, estimate.input_kind, estimate.joint)
-    return content
-
-
-def misfit_numbers(misfit: Misfit, estimate: Estimate) -> dict[str, Any]:
-    """Return what the free runs of an estimate leave over, and what that means, for programs."""
-    return misfit.numbers() | {"findings": finding_numbers(misfit.findings, estimate)}
+    return estimate.fixed | dict(zip(estimate.names, estimate.values.tolist(), strict=True))
 
 
 def sentences_of(ending: Ending, findings: Sequence[Finding], values: Values) -> list[str]:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from plotly.graph_objects import Figure, Scatter
 from plotly.subplots import make_subplots
 
-from butterfly.identification.diagnostics.misfit import ErrorBand, LogMisfit
-from butterfly.identification.diagnostics.residuals import LEVELS, Curve
+from butterfly.identification.diagnostics.misfit import LogMisfit
+from butterfly.identification.diagnostics.residuals import LEVELS, Curve, ErrorBand
 from butterfly.identification.free_run import FreeRun
 from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.report.figures import GREY, PALETTE, SHADE, Series, add, packable, seen_samples

@@ -14,14 +14,10 @@ from butterfly.identification.parameter import lumped_numbers
 from butterfly.logs.log import Log
 from butterfly.model.energy import Orbit, energy
 from butterfly.model.parameters import LumpedParameters
-from butterfly.orbit.loop import Round
-from butterfly.orbit.study import PERIODS, OrbitStudy
+from butterfly.orbit.loop import PERIODS, OrbitStudy, Round
 from butterfly.report.figures import PALETTE
-from butterfly.report.finding_texts import (
-    estimate_numbers,
-    estimate_sentences,
-    estimate_verdict,
-)
+from butterfly.report.finding_texts import estimate_sentences, estimate_verdict
+from butterfly.report.numbers import estimate_numbers
 from butterfly.report.page import Fact, Page, PageTable, Section
 from butterfly.report.parameter_table import Whisker, interval, with_error
 from butterfly.result import document

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from butterfly.identification.derived_quantities import SYMBOLS
 from butterfly.identification.parameter import or_none
 from butterfly.identification.physical import Lack, PhysicalParameters, Unseparated
-from butterfly.model.known import plain
+from butterfly.model.prior import plain
 from butterfly.report.parameter_table import interval, with_error
 from butterfly.result import Answer, aligned
 from butterfly.verdict import Verdict

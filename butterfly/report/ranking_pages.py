@@ -57,7 +57,7 @@ def _leaderboard_table(entries: Sequence[Entry]) -> PageTable:
         if entry.estimate is not None:
             found = entry.estimate
             chip = Chip(found.level.verdict, found.level)
-            estimated = {*found.names, *found.held} - {*found.unestimated}
+            estimated = {*found.names, *found.fixed} - {*found.unestimated}
             values = [
                 f"{getattr(found.parameters, name):#.4g}" if name in estimated else "–"
                 for name in names

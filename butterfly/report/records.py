@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from butterfly.experiment.record import EstimateRecord, RunRecord
 from butterfly.identification.parameter import unit_of
 from butterfly.logs.log import InputKind
-from butterfly.report.finding_texts import estimate_verdict, finding_numbers
+from butterfly.report.finding_texts import estimate_verdict
+from butterfly.report.numbers import finding_numbers
 from butterfly.result import document
 from butterfly.verdict import Verdict
 

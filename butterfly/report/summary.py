@@ -15,10 +15,14 @@ from butterfly.identification.identification import Identification
 from butterfly.identification.validate import Structure
 from butterfly.logs.log import Log
 from butterfly.logs.thinning import thinned
-from butterfly.model.known import Knowledge
+from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.report.finding_texts import REMEDY, estimate_sentences
 from butterfly.report.format import counted, fit_text
 from butterfly.report.inspection import conditions_text
+from butterfly.report.parameter_table import parameter_rows
+from butterfly.report.physical import HEADERS, TITLE, physical_rows
+from butterfly.result import TextTable
 from butterfly.signals.frequency_response import ResponsePoint, response_point
 from butterfly.verdict import Level
 
@@ -46,6 +50,35 @@ def summary(identification: Identification) -> list[str]:
         *others,
         _health(data),
     ]
+
+
+def tables(identification: Identification, truth: LumpedParameters | None) -> list[TextTable]:
+    """Return parameters beside the true ones if known, physical ones, and FIT of others."""
+    estimate, fit = identification.estimate, identification.fit
+    headers = ("", "true", "deviation", "estimate", "std error", "95 % interval", "unit")
+    rows = [
+        (
+            *(row.symbol, row.true, row.deviation, row.value, row.error, row.interval),
+            *(row.unit, row.left_out),
+        )
+        for row in parameter_rows(estimate.table(truth))
+    ]
+    title = f"{identification.origin['name']}: {estimate.method}"
+    found = [TextTable(title, (*headers, "one mass left out"), rows)]
+    if derived := physical_rows(identification.separated()):
+        found.append(TextTable(TITLE, HEADERS, derived))
+    if estimate.resonances:
+        resonances = [(str(mass), f"{w:.4f}") for mass, w in estimate.resonances.items()]
+        found.append(TextTable("Resonance, as this method finds it", ("", "rad/s"), resonances))
+    if identification.comparisons:
+        fits = [(f"{estimate.method}, this identification", fit)]
+        for other in identification.comparisons:
+            gain = f" (best p4: {other.parameters.p4:.4g})" if other.gain_fitted else ""
+            fits.append((other.name + gain, other.summary))
+        lines = [(name, *map(fit_text, (f.median, f.mean, f.worst))) for name, f in fits]
+        title = f"FIT in %{fit.over} on the same logs"
+        found.append(TextTable(title, ("parameters", "median", "mean", "worst"), lines))
+    return found
 
 
 def _health(data: DataSet) -> str:
@@ -89,7 +122,7 @@ def _thinned(data: DataSet) -> list[str]:
     return [f"{used:,} means of neighbouring samples stand for the {sound:,} that were recorded."]
 
 
-def zero_sentences(logs: Sequence[Log], known: Knowledge) -> list[str]:
+def zero_sentences(logs: Sequence[Log], known: Prior) -> list[str]:
     """Say where the hand hangs in logs, how that was found, and in which of them it is a guess.
 
     Without gravity there is nothing to say.

@@ -54,7 +54,7 @@ def test_what_else_may_make_a_difference_is_said():
     other = bf.changed(identified(), identified(estimator="another"))
     assert any("a difference may be theirs" in each for each in other.summary)
     held = [
-        identified(estimate=replace(identified().estimate, held={"bias": value}))
+        identified(estimate=replace(identified().estimate, fixed={"bias": value}))
         for value in (0.0, 0.1)
     ]
     assert any("hold bias at different values" in each for each in bf.changed(*held).summary)

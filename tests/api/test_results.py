@@ -17,7 +17,7 @@ from butterfly.api.identified_model import IdentifiedModel
 from butterfly.identification.design import masses_at_hand
 from butterfly.identification.estimators import HarmonicBalance, OutputError
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import hold_out
+from butterfly.identification.validate import cross_validate
 from butterfly.logs.mat import write_mat
 
 OLDER = Path(__file__).parents[1] / "data/older"
@@ -227,7 +227,7 @@ def test_the_other_results_show_and_save_themselves_too(result, data, tmp_path):
         again.report(tmp_path / f"{k}.html")
         assert (tmp_path / f"{k}.html").stat().st_size > 1e5
     validated, designed, compared = results
-    held = hold_out(data, HarmonicBalance(check=False), Split.MASS)
+    held = cross_validate(data, HarmonicBalance(check=False), Split.MASS)
     np.testing.assert_allclose(validated.to_dataframe()["FIT left out in %"], held.fits)
     safe = [row["mean"] for row in designed.rows() if not row["warning"]]
     assert designed.rows()[0]["mean"] == min(safe)
@@ -252,7 +252,7 @@ def test_several_sources_are_read_together_each_with_its_own_repairs(data, sine_
     (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(manifest))
     together = bf.read([tmp_path, data, sine_log])
     assert len(together.logs) == 1 + len(data.logs) + 1
-    assert together.known.exact == {"p4": 0.5}
+    assert together.known.fixed == {"p4": 0.5}
     assert bf.read([tmp_path]).manifest is not None
 
 

@@ -13,7 +13,7 @@ from butterfly.experiment.store import ResultStore
 from butterfly.experiment.sweep import run_sweep
 from butterfly.logs.log import InputKind
 from butterfly.logs.mat import write_mat
-from butterfly.model.known import Known
+from butterfly.model.prior import Known
 from tests.experiment.setting import HereEngine, small_plan
 
 THESIS = "Data_52__5__02.mat"
@@ -187,7 +187,7 @@ def test_every_source_takes_the_same_description(tables, way):
     data = read(source, **GIVEN)
     assert len(data.logs) == 2
     assert (data.input_kind, data.joint) == ("torque", "slide")
-    assert data.told.as_told()["p4"] == {"value": 0.5, "uncertainty": 0.01}
+    assert data.given.to_dict()["p4"] == {"value": 0.5, "uncertainty": 0.01}
     for log in data.logs:
         np.testing.assert_allclose(log.time, RAMP / 100)
         np.testing.assert_allclose(log.input, -TABLE["u"])

@@ -7,9 +7,8 @@ from functools import partial
 import numpy as np
 
 from butterfly.identification.test_functions import Balance
-from butterfly.orbit.loop import calibrate
+from butterfly.orbit.loop import calibrate, study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
-from butterfly.orbit.study import study_orbit
 from tests.benchmarks.bars import SHORT, at_least, at_most
 from tests.orbit.setting import (
     AGAINST_COULOMB,

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from butterfly.cli import main, progress
+from butterfly.cli import main, output
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +25,7 @@ def answer():
                 contextlib.redirect_stdout(out),
                 contextlib.redirect_stderr(err),
             ):
-                patch.setattr(progress, "EVERY", 1e4)
+                patch.setattr(output, "EVERY", 1e4)
                 patch.setattr(sys, "argv", ["butterfly", *words])
                 patch.setenv("COLUMNS", "80")
                 with pytest.raises(SystemExit) as ended:

@@ -10,7 +10,7 @@ from butterfly.errors import InputError
 from butterfly.identification.diagnostics.findings import Ending
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.covariance import cluster_covariance, honest_limits
-from butterfly.model.known import Knowledge
+from butterfly.model.prior import Prior
 
 NAMES = ("p1", "p2", "p3", "p4", "coulomb", "delay")
 TRUTH = np.array([0.003, 0.001, 0.05, 0.5, 0.001, 0.002])
@@ -120,10 +120,10 @@ def test_student_counts_where_logs_are_few():
 def test_what_was_known_or_fitted_once_is_no_evidence():
     covariance = np.diag(ERRORS**2)
     plain = estimate(TRUTH, covariance)
-    told = replace(plain, known=Knowledge.told({"p4": (0.5, 0.01)}))
+    told = replace(plain, known=Prior.of({"p4": (0.5, 0.01)}))
     assert "known in both" in change(told, told).untested["p4"]
     assert "p4" not in change(told, plain).untested
-    vague = replace(plain, known=Knowledge.told({"p4": (0.5, 0.05)}))
+    vague = replace(plain, known=Prior.of({"p4": (0.5, 0.05)}))
     assert "p4" not in change(vague, vague).untested
     names = (*NAMES[:5], "drag")
     other = estimate(TRUTH, covariance, names=names)
@@ -131,7 +131,7 @@ def test_what_was_known_or_fitted_once_is_no_evidence():
         "delay": "was fitted in the first only",
         "drag": "was fitted in the second only",
     }
-    held = replace(other, held={"delay": 0.002})
+    held = replace(other, fixed={"delay": 0.002})
     assert change(plain, held).untested["delay"] == "was held in the second"
     nothing = replace(plain, covariance=np.full((6, 6), np.nan))
     with pytest.raises(InputError, match="no parameter in common"):

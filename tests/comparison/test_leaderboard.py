@@ -12,7 +12,7 @@ from butterfly.comparison.leaderboard import leaderboard
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimators import HarmonicBalance, Linear, WeakForm
 from butterfly.identification.splits import Split
-from butterfly.identification.validate import hold_out
+from butterfly.identification.validate import cross_validate
 from tests.identification.simulated import ROBOT, SWINGS, steady
 
 
@@ -38,7 +38,7 @@ def test_the_best_predictor_of_unseen_masses_comes_first(data, entries):
         assert entry.error == ""
         assert entry.seconds > 0
     told = next(entry for entry in own if entry.method == "harmonic-balance(drag)")
-    fits = hold_out(data, HarmonicBalance(terms=("drag",), check=False), Split.MASS).fits
+    fits = cross_validate(data, HarmonicBalance(terms=("drag",), check=False), Split.MASS).fits
     assert told.held_out.median == pytest.approx(np.median(fits), rel=1e-9)
     assert told.in_sample.worst == pytest.approx(data.simulations.fits(told.estimate).min())
 

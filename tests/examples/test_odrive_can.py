@@ -15,7 +15,7 @@ from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.identify import identify
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import read_manifest
-from butterfly.model.known import Known
+from butterfly.model.prior import Known
 from butterfly.plant.motor import ControlLoop
 from butterfly.plant.sensors import Clock, Encoder
 from examples.odrive_can import AxisState, Command, DriveError, ODrive

@@ -8,7 +8,7 @@ can = pytest.importorskip("can", reason="python-can is not installed (extra 'can
 from butterfly.identification.data import read_data_set
 from butterfly.logs.log import InputKind, Sine
 from butterfly.logs.manifest import read_manifest
-from butterfly.model.known import Known
+from butterfly.model.prior import Known
 from examples import record_sines
 from examples.odrive_stand_in import ZERO, WaitingBus
 

@@ -153,7 +153,7 @@ def test_an_experiment_in_memory_is_the_data_set_of_its_folder(quick, tmp_path):
     changed(quick, known=known, holdout=["run002*"], added_masses=added)
     memory, folder = bf.simulate(quick), bf.simulate(quick, out=tmp_path / "logs")
     for data in (memory, folder):
-        assert data.told.as_told() == known
+        assert data.given.to_dict() == known
         assert [log.name[:6] for log in data.test_logs.logs] == ["run002"]
         carried = [log.added_mass for log in data.logs]
         uncertain = {(added.mass_uncertainty, added.arm_uncertainty) for added in carried}

@@ -9,7 +9,7 @@ import pytest
 from butterfly.errors import InputError
 from butterfly.identification.data import DataSet
 from butterfly.logs.log import InputKind
-from butterfly.model.known import Knowledge
+from butterfly.model.prior import Prior
 from tests.conftest import MASSES
 
 
@@ -46,8 +46,8 @@ def test_the_rest_angle_of_a_mass_is_the_median_of_its_swings_middles(sine_log):
 
 def test_a_joint_that_is_never_driven_has_no_delay(sine_log):
     still = replace(sine_log, input=0.0 * sine_log.input, excitation=None)
-    assert DataSet.of([still]).known.exact == {"delay": 0.0}
-    assert "delay" not in DataSet.of([still, sine_log]).known.exact
+    assert DataSet.of([still]).known.fixed == {"delay": 0.0}
+    assert "delay" not in DataSet.of([still, sine_log]).known.fixed
 
 
 def test_logs_are_held_out_by_name_and_put_back(sine_log):
@@ -72,13 +72,13 @@ def test_logs_are_held_out_by_name_and_put_back(sine_log):
 
 def test_what_is_known_holds_for_logs_that_are_held_out(sine_log):
     data = DataSet.of([sine_log, sine_log]).holding([1])
-    known = Knowledge.told({"p3": 0.05})
+    known = Prior.of({"p3": 0.05})
     assert data.knowing(known).test_logs.known == known
 
 
 def test_without_gravity_there_is_no_moment_to_be_known(sine_log):
     carried = replace(sine_log.added_mass, gravity=0.0)
     data = DataSet.of([replace(sine_log, added_mass=carried)])
-    assert data.known.exact == {"p3": 0.0}
+    assert data.known.fixed == {"p3": 0.0}
     with pytest.raises(InputError, match=r"known: p3: got 0.05; expected 0 of a joint"):
-        data.knowing(Knowledge.told({"p3": 0.05}))
+        data.knowing(Prior.of({"p3": 0.05}))

@@ -10,9 +10,9 @@ import pytest
 from butterfly.identification.estimators import WeakForm
 from butterfly.identification.estimators.weak_form import fitted_terms
 from butterfly.identification.estimators.weak_regression import refined, seen
-from butterfly.model.known import NOTHING, Knowledge
+from butterfly.model.prior import NO_PRIOR, Prior
 from tests.conftest import MASSES
-from tests.identification.simulated import ROBOT, wild
+from tests.identification.simulated import ROBOT, noisy, wild
 
 ZEROS = dict.fromkeys(MASSES, 0.0)
 NOISE, DRAWS = 1.3e-2, 8
@@ -30,16 +30,11 @@ def _windows(logs):
 
 def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
     """Noise and its negative, so that only what grows with its square is left in the mean."""
-    rng = np.random.default_rng(0)
     errors = []
-    for _ in range(DRAWS):
-        noise = [NOISE * rng.standard_normal(log.time.size) for log in clean]
+    for seed in range(DRAWS):
         for sign in (1, -1):
-            logs = [
-                replace(log, angle=log.angle + sign * each)
-                for log, each in zip(clean, noise, strict=True)
-            ]
-            plain = fitted_terms(_windows(logs), (), NOTHING, check=False)[0].values
+            logs = noisy(clean, sign * NOISE, np.random.default_rng(seed))
+            plain = fitted_terms(_windows(logs), (), NO_PRIOR, check=False)[0].values
             free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS).parameters
             errors.append([[plain["p3"], plain["p4"]], [free.p3, free.p4]])
     plain, free = np.mean(errors, axis=0) / [ROBOT.p3, ROBOT.p4] - 1
@@ -48,7 +43,7 @@ def test_least_squares_is_biased_by_noise_and_the_weak_form_is_not(clean):
 
 
 def test_without_noise_they_change_nothing(clean):
-    plain = fitted_terms(_windows(clean), (), NOTHING, check=False)[0].solved.values
+    plain = fitted_terms(_windows(clean), (), NO_PRIOR, check=False)[0].solved.values
     through = WeakForm(terms=(), check=False).of_logs(clean, ZEROS).values
     np.testing.assert_allclose(through[:4], plain[:4], rtol=1e-3)
 
@@ -56,7 +51,7 @@ def test_without_noise_they_change_nothing(clean):
 def test_the_averages_own_errors_where_the_joint_turns_back_are_taken_out():
     """A window's smooth velocity turns late where dry friction bends it: p1 was 0.17 % high."""
     robot = replace(ROBOT, p3=0.0, coulomb=6e-3)
-    known = Knowledge.told({"p3": 0.0, "p4": robot.p4})
+    known = Prior.of({"p3": 0.0, "p4": robot.p4})
     logs = wild(robot)
     plain = fitted_terms(_windows(logs), (), known, check=False)[0].values
     free = WeakForm(terms=(), check=False).of_logs(logs, ZEROS, known).parameters
@@ -74,7 +69,7 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
     for parameters in (replace(ROBOT, p1=-0.01), replace(ROBOT, p4=-0.5)):
         pairs = seen(clean, windows, parameters, ZEROS, cut)
         assert all(each.instruments is each.windows for each in pairs)
-    fit = fitted_terms(windows, (), NOTHING, check=False)[0]
+    fit = fitted_terms(windows, (), NO_PRIOR, check=False)[0]
     kept = refined(fit, pairs).solved.values
     np.testing.assert_allclose(kept, fit.solved.values, rtol=1e-6, atol=1e-9)
     pairs = seen(clean, windows, ROBOT, ZEROS, cut)
@@ -83,11 +78,7 @@ def test_where_the_model_does_not_move_like_the_log_its_own_equations_stand(clea
 
 def test_a_parameter_on_its_bound_stays_there():
     frictionless = wild(replace(ROBOT, coulomb=0.0, p2=0.0), duration=8.0)
-    rng = np.random.default_rng(1)
-    logs = [
-        replace(log, angle=log.angle + 2e-3 * rng.standard_normal(log.time.size))
-        for log in frictionless
-    ]
+    logs = noisy(frictionless, 2e-3, np.random.default_rng(1))
     found = WeakForm(terms=("drag",), check=False).of_logs(logs, ZEROS)
     assert found.on_bound
     for name in found.on_bound:

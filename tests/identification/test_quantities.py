@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from butterfly.identification.quantities import Quantities
-from butterfly.model.known import Known
+from butterfly.model.prior import Known
 
 
 def test_derivatives_are_exact():
@@ -22,7 +22,7 @@ def test_what_goes_together_is_propagated_together():
 
 
 def test_a_division_by_zero_is_no_number_rather_than_an_end():
-    told = Quantities.told({"a": Known(value=1.0), "b": Known(value=0.0, uncertainty=0.1)})
+    told = Quantities.of({"a": Known(value=1.0), "b": Known(value=0.0, uncertainty=0.1)})
     assert told.find(lambda of: of["a"] / of["b"]).value == np.inf
 
 
@@ -33,7 +33,7 @@ def test_linear_relations_are_gaussian_conditioning_whether_they_were_used_or_no
     lumped = Quantities(
         names=("x", "y", "z"), values=np.array([1.0, 2, 3]), covariance=root @ root.T
     )
-    causes = Quantities.told(
+    causes = Quantities.of(
         {"c": Known(value=0.3, uncertainty=0.4), "d": Known(value=0.5, uncertainty=0.2)}
     )
     formulas = {"x": lambda of: of["c"] + 2 * of["d"]}
@@ -56,6 +56,6 @@ def test_linear_relations_are_gaussian_conditioning_whether_they_were_used_or_no
 
 def test_what_is_exact_learns_nothing():
     lumped = Quantities(names=("x",), values=np.array([2.0]), covariance=np.array([[0.01]]))
-    causes = Quantities.told({"c": Known(value=1.0)})
+    causes = Quantities.of({"c": Known(value=1.0)})
     found = lumped.told_of(causes, {"x": lambda of: 2 * of["c"]}, new=frozenset())
     assert found.find(lambda of: of["c"]) == Known(value=1.0)

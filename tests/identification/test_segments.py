@@ -16,9 +16,10 @@ from butterfly.identification.identify import identify
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.report.summary import summary
+from tests.identification.simulated import driven
 from tests.independent.integrator import Joint, motion
 
 STEP = 0.005
@@ -26,7 +27,7 @@ JOINT = Joint(inertia=0.19, viscous=0.03, gravity=3.7, gain=1.0, coulomb=0.15)
 TRUTH = {"p1": 0.19, "p2": 0.03, "p3": 3.7, "coulomb": 0.15}
 ROBOT = LumpedParameters(**TRUTH, p4=1.0)
 START = LumpedParameters(p1=0.25, p2=0.01, p3=4.5, p4=1.0, coulomb=0.05)
-KNOWN = Knowledge.told({"p4": 1.0})
+KNOWN = Prior.of({"p4": 1.0})
 ZEROS = {NO_ADDED_MASS: 0.0}
 
 
@@ -63,16 +64,12 @@ def _fit(logs, **options):
     return estimator.of_logs(logs, START, ZEROS, KNOWN)
 
 
-def _values(found):
-    return [found.values[found.names.index(name)] for name in TRUTH]
-
-
 def test_noise_free_swing_ups_give_the_exact_parameters(exact):
     found = _fit(exact)
     assert found.horizon == pytest.approx(0.8)
-    assert _values(found) == pytest.approx(list(TRUTH.values()), rel=1e-3)
-    fits = DataSet.of(exact).simulations.fits(found)
-    assert fits.min() > 99.99
+    values = {name: getattr(found.parameters, name) for name in TRUTH}
+    assert values == pytest.approx(TRUTH, rel=1e-3)
+    assert DataSet.of(exact).simulations.fits(found).min() > 99.99
     off = replace(ROBOT, p3=1.01 * ROBOT.p3)
     assert all(FreeRun.of(log, Setting(parameters=off, zero=0.0)).fit < 50 for log in exact)
 
@@ -122,9 +119,7 @@ def test_a_joint_that_sticks_has_a_start_that_only_its_angle_moves():
 
 def test_whole_logs_from_rest_are_simulated_as_they_were():
     time = STEP * np.arange(800)
-    inputs = 0.5 * np.sin(3 * time)
-    angle, _ = motion(JOINT, time, inputs)
-    log = Log(time, inputs, angle, input_kind="torque")
+    log = driven(JOINT, time, 0.5 * np.sin(3 * time))
     assert isinstance(simulation_of(log, ROBOT), Simulation)
     assert isinstance(simulation_of(log.piece(200, 800), ROBOT), Segments)
     assert isinstance(simulation_of(log.piece(200, 800), ROBOT, velocity_known=True), Simulation)
@@ -132,23 +127,18 @@ def test_whole_logs_from_rest_are_simulated_as_they_were():
 
 def test_pieces_are_simulated_from_fitted_starts_with_what_was_commanded_before():
     time = STEP * np.arange(1000)
-    inputs = 1.2 * np.sign(np.sin(4 * time))
-    delayed = JOINT._replace(delay=0.06)
-    angle, _ = motion(delayed, time, inputs)
-    robot = replace(ROBOT, delay=0.06)
-    whole = Log(time, inputs, angle, input_kind="torque")
-    setting = Setting(parameters=robot, zero=0.0)
+    whole = driven(JOINT._replace(delay=0.06), time, 1.2 * np.sign(np.sin(4 * time)))
+    setting = Setting(parameters=replace(ROBOT, delay=0.06), zero=0.0)
     for first in range(120, 400, 40):
         assert FreeRun.of(whole.piece(first, first + 500), setting).fit > 99.9
 
 
 def test_the_judgement_sees_segments_and_says_so(noisy):
     found = identify(noisy, OutputError(terms=(), check=False, workers=1))
-    inside = (found.estimate.lower <= found.estimate.values).all()
-    assert inside
-    for name, truth in TRUTH.items():
-        k = found.estimate.names.index(name)
-        assert found.estimate.lower[k] <= truth <= found.estimate.upper[k]
+    places = [found.estimate.names.index(name) for name in TRUTH]
+    truth = np.array(list(TRUTH.values()))
+    assert (found.estimate.lower[places] <= truth).all()
+    assert (truth <= found.estimate.upper[places]).all()
     said = summary(found)
     assert said[0].startswith("Good")
     assert any("Simulated over segments of 0.8 s, each from a start" in each for each in said)
@@ -166,6 +156,5 @@ def test_a_saved_estimate_keeps_its_horizon(exact):
 
 
 def test_logs_that_were_left_out_have_starts_of_their_own(noisy):
-    found = _fit(noisy.logs[:3])
     held = DataSet.of(noisy.logs[3:])
-    assert held.simulations.fits(found).min() > 99
+    assert held.simulations.fits(_fit(noisy.logs[:3])).min() > 99

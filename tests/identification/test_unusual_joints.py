@@ -7,51 +7,44 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from butterfly.comparison.change import change
+from butterfly.api.changed import Changed
 from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.design import next_experiments
 from butterfly.identification.estimators import OutputError, WeakForm
+from butterfly.identification.identify import identify
 from butterfly.identification.inference.identifiability import Conditioning
 from butterfly.identification.parameters_by_hand import given_estimate
 from butterfly.logs.health import examine
-from butterfly.logs.log import InputKind, Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
-from butterfly.report.change import change_rows
+from butterfly.model.prior import Prior
 from butterfly.report.inspection import health_rows
-from tests.independent.integrator import Joint, motion
+from tests.identification.simulated import driven, noisy
+from tests.independent.integrator import Joint
 
 FIT = OutputError(terms=(), check=False, workers=1)
 SLIDE = AddedMass(joint=JointKind.SLIDE)
 
 
-def _logs(joint, *inputs, angle=0.0, added=SLIDE, step=4e-3, noise=1e-5):
-    rng = np.random.default_rng(3)
-    found = []
-    for command in inputs:
-        time = step * np.arange(command.size)
-        seen, _ = motion(joint, time, command, angle)
-        seen = seen + noise * rng.standard_normal(time.size)
-        log = Log(
-            time=time, input=command, angle=seen, input_kind=InputKind.TORQUE, added_mass=added
-        )
-        found.append(log)
-    return found
+def _logs(joint, *inputs, angle=0.0, added=SLIDE, noise=1e-5):
+    exact = [
+        driven(joint, 4e-3 * np.arange(each.size), each, angle, added_mass=added) for each in inputs
+    ]
+    return noisy(exact, noise, np.random.default_rng(3))
 
 
 @pytest.fixture(scope="module")
 def slide():
     levels = np.repeat([0.8, -1.0, 0.3, 1.0, -0.9, -0.4, 0.7, -0.6], 190)
     logs = _logs(Joint(2.0, 4.0, 0.0, 3.0, coulomb=0.5), levels, levels[::-1].copy())
-    return DataSet.of(logs, known=Knowledge.told({"p4": 3.0}))
+    return DataSet.of(logs, known=Prior.of({"p4": 3.0}))
 
 
 def test_a_wheel_that_runs_on_is_identified_from_steps_of_one_sign():
     """It never turns back, and where Stribeck friction would act is not among its speeds."""
     steps = np.repeat([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 250)
     logs = _logs(Joint(1.2e-4, 6.57e-4, 0.0, 0.01565, coulomb=2e-3), steps, added=AddedMass())
-    known = Knowledge.told({"p3": 0.0, "p4": 0.01565})
+    known = Prior.of({"p3": 0.0, "p4": 0.01565})
     estimate = FIT(DataSet.of(logs, known=known))
     assert estimate.parameters.p1 == pytest.approx(1.2e-4, rel=0.01)
     assert estimate.parameters.coulomb == pytest.approx(2e-3, rel=0.01)
@@ -81,25 +74,22 @@ def test_logs_that_tell_nothing_of_a_parameter_are_refused():
 
 
 def test_a_known_gain_of_the_wrong_sign_is_named(slide):
-    told = slide.knowing(Knowledge.told({"p4": -3.0}))
+    told = slide.knowing(Prior.of({"p4": -3.0}))
     with pytest.raises(IdentifiabilityError, match=r"inertia would be -.*sign.*p4 = -3"):
         FIT(told)
 
 
 def test_free_decays_need_no_delay_to_be_known():
-    still = np.zeros(2000)
+    joint, still = Joint(7.6e-3, 2.4e-3, 0.21, 1.0, 1.5e-3), np.zeros(2000)
     logs = [
-        log
-        for start in (0.9, -0.6)
-        for log in _logs(
-            Joint(7.6e-3, 2.4e-3, 0.21, 1.0, 1.5e-3), still, angle=start, added=AddedMass()
-        )
+        *_logs(joint, still, angle=0.9, added=AddedMass()),
+        *_logs(joint, still, angle=-0.6, added=AddedMass()),
     ]
     for gain in (1.0, 0.0):
-        known = Knowledge.told({"p3": 0.21, "p4": gain})
+        known = Prior.of({"p3": 0.21, "p4": gain})
         estimate = FIT(DataSet.of(logs, known=known))
         assert estimate.parameters.p1 == pytest.approx(7.6e-3, rel=1e-3)
-        assert estimate.held["delay"] == 0.0
+        assert estimate.fixed["delay"] == 0.0
 
 
 def test_given_parameters_are_completed_by_what_is_known_of_the_data(slide):
@@ -115,9 +105,8 @@ def test_a_slide_is_told_in_metres(slide):
 
 
 def test_what_has_changed_of_a_slide_is_told_in_kilograms(slide):
-    estimate = WeakForm(terms=(), check=False)(slide)
-    rows = change_rows(change(estimate, estimate), InputKind.TORQUE, JointKind.SLIDE)
-    units = {row["parameter"]: row["unit"] for row in rows}
+    found = identify(slide, WeakForm(terms=(), check=False))
+    units = {row["parameter"]: row["unit"] for row in Changed.of(found, found).rows()}
     assert (units["p1"], units["p2"], units["coulomb"]) == ("kg", "N s/m", "N")
 
 

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.logs.formats import write_log
 from butterfly.logs.log import InputKind, Intersample
 from butterfly.logs.manifest_draft import manifest_from_names, manifest_of_files, manifest_of_log
+from tests.logs.test_formats import write_log
 
 HOW = {"arm": 0.104, "input": InputKind.TORQUE, "intersample": Intersample.FIRST_ORDER_HOLD}
 

@@ -10,7 +10,7 @@ from butterfly.identification.estimators.output_error import OutputError
 from butterfly.logs.health import examine
 from butterfly.logs.log import InputKind, Intersample, Lead, Log
 from butterfly.logs.thinning import thinned
-from butterfly.model.known import Knowledge
+from butterfly.model.prior import Prior
 
 P1, P2, P3, P4, DELAY = 0.011, 0.012, 0.3, 0.4, 0.004
 STEP = 1e-4
@@ -42,7 +42,7 @@ def test_a_fit_to_means_finds_what_a_fit_to_all_samples_does(hold, phase):
     log = _log(hold, phase)
     few = thinned(log, log.time.size // 8)
     assert few.time.size == log.time.size // 8
-    known = Knowledge.told({"p4": P4}, "test")
+    known = Prior.of({"p4": P4}, "test")
     true = {"p1": P1, "p2": P2, "p3": P3, "delay": DELAY}
     for each in (log, few):
         found = OutputError()(DataSet.of([each], known=known)).parameters

@@ -11,10 +11,9 @@ from butterfly.errors import IdentifiabilityError, InputError
 from butterfly.identification.test_functions import Balance
 from butterfly.model.energy import Orbit
 from butterfly.orbit.controller import Dithered, EnergyShaping, gain_for
-from butterfly.orbit.loop import calibrate, swing
+from butterfly.orbit.loop import calibrate, study_orbit, swing
 from butterfly.orbit.online import OnlineRecalibration, SelfTuning
 from butterfly.orbit.recalibration import RecalibrationOptions, recalibrate
-from butterfly.orbit.study import study_orbit
 from butterfly.plant.motor import CommandPath
 from butterfly.plant.rig import Simulator
 from butterfly.report.finding_texts import estimate_sentences

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from butterfly.identification.diagnostics.findings import Ending
+from butterfly.orbit.loop import PERIODS, beside_orbit, study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.study import PERIODS, beside_orbit, study_orbit
 from butterfly.report.orbit_page import orbit_document
 from tests.orbit.setting import grey_rig, plant, sixty_degrees, wrong
 

@@ -64,7 +64,7 @@ def _verdict_and_more(*findings, ending=Ending.CONVERGED):
     estimate = SimpleNamespace(
         names=("p2", "p4", "tilt"),
         values=np.array([1e-3, -0.5, 0.2]),
-        held={},
+        fixed={},
         findings=findings,
         ending=ending,
     )

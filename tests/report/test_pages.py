@@ -10,7 +10,7 @@ import pytest
 from plotly.graph_objects import Bar, Figure, Heatmap, Scatter
 
 from butterfly.api.compared import Compared, Leaderboard
-from butterfly.api.looking_ahead import predict
+from butterfly.api.result_verbs import predict
 from butterfly.api.verbs import identify
 from butterfly.comparison.leaderboard import leaderboard
 from butterfly.comparison.three_way import compare_three
@@ -24,10 +24,10 @@ from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import HarmonicBalance, Linear
 from butterfly.identification.free_run import FitSummary
 from butterfly.logs.log import Sine
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
+from butterfly.orbit.loop import study_orbit
 from butterfly.orbit.recalibration import RecalibrationOptions
-from butterfly.orbit.study import study_orbit
 from butterfly.plant.rig import Rig, Simulator
 from butterfly.plant.rollout import simulate_runs
 from butterfly.plant.sensors import Clock
@@ -114,7 +114,7 @@ def _sweep_page(folder):
             on_bound=(),
             ending=Ending.STOPPED if number == 9 else Ending.CONVERGED,
             findings=(),
-            known=Knowledge.told({"p4": values[2]}),
+            known=Prior.of({"p4": values[2]}),
         )
         estimate = EstimateRecord(
             estimator="m",

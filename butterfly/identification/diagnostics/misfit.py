@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,18 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.data import DataSet
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.diagnostics.residuals import (
+    INDEPENDENT,
     LEVELS,
     Curve,
+    ErrorBand,
     ResidualEquations,
     ResidualSummary,
     SensorErrors,
     absent_terms,
     autocorrelation,
     cross_correlation,
+    less,
+    orthonormal,
     rms,
     slow_velocity,
     summarise_residuals,
@@ -46,28 +50,15 @@ from butterfly.signals.frequency_response import first_counted
 
 Samples = NDArray[np.float64]
 
-ALLOWED = 7e-4
-"""Misfit over rms motion that counts for nothing: a free run is hardly more exact than that."""
-
-LONGEST_LAG = 2.0
-"""Of the correlations, in s; a quarter of the errors at most."""
-
+_ALLOWED = 7e-4  # misfit over rms motion that counts for nothing: no free run is more exact
+_LONGEST_LAG = 2.0  # of the correlations, in s; a quarter of the errors at most
 _DRAWN = 24  # sets of sensor errors
 _LEAST = 1e-3  # share of the motion for which a missing term must count, to be named
 _BY_CHANCE = 0.25  # share of logs that may be outside
-_INDEPENDENT = 1e-6  # size over the largest, below which a direction is none
 _NO_ERRORS = SensorErrors(step=0.0, noise=0.0)
 _NOTHING = ResidualSummary(relative=0.0, noise=1.0, shares={})
 
 _LENGTHS = ("motion", "error", "after_small_changes", "by_sensors", "encoder_step", "noise")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ErrorBand:
-    """How far a reading may be from the simulation, by the parameters and the sensor."""
-
-    time: Samples  # (m,) instants in s
-    reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,11 +165,9 @@ class Misfit:
         """Whether the misfit is beyond the sensors, how many times, and what it looks like."""
         kind = FindingKind.MISFIT if self.beyond_sensors else FindingKind.NO_MISFIT
         found = [Finding(kind, number=self.times)]
-        if self.left_over.terms:
-            likeliest = self.left_over.terms[0]
-            share = self.left_over.shares[likeliest]
-            like = FindingKind.LEFT_OVER
-            found.append(Finding(like, self.left_over.terms, number=share))
+        if terms := self.left_over.terms:
+            share = self.left_over.shares[terms[0]]
+            found.append(Finding(FindingKind.LEFT_OVER, terms, number=share))
         return found
 
     def numbers(self) -> dict[str, Any]:
@@ -246,13 +235,14 @@ def _drawn(log: Errors, left: Samples, random: np.random.Generator) -> tuple[Sen
     They are errors about the free run as changed parameters would have it, ``left`` being the (m,)
     errors that stay.
     """
-    run, counted = log.run, slice(log.run.first, None)
-    angle, instants = run.simulated(), run.log.time[counted]
+    run, setting, counted = log.run, log.run.setting, slice(log.run.first, None)
+    angle = run.trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
+    instants = run.log.time[counted]
     angle[counted] -= np.interp(instants, run.trajectory.middles(), log.whole - left)
     sensor = SensorErrors.of(run.log.angle[counted], angle[counted])
     readings, sets = np.zeros(angle.size), []
     for _ in range(_DRAWN):
-        readings[counted] = sensor.draw(angle[counted], random, unsure=ALLOWED * run.motion)
+        readings[counted] = sensor.draw(angle[counted], random, unsure=_ALLOWED * run.motion)
         sets.append(run.trajectory.averaged(readings))
     return sensor, less(log.own, np.column_stack(sets))
 
@@ -263,9 +253,9 @@ def _log_misfit(
     """Judge a log by its (m, 1 + k) errors: what is left of its own, and of those drawn."""
     run, left, count = log.run, rms(errors[:, 0]), errors.shape[0]
     step = run.trajectory.step
-    lags = max(1, min(round(LONGEST_LAG / step), count // 4))
+    lags = max(1, min(round(_LONGEST_LAG / step), count // 4))
     lag = step * np.arange(lags + 1)
-    allowed = ALLOWED * run.motion / left if left else 0.0
+    allowed = _ALLOWED * run.motion / left if left else 0.0
     own = autocorrelation(errors, lags)
     crossed = cross_correlation(errors, run.trajectory.mean_inputs(run.setting.parameters), lags)
     # the spread of the parameters, to first order, beside that of the readings
@@ -307,11 +297,6 @@ class CountedRun:
             motion=float(np.std(log.angle[first:])),
         )
 
-    def simulated(self) -> Samples:
-        """Return the simulated angles in rad at all stamps."""
-        setting = self.setting
-        return self.trajectory.at_stamps(setting.parameters, setting.zero, setting.velocity)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Errors:
@@ -335,26 +320,21 @@ def free_run_errors(data: DataSet, estimate: Estimate) -> list[CountedRun | Erro
 
     It is the run alone where a simulation fails or nothing moves.
     """
-    predictor, slow = data.simulations, slow_velocity(data.logs)
-    runs = [CountedRun.of(log, predictor.setting(k, estimate)) for k, log in enumerate(data.logs)]
+    slow = slow_velocity(data.logs)
     owners, missing = estimate.owners(data.unread), absent_terms(estimate, data.logs[0].added_mass)
-    varied = _Varied(estimate.names, _root_of(estimate), owners, missing)
-    return [_differentiated(run, varied, slow) or run for run in runs]
-
-
-def _root_of(estimate: Estimate) -> Samples:
-    """(n, n) root of the covariance, as wide as the intervals; zeros where there is none."""
     try:
-        return covariance_root(honest_covariance(estimate))
+        root = covariance_root(honest_covariance(estimate))
     except IdentifiabilityError:
-        return np.zeros((len(estimate.names),) * 2)
-
-
-def less(directions: Sequence[Samples], errors: Samples) -> Samples:
-    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
-    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
-    pairs = zip(directions, np.split(errors, ends), strict=True)
-    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])
+        root = np.zeros((len(estimate.names),) * 2)
+    settings = (data.simulations.setting(k, estimate) for k in range(len(data.logs)))
+    runs = [CountedRun.of(log, each) for log, each in zip(data.logs, settings, strict=True)]
+    return [
+        _differentiated(
+            run, names=estimate.names, root=root, owners=owners, missing=missing, slow=slow
+        )
+        or run
+        for run in runs
+    ]
 
 
 def less_shared(logs: Sequence[Errors], errors: Sequence[Samples]) -> list[Samples]:
@@ -367,31 +347,27 @@ def less_shared(logs: Sequence[Errors], errors: Sequence[Samples]) -> list[Sampl
     wanted = np.concatenate([w * each for w, each in zip(weights, errors, strict=True)])
     sizes = np.linalg.norm(rows, axis=0)
     sizes[sizes == 0] = 1.0
-    change = np.linalg.lstsq(rows / sizes, wanted, rcond=_INDEPENDENT)[0] / sizes[:, None]
+    change = np.linalg.lstsq(rows / sizes, wanted, rcond=INDEPENDENT)[0] / sizes[:, None]
     return [each - log.shared @ change for log, each in zip(logs, errors, strict=True)]
 
 
-class _Varied(NamedTuple):
-    """By what errors are differentiated.
-
-    ``names`` of parameters that logs share, and the (n, n) ``root`` of their covariance;
-    ``owners`` of those that some logs share; names of terms that are ``missing``.
-    """
-
-    names: tuple[str, ...]
-    root: Samples
-    owners: list[tuple[str, AddedMass | str | None]]
-    missing: tuple[str, ...]
-
-
-def _differentiated(run: CountedRun, varied: _Varied, slow: float) -> Errors | None:
+def _differentiated(
+    run: CountedRun,
+    *,
+    names: Sequence[str],
+    root: Samples,
+    owners: Sequence[tuple[str, AddedMass | str | None]],
+    missing: Sequence[str],
+    slow: float,
+) -> Errors | None:
     """Return a log's errors; None if they are no numbers, or nothing moves.
 
-    A log's own are the velocity and the true angle at its start, which the encoder has rounded: a
+    They are differentiated by ``names`` that logs share, of which ``root`` is the (n, n) root of
+    the covariance, by what some logs share, each with its ``owners``, and by ``missing`` terms. A
+    log's own are the velocity and the true angle at its start, which the encoder has rounded: a
     change of it moves the readings by 1 less what one of the zero does. Stribeck friction that is
     missing is looked for below the velocity ``slow``.
     """
-    names, root, owners, missing = varied
     setting, log = run.setting, run.log
     parameters = setting.parameters
     if "stribeck" in missing:
@@ -409,7 +385,7 @@ def _differentiated(run: CountedRun, varied: _Varied, slow: float) -> Errors | N
     if isinstance(run.trajectory, Segments):
         own = run.trajectory.directions(parameters, setting.zero)
     else:
-        own = (_orthonormal(np.column_stack([1 - slopes["zero"], slopes["velocity"]])),)
+        own = (orthonormal(np.column_stack([1 - slopes["zero"], slopes["velocity"]])),)
     mine = {None, log.added_mass, log.name}
     shared = [slopes[name] for name in names]
     shared += [slopes[name] * (whose in mine) for name, whose in owners]
@@ -421,11 +397,3 @@ def _differentiated(run: CountedRun, varied: _Varied, slow: float) -> Errors | N
         missing={name: less(own, slopes[name]) for name in missing},
         reach=np.linalg.norm(np.column_stack([slopes[name] for name in names]) @ root.T, axis=1),
     )
-
-
-def _orthonormal(columns: Samples) -> Samples:
-    """(m, j) orthonormal columns that span those of (m, k) that are felt at all."""
-    sizes = np.linalg.norm(columns, axis=0)
-    felt = sizes > _INDEPENDENT * columns.shape[0] ** 0.5
-    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
-    return np.asarray(left[:, singular > _INDEPENDENT * singular.max(initial=0.0)])

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from butterfly.identification.data import DataSet
+from butterfly.identification.derived_quantities import apart
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
-from butterfly.identification.implied import apart
 from butterfly.identification.inference.consistency import CLEARLY_APART
 from butterfly.identification.inference.covariance import CONFIDENCE
 from butterfly.identification.physical import physical_parameters
@@ -115,7 +115,7 @@ def judge_knowledge(estimate: Estimate, data: DataSet) -> list[Finding]:
     with the hand weighed at least that of its centre of mass besides.
     """
     carrier = data.logs[0].added_mass
-    sources = apart(data.told, data.input_kind, carrier.joint)
+    sources = apart(data.given, data.input_kind, carrier.joint)
     found = [
         Finding(FindingKind.TOLD_APART, (name,), number=far, severity=Level.CARE)
         for name, far in sources.items()

@@ -39,6 +39,9 @@ _HALVINGS = 10  # of the interval that holds the noise
 _UNIFORM = 12.0  # square of the width of a uniform distribution over its variance
 _CURVATURE = 6.0  # variance of a second difference of white noise over its own
 
+INDEPENDENT = 1e-6
+"""Size over the largest, below which a direction is none."""
+
 _SURE = 4.0  # standard errors from 0 at which a coefficient counts as one
 _LIKE = 0.3  # share that a term must explain of what is more than noise, to be named
 _MORE_THAN_NOISE = 1.2  # rms over the noise's, from which there is something else
@@ -123,6 +126,14 @@ def _errors(angle: Samples, noise: Samples, step: float) -> Samples:
 def _roughness(errors: Samples) -> float:
     """Mean square of the second differences of (n,) errors."""
     return float(np.mean(np.diff(errors, 2) ** 2))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ErrorBand:
+    """How far a reading may be from the simulation, by the parameters and the sensor."""
+
+    time: Samples  # (m,) instants in s
+    reach: Samples  # (m,) half widths in rad, at `CONFIDENCE`
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -341,3 +352,18 @@ def _summarised(
 def rms(values: Samples) -> float:
     """Return the root mean square of (n,) values; 0 of none."""
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
+
+
+def orthonormal(columns: Samples) -> Samples:
+    """Return (m, j) orthonormal columns that span those of (m, k) that are felt at all."""
+    sizes = np.linalg.norm(columns, axis=0)
+    felt = sizes > INDEPENDENT * columns.shape[0] ** 0.5
+    left, singular, _ = np.linalg.svd(columns[:, felt] / sizes[felt], full_matrices=False)
+    return np.asarray(left[:, singular > INDEPENDENT * singular.max(initial=0.0)])
+
+
+def less(directions: Sequence[Samples], errors: Samples) -> Samples:
+    """Take from (m, k) errors the orthonormal directions of stretches, one after the other."""
+    ends = np.cumsum([each.shape[0] for each in directions])[:-1]
+    pairs = zip(directions, np.split(errors, ends), strict=True)
+    return np.concatenate([part - each @ (each.T @ part) for each, part in pairs])

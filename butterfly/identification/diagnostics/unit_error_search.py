@@ -27,7 +27,11 @@ from butterfly.identification.diagnostics.unit_error_trials import (
     thinned,
     trial_of,
 )
-from butterfly.identification.diagnostics.unit_errors import UnitError, unit_errors_of_omega
+from butterfly.identification.diagnostics.unit_errors import (
+    UnitError,
+    unit_error,
+    unit_errors_of_omega,
+)
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator, HarmonicBalance, WeakForm
 from butterfly.identification.inference.consistency import Correction, disagreeing
@@ -35,11 +39,11 @@ from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.verdict import Level
 
-_CLEARLY = 0.5  # share of the misfit that a slip undone must leave at most
-_FAR_MORE = 0.3  # share of the misfit that a far-fetched slip must leave at most to come first
-_AS_GOOD = 1.3  # times the least misfit, below which a slip explains as much
+_CLEARLY = 0.5  # share of the misfit that a mistake undone must leave at most
+_FAR_MORE = 0.3  # share of the misfit that a far-fetched mistake must leave at most to come first
+_AS_GOOD = 1.3  # times the least misfit, below which a mistake explains as much
 _LONGEST_TRIAL = 50_000.0  # s that may be simulated to see whether seconds are right
-_EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method refused, no slip
+_EXPLAINED = 0.2  # misfit of logs that a joint explains as they are: a method refused, no mistake
 _ROOM = 0.005  # misfit that makes no difference
 
 _TELLING = {FindingKind.POOR_FIT, FindingKind.UNFOLLOWED, FindingKind.TORQUE_DRIVEN}
@@ -62,55 +66,59 @@ _CERTAIN = 100.0  # F statistic of a mass that is wrong for certain
 
 
 def find_unit_errors(data: DataSet, estimator: Estimator, estimate: Estimate) -> list[Finding]:
-    """Name the slips that explain what speaks against an estimate; cheap where nothing does.
+    """Name the mistakes that explain what speaks against an estimate; cheap where nothing does.
 
     The estimate has all other findings on it.
     """
     told = unit_errors_of_omega(data.logs, data.points)
     if told:
         return told
-    heavy = [_grams()] if too_heavy(data.masses, estimate) else []
+    grams = unit_error(UnitError.GRAMS, 1e-3, severity=Level.CARE)
+    heavy = [grams] if _too_heavy(data.masses, estimate) else []
     calm = set(data.calm)
     told_apart = [each for each in estimate.corrections if calm.issuperset(each.logs)]
     disagree = bool(disagreeing(told_apart, data.masses))
-    if not (disagree or suspicious(data, estimate)):
+    if not (disagree or _suspicious(data, estimate)):
         return heavy
     quick = _quick(data, estimator)
-    units = _tried(data, quick, OTHERS) if suspicious(data, estimate) else []
-    masses = wrong_masses(data, quick)
+    units = _tried(data, quick, OTHERS) if _suspicious(data, estimate) else []
+    masses = _wrong_masses(data, quick)
     before = _before(data, estimator, estimate, quick)
     best = _best([*units, *masses], before)
     if disagree and not best:
         best = [each.finding for each in _ordered(masses)]
-    alone = [each.finding for each in mass_of_unfollowed(data, estimate)]
-    return best or alone or _best(_of_one_log(data, quick, before), before) or heavy
+    alone = [each.finding for each in _mass_of_unfollowed(data, estimate)]
+    if best or alone:
+        return best or alone
+    spoiling = _mass_of_one_log(data, quick) if before.misfit > FOLLOWED else []
+    return _best(spoiling, before) or heavy
 
 
 def find_unit_errors_of_refused(data: DataSet, estimator: Estimator) -> list[Finding]:
-    """Name the slips but for which there would be an estimate."""
+    """Name the mistakes but for which there would be an estimate."""
     quick = _quick(data, estimator)
-    before = attempt(lambda same: same, thinned(data), quick)
+    before = attempt(thinned(data), quick)
     if before.misfit < _EXPLAINED:
         return []
     return _best(_tried(data, quick, (*CLOCKS, *OTHERS)), before)
 
 
 def find_unit_errors_of_clock(data: DataSet, estimator: Estimator) -> list[Finding]:
-    """Name the slip that makes stamps advance slowly, before they are simulated for ages."""
-    if not slow_clock(data):
+    """Name the mistake that makes stamps advance slowly, before they are simulated for ages."""
+    if not _slow_clock(data):
         return []
     quick, some = _quick(data, estimator), thinned(data)
     span = sum(float(log.time[-1] - log.time[0]) for log in some.logs)
-    before = attempt(lambda same: same, some, quick) if span < _LONGEST_TRIAL else NOTHING
+    before = attempt(some, quick) if span < _LONGEST_TRIAL else NOTHING
     return _best(_tried(data, quick, CLOCKS), before)
 
 
 def _before(data: DataSet, estimator: Estimator, estimate: Estimate, quick: Estimator) -> Trial:
-    """Return how well a joint explains the logs as they are: a poor method is no slip of theirs."""
+    """Return how well a joint explains logs as they are: a poor method is no mistake of theirs."""
     found = trial_of(data, estimate)
     if isinstance(estimator, type(quick)):
         return found
-    return min(found, attempt(lambda same: same, data, quick), key=lambda trial: trial.misfit)
+    return min(found, attempt(data, quick), key=lambda trial: trial.misfit)
 
 
 def _quick(data: DataSet, estimator: Estimator) -> Estimator:
@@ -123,11 +131,7 @@ def _quick(data: DataSet, estimator: Estimator) -> Estimator:
 
 def _tried(data: DataSet, quick: Estimator, hypotheses: Iterable[Hypothesis]) -> list[Explanation]:
     some = thinned(data)
-    tried = [
-        Explanation.of(each.slip, each.factor, attempt(each.undo, some, quick))
-        for each in hypotheses
-    ]
-    return tried + fitting_counts(some, quick)
+    return [*(each.tried(some, quick) for each in hypotheses), *fitting_counts(some, quick)]
 
 
 def _best(tried: list[Explanation], before: Trial) -> list[Finding]:
@@ -150,33 +154,24 @@ def _ordered(tried: list[Explanation]) -> list[Explanation]:
     )
 
 
-def _of_one_log(data: DataSet, quick: Estimator, before: Trial) -> list[Explanation]:
-    """Look for a log that spoils all others, where all are spoiled."""
-    return mass_of_one_log(data, quick) if before.misfit > FOLLOWED else []
-
-
-def _grams() -> Finding:
-    return Finding(FindingKind.UNIT_ERROR, (UnitError.GRAMS,), number=1e-3, severity=Level.CARE)
-
-
-def suspicious(data: DataSet, estimate: Estimate) -> bool:
-    """Whether an estimate, or the sizes in its data, are those of a slip."""
+def _suspicious(data: DataSet, estimate: Estimate) -> bool:
+    """Whether an estimate, or the sizes in its data, are those of a mistake."""
     return (
         any(each.severity is Level.WARNING or each.kind in _TELLING for each in estimate.findings)
         or any(mass.arm > _LONGEST_ARM for mass in data.masses)
         or any(point.amplitude > math.pi for point in data.sines)
-        or all(angle_step(log) >= _COARSEST for log in data.logs)
+        or all(_angle_step(log) >= _COARSEST for log in data.logs)
     )
 
 
-def slow_clock(data: DataSet) -> bool:
+def _slow_clock(data: DataSet) -> bool:
     """Whether the stamps of a data set advance as those of no robot that is controlled."""
     steps = [log.mean_step for log in data.logs]
     spans = [log.time[-1] - log.time[0] for log in data.logs]
     return bool(np.median(steps) > _LONGEST_STEP or np.median(spans) > _LONGEST_LOG)
 
 
-def too_heavy(masses: Sequence[AddedMass], estimate: Estimate) -> bool:
+def _too_heavy(masses: Sequence[AddedMass], estimate: Estimate) -> bool:
     """Whether a mass is too heavy for its place: so heavy, so large, or for such a motor.
 
     In grams all masses, and with them all parameters but the delay, are a thousand times too large,
@@ -185,18 +180,14 @@ def too_heavy(masses: Sequence[AddedMass], estimate: Estimate) -> bool:
     """
     driven = any(each.kind is FindingKind.TORQUE_DRIVEN for each in estimate.findings)
     return any(
-        mass.mass > min(_HEAVY if driven else _HEAVIEST, _ball(mass.arm / 2))
+        mass.mass
+        > min(_HEAVY if driven else _HEAVIEST, _STEEL * 4 / 3 * math.pi * (mass.arm / 2) ** 3)
         for mass in masses
         if mass.arm > 0
     )
 
 
-def _ball(radius: float) -> float:
-    """Mass in kg of a ball of steel with a radius in m."""
-    return _STEEL * 4 / 3 * math.pi * radius**3
-
-
-def angle_step(log: Log) -> float:
+def _angle_step(log: Log) -> float:
     """Return the least distance in rad between readings of the angle in the middle of a log."""
     middle = log.angle.size // 2
     changes = np.abs(np.diff(log.angle[middle : middle + _LOOKED_AT]))
@@ -209,11 +200,11 @@ class _Corrected:
 
     suspect: Correction
     mass: AddedMass
-    trial: Trial
-    left: float
+    misfit: float
+    left: float  # evidence that masses still disagree
 
 
-def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
+def _wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
     """Return the masses that may be wrong, one at a time; with three, any may be."""
     data = _used(data, quick)
     whole = _estimated(data, quick)
@@ -225,25 +216,27 @@ def wrong_masses(data: DataSet, quick: Estimator) -> list[Explanation]:
         :_LOGS
     ]
     tried = [_corrected(data, quick, each) for each in (*groups, *singles)]
-    possible = [each for each in tried if each is not None and each.trial.misfit < FOLLOWED]
+    possible = [each for each in tried if each is not None and each.misfit < FOLLOWED]
     least = min((each.left for each in possible), default=0.0)
     agreeing = [each for each in possible if each.left <= 2 * least]
-    return [_explanation(data, each, len(agreeing)) for each in agreeing]
+    return [
+        _explanation(data, each.suspect, each.mass, each.misfit, len(agreeing)) for each in agreeing
+    ]
 
 
-def mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
+def _mass_of_one_log(data: DataSet, quick: Estimator) -> list[Explanation]:
     """Return the log that spoils all others, if it may have carried another mass than was given.
 
     The estimate from all logs cannot tell it then, so each is left out in turn.
     """
     data = _used(data, quick)
     tried = [_corrected(data, quick, each) for each in _suspects_alone(data, quick)]
-    possible = [each for each in tried if each is not None and each.trial.misfit < FOLLOWED]
-    best = sorted(possible, key=lambda each: (each.left, each.trial.misfit))[:1]
-    return [_explanation(data, each, 1) for each in best]
+    possible = [each for each in tried if each is not None and each.misfit < FOLLOWED]
+    best = sorted(possible, key=lambda each: (each.left, each.misfit))[:1]
+    return [_explanation(data, each.suspect, each.mass, each.misfit) for each in best]
 
 
-def mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
+def _mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
     """Return the logs that the model does not follow, but would with another mass."""
     unfollowed = {
         name
@@ -261,13 +254,10 @@ def mass_of_unfollowed(data: DataSet, estimate: Estimate) -> list[Explanation]:
     for number in numbers:
         mass, misfit = _fitting_mass(data, estimate, number)
         if misfit < _FOLLOWED_AGAIN * trial.misfits[number]:
-            told = data.logs[number].added_mass
-            suspect = Correction(
-                told=told, logs=(number,), change=mass.mass - told.mass, evidence=math.inf
-            )
-            alone = Trial(misfits=np.array([misfit]))
-            corrected = _Corrected(suspect=suspect, mass=mass, trial=alone, left=0.0)
-            found.append(_explanation(data, corrected, 1))
+            given = data.logs[number].added_mass
+            change = mass.mass - given.mass
+            suspect = Correction(told=given, logs=(number,), change=change, evidence=math.inf)
+            found.append(_explanation(data, suspect, mass, misfit))
     return found
 
 
@@ -305,7 +295,7 @@ def _suspects_alone(data: DataSet, quick: Estimator) -> list[Correction]:
     misfits = []
     for number in numbers:
         rest = thinned(data.take([k for k in numbers if k != number]))
-        misfits.append(attempt_roughly(lambda same: same, rest, quick).misfit)
+        misfits.append(attempt_roughly(rest, quick).misfit)
     worst = int(np.argmin(misfits))
     if misfits[worst] > FOLLOWED:
         return []
@@ -343,8 +333,8 @@ def _corrected(data: DataSet, quick: Estimator, suspect: Correction) -> _Correct
     assert found is not None  # noqa: S101 - there is a round
     wrong = disagreeing(found.corrections, masses)
     left = max((each.evidence for each in wrong), default=0.0)
-    trial = trial_of(carrying(data, masses), found)
-    return _Corrected(suspect=suspect, mass=mass, trial=trial, left=left)
+    misfit = trial_of(carrying(data, masses), found).misfit
+    return _Corrected(suspect=suspect, mass=mass, misfit=misfit, left=left)
 
 
 def _estimated(data: DataSet, quick: Estimator) -> Estimate | None:
@@ -355,17 +345,17 @@ def _estimated(data: DataSet, quick: Estimator) -> Estimate | None:
         return None
 
 
-def _explanation(data: DataSet, corrected: _Corrected, ways: int) -> Explanation:
+def _explanation(
+    data: DataSet, suspect: Correction, mass: AddedMass, misfit: float, ways: int = 1
+) -> Explanation:
     """Name a wrong mass, which is one of some that would explain as much."""
-    suspect = corrected.suspect
     whole = _is_whole(suspect, data)
-    certain = suspect.evidence > _CERTAIN
-    finding = Finding(
-        FindingKind.UNIT_ERROR,
-        (UnitError.MASS, str(suspect.told), str(ways)),
-        number=float(corrected.mass.mass),
-        severity=Level.WARNING if certain else Level.CARE,
-        logs=() if whole else tuple(data.logs[k].name for k in suspect.logs),
+    finding = unit_error(
+        UnitError.MASS,
+        float(mass.mass),
+        str(suspect.told),
+        str(ways),
+        logs=() if whole else [data.logs[k] for k in suspect.logs],
+        severity=Level.WARNING if suspect.evidence > _CERTAIN else Level.CARE,
     )
-    bare = whole and suspect.told.mass == 0
-    return Explanation(finding=finding, misfit=corrected.trial.misfit, last=bare)
+    return Explanation(finding=finding, misfit=misfit, last=whole and suspect.told.mass == 0)

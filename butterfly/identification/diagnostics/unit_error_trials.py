@@ -1,28 +1,28 @@
-"""How well a joint explains logs as they are, or as they would be without a slip."""
+"""How well a joint explains logs as they are, or as they would be without a mistake."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from butterfly.errors import ButterflyError
 from butterfly.identification.data import DataSet
-from butterfly.identification.diagnostics.findings import Finding, FindingKind
+from butterfly.identification.diagnostics.findings import Finding
 from butterfly.identification.diagnostics.plausibility import is_possible
-from butterfly.identification.diagnostics.unit_errors import UnitError
+from butterfly.identification.diagnostics.unit_errors import FACTORS, UnitError, unit_error
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.estimators import Estimator
 from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass
 from butterfly.signals.frequency_response import response_point
-from butterfly.verdict import Level
 
 FOLLOWED = 0.6
-"""Misfit with which a slip undone must leave the logs at most."""
+"""Misfit with which a mistake undone must leave the logs at most."""
 
 _MOST_STEPS = 200_000  # samples that are simulated for a trial, about
 _NONE = 1e3  # misfit of logs that no joint explains
@@ -59,26 +59,24 @@ NOTHING = Trial(misfits=np.array([_NONE]))
 """Of logs that tell no parameters, or such as no joint can have."""
 
 
-def attempt(undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estimator) -> Trial:
-    """Undo a slip, estimate, and simulate; roughly at first, and no more if that is hopeless."""
-    rough = attempt_roughly(undo, data, estimator)
+Undo: TypeAlias = Callable[[DataSet], DataSet]
+"""Returns data as they would be without a mistake; InputError if their sines would be none."""
+
+
+def attempt(data: DataSet, estimator: Estimator, undo: Undo = lambda same: same) -> Trial:
+    """Undo a mistake, estimate, and simulate; roughly at first, and no more if that is hopeless."""
+    rough = attempt_roughly(data, estimator, undo)
     if rough is not NOTHING and rough.misfit > _HOPELESS:
         return rough
-    return _attempted(undo, data, estimator)
+    return _attempted(data, estimator, undo)
 
 
-def attempt_roughly(
-    undo: Callable[[DataSet], DataSet], data: DataSet, estimator: Estimator
-) -> Trial:
-    """Undo a slip, estimate without terms, and simulate."""
-    return _attempted(undo, data, estimator.roughly)
+def attempt_roughly(data: DataSet, estimator: Estimator, undo: Undo = lambda same: same) -> Trial:
+    """Undo a mistake, estimate without terms, and simulate."""
+    return _attempted(data, estimator.roughly, undo)
 
 
-def _attempted(
-    undo: Callable[[DataSet], DataSet],
-    data: DataSet,
-    estimate: Callable[[DataSet], Estimate],
-) -> Trial:
+def _attempted(data: DataSet, estimate: Callable[[DataSet], Estimate], undo: Undo) -> Trial:
     try:
         with np.errstate(all="ignore"):
             undone = undo(data)
@@ -93,29 +91,20 @@ def trial_of(data: DataSet, estimate: Estimate) -> Trial:
     Logs are simulated whole, unless the estimate says otherwise: wrong units make any motion look
     as if small causes grew.
     """
-    if not np.isfinite(estimate.values).all():
-        return NOTHING
-    if not is_possible(estimate, data.masses):
+    if not (np.isfinite(estimate.values).all() and is_possible(estimate, data.masses)):
         return NOTHING
     whole = replace(estimate, horizon=estimate.horizon or math.inf)
-    fits = data.simulations.fits(whole)
-    misfits = np.nan_to_num(1 - fits / 100, nan=_NONE, posinf=_NONE)
+    misfits = np.nan_to_num(1 - data.simulations.fits(whole) / 100, nan=_NONE, posinf=_NONE)
     return Trial(misfits=np.minimum(misfits, _NONE))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """A slip, and the misfit that is left without it."""
+    """A mistake, and the misfit that is left without it."""
 
     finding: Finding  # that names it
     misfit: float  # median over the logs
     last: bool = False  # whether it is far-fetched, and named after others that explain as much
-
-    @classmethod
-    def of(cls, slip: UnitError, factor: float, trial: Trial) -> Explanation:
-        """Return what a trial of a whole data set without a slip says."""
-        finding = Finding(FindingKind.UNIT_ERROR, (slip,), number=factor, severity=Level.WARNING)
-        return cls(finding=finding, misfit=trial.misfit)
 
     def of_a_mass(self, other: Explanation) -> bool:
         """Whether this and another are of masses, between which the motion cannot choose."""
@@ -139,15 +128,19 @@ def thinned(data: DataSet) -> DataSet:
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
-    """A slip, the factor that undoes it, and how a data set would be without it."""
+    """A mistake in a whole data set, and what undoes it."""
 
-    slip: UnitError  # which, and the factor
+    error: UnitError
     factor: float
-    # returns the data set as it would be; InputError if its sines would be none
-    undo: Callable[[DataSet], DataSet]
+    undo: Undo
+
+    def tried(self, data: DataSet, estimator: Estimator) -> Explanation:
+        """Return how well the logs are explained without it."""
+        trial = attempt(data, estimator, self.undo)
+        return Explanation(finding=unit_error(self.error, self.factor), misfit=trial.misfit)
 
 
-def of_angle(slip: UnitError, factor: float) -> Hypothesis:
+def _of_angle(error: UnitError, factor: float) -> Hypothesis:
     """Suppose that the angle is in a unit of ``factor`` rad."""
 
     def undo(data: DataSet) -> DataSet:
@@ -158,21 +151,21 @@ def of_angle(slip: UnitError, factor: float) -> Hypothesis:
         )
         return replace(data, logs=logs, points=points)
 
-    return Hypothesis(slip=slip, factor=factor, undo=undo)
+    return Hypothesis(error=error, factor=factor, undo=undo)
 
 
-def of_arms(slip: UnitError, factor: float) -> Hypothesis:
-    """Suppose that the arms are in a unit of ``factor`` m."""
+def _of_arms(error: UnitError) -> Hypothesis:
+    """Suppose that the arms are in another unit."""
+    factor = FACTORS[error]
 
     def undo(data: DataSet) -> DataSet:
-        return carrying(
-            data, [replace(log.added_mass, arm=factor * log.added_mass.arm) for log in data.logs]
-        )
+        masses = [log.added_mass for log in data.logs]
+        return carrying(data, [replace(each, arm=factor * each.arm) for each in masses])
 
-    return Hypothesis(slip=slip, factor=factor, undo=undo)
+    return Hypothesis(error=error, factor=factor, undo=undo)
 
 
-def of_logs(slip: UnitError, factor: float, undo: Callable[[Log], Log]) -> Hypothesis:
+def _of_columns(error: UnitError, factor: float, undo: Callable[[Log], Log]) -> Hypothesis:
     """Suppose that the columns of the logs are not what they are said to be."""
 
     def undone(data: DataSet) -> DataSet:
@@ -180,7 +173,13 @@ def of_logs(slip: UnitError, factor: float, undo: Callable[[Log], Log]) -> Hypot
         points = tuple(response_point(log) if log.excitation else None for log in logs)
         return replace(data, logs=logs, points=points)
 
-    return Hypothesis(slip=slip, factor=factor, undo=undone)
+    return Hypothesis(error=error, factor=factor, undo=undone)
+
+
+def _of_stamps(error: UnitError) -> Hypothesis:
+    """Suppose that the stamps are in another unit."""
+    factor = FACTORS[error]
+    return _of_columns(error, factor, lambda log: replace(log, time=factor * log.time, lead=None))
 
 
 def carrying(data: DataSet, masses: Sequence[AddedMass]) -> DataSet:
@@ -193,24 +192,17 @@ def carrying(data: DataSet, masses: Sequence[AddedMass]) -> DataSet:
     return replace(data, logs=logs, points=points)
 
 
-CLOCKS = (
-    of_logs(
-        UnitError.MILLISECONDS, 1e-3, lambda log: replace(log, time=1e-3 * log.time, lead=None)
-    ),
-    of_logs(
-        UnitError.MICROSECONDS, 1e-6, lambda log: replace(log, time=1e-6 * log.time, lead=None)
-    ),
-)
+CLOCKS = (_of_stamps(UnitError.MILLISECONDS), _of_stamps(UnitError.MICROSECONDS))
 
 OTHERS = (
-    of_angle(UnitError.DEGREES, math.pi / 180),
-    of_logs(
+    _of_angle(UnitError.DEGREES, FACTORS[UnitError.DEGREES]),
+    _of_columns(
         UnitError.SWAPPED,
         1.0,
         lambda log: replace(log, input=log.angle, angle=log.input, lead=None),
     ),
-    of_arms(UnitError.MILLIMETRES, 1e-3),
-    of_arms(UnitError.CENTIMETRES, 1e-2),
+    _of_arms(UnitError.MILLIMETRES),
+    _of_arms(UnitError.CENTIMETRES),
 )
 
 
@@ -229,16 +221,14 @@ def fitting_counts(data: DataSet, estimator: Estimator) -> list[Explanation]:
     )
     least, most = (2 * math.pi * swing / each for each in reversed(_SWINGS))
     numbers = [each for each in PER_TURN if least <= each <= most]
-    every = [of_angle(UnitError.COUNTS, 2 * math.pi / each) for each in numbers]
+    every = [_of_angle(UnitError.COUNTS, 2 * math.pi / each) for each in numbers]
     coarse = {
-        k: attempt_roughly(every[k].undo, data, estimator).misfit
+        k: attempt_roughly(data, estimator, every[k].undo).misfit
         for k in range(0, len(every), _COARSE)
     }
     if not coarse:
         return []
     best = min(coarse, key=lambda k: coarse[k])
     near = every[max(best - _COARSE + 1, 0) : best + _COARSE]
-    tried = [
-        Explanation.of(each.slip, each.factor, attempt(each.undo, data, estimator)) for each in near
-    ]
+    tried = [each.tried(data, estimator) for each in near]
     return [replace(min(tried, key=lambda each: each.misfit), last=not whole)]

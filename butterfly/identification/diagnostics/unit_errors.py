@@ -7,9 +7,9 @@ named only where undoing it makes the logs agree with a joint, or with their man
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from butterfly.logs.log import Log
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.signals.spectrum import dominant_frequency
 from butterfly.verdict import Level
+
+Samples = NDArray[np.float64]
 
 _NAMED = 4  # logs that a sentence names
 _SAME = 0.03  # relative difference that counts as none between units
@@ -47,24 +49,80 @@ class UnitError(StrEnum):
     GRAMS = "grams"
 
 
+class _Unit(NamedTuple):
+    """A unit in which numbers were recorded or described, and are not said to be."""
+
+    name: str
+    column: str  # of what
+    key: str  # by which it is said
+    times: str  # the factor, as a person would write it
+    factor: float  # that makes SI units of it
+
+
+_LOOKS = {
+    "angle": "The angle looks",
+    "time": "The stamps look",
+    "omega": "The manifest's omegas look",
+    "arm": "The arms look",
+}
+
+_UNITS = {
+    UnitError.DEGREES: _Unit("degrees", "angle", "deg", "pi/180 (0.01745)", math.pi / 180),
+    UnitError.MILLISECONDS: _Unit("milliseconds", "time", "ms", "0.001", 1e-3),
+    UnitError.MICROSECONDS: _Unit("microseconds", "time", "us", "1e-6", 1e-6),
+    UnitError.PER_MINUTE: _Unit(
+        "revolutions per minute", "omega", "rpm", "2 pi/60 (0.1047)", 2 * math.pi / 60
+    ),
+    UnitError.HERTZ: _Unit("Hz", "omega", "Hz", "2 pi", 2 * math.pi),
+    UnitError.MILLIMETRES: _Unit("millimetres", "arm", "mm", "0.001", 1e-3),
+    UnitError.CENTIMETRES: _Unit("centimetres", "arm", "cm", "0.01", 1e-2),
+}
+
+FACTORS = {error: unit.factor for error, unit in _UNITS.items()}
+"""What undoes a unit that was mistaken."""
+
+_OF_FREQUENCIES = [each for each, unit in _UNITS.items() if unit.column in {"time", "omega"}]
+
 _AGREE = "the logs agree with a joint"
 
 
-def _said(what: str, unit: str) -> str:
-    """Tell how to say the unit that was meant."""
-    return f"Say so: --units {what}={unit}, or units: {{{what}: {unit}}} in the manifest."
+def unit_error(
+    error: UnitError,
+    factor: float,
+    *more: str,
+    logs: Iterable[Log] = (),
+    severity: Level = Level.WARNING,
+) -> Finding:
+    """Return the finding that names a mistake, and what undoes it."""
+    return Finding(
+        FindingKind.UNIT_ERROR,
+        (error, *more),
+        number=factor,
+        severity=severity,
+        logs=tuple(log.name for log in logs),
+    )
 
 
 def unit_error_text(finding: Finding) -> str:
-    """Name the slip that a finding tells of, and the factor that undoes it."""
-    return _TEXTS[UnitError(finding.parameters[0])](finding)
+    """Name the mistake that a finding is about, and the factor that undoes it."""
+    error = UnitError(finding.parameters[0])
+    if error not in _UNITS:
+        return _TEXTS[error](finding)
+    unit = _UNITS[error]
+    then = "they are the frequencies of the recorded inputs" if unit.column == "omega" else _AGREE
+    looks = f"{_LOOKS[unit.column]} like {unit.name}"
+    return f"{looks}: times {unit.times} {then}. {_advice(unit.column, unit.key)}"
 
 
-def with_unit_errors(error: ButterflyError, slips: Sequence[Finding]) -> ButterflyError:
-    """Return an error that names slips besides; itself if there are none."""
-    if not slips:
+def _advice(what: str, unit: str) -> str:
+    return f"Say so: --units {what}={unit}, or units: {{{what}: {unit}}} in the manifest."
+
+
+def with_unit_errors(error: ButterflyError, errors: Sequence[Finding]) -> ButterflyError:
+    """Return an error that names errors besides; itself if there are none."""
+    if not errors:
         return error
-    said = " ".join(map(unit_error_text, slips))
+    said = " ".join(map(unit_error_text, errors))
     if isinstance(error, InputError):
         return InputError(error.source, error.field, error.value, f"{error.expected}. {said}")
     return type(error)(f"{error}. {said}")
@@ -77,7 +135,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def _factor(finding: Finding) -> float:
-    assert finding.number is not None  # noqa: S101 - every slip has its factor
+    assert finding.number is not None  # noqa: S101 - every mistake has its factor
     return finding.number
 
 
@@ -86,7 +144,7 @@ def _counts(finding: Finding) -> str:
     turn = f"{2 * math.pi / factor:.0f}"
     return (
         f"The angle looks like encoder counts: times {factor:.4g} (2 pi/{turn}) {_AGREE}. "
-        + _said("angle", f"counts/{turn}")
+        + _advice("angle", f"counts/{turn}")
     )
 
 
@@ -110,50 +168,19 @@ def _mass(finding: Finding) -> str:
 
 
 _TEXTS: dict[UnitError, Callable[[Finding], str]] = {
-    UnitError.DEGREES: lambda _: (
-        f"The angle looks like degrees: times pi/180 (0.01745) {_AGREE}. {_said('angle', 'deg')}"
-    ),
     UnitError.COUNTS: _counts,
-    UnitError.MILLISECONDS: lambda _: (
-        f"The stamps look like milliseconds: times 0.001 {_AGREE}. {_said('time', 'ms')}"
-    ),
-    UnitError.MICROSECONDS: lambda _: (
-        f"The stamps look like microseconds: times 1e-6 {_AGREE}. {_said('time', 'us')}"
-    ),
     UnitError.SWAPPED: lambda _: (
         f"Input and angle look swapped: the other way round {_AGREE}. The manifest's key columns, "
         "or --columns, says which is which."
     ),
-    UnitError.PER_MINUTE: lambda _: (
-        "The manifest's omegas look like revolutions per minute: times 2 pi/60 (0.1047) they are "
-        f"the frequencies of the recorded inputs. {_said('omega', 'rpm')}"
-    ),
-    UnitError.HERTZ: lambda _: (
-        "The manifest's omegas look like Hz: times 2 pi they are the frequencies of the recorded "
-        f"inputs. {_said('omega', 'Hz')}"
-    ),
     UnitError.OMEGA: _omega,
-    UnitError.MILLIMETRES: lambda _: (
-        f"The arms look like millimetres: times 0.001 {_AGREE}. {_said('arm', 'mm')}"
-    ),
-    UnitError.CENTIMETRES: lambda _: (
-        f"The arms look like centimetres: times 0.01 {_AGREE}. {_said('arm', 'cm')}"
-    ),
     UnitError.MASS: _mass,
     UnitError.GRAMS: lambda _: (
         "The added masses look like grams: so much has hardly room at such an arm, or is hardly "
         "moved by such a joint, which the motion cannot tell. If they are, times 0.001 all values "
-        f"but the delay hold. {_said('mass', 'g')}"
+        f"but the delay hold. {_advice('mass', 'g')}"
     ),
 }
-
-_FACTORS = {
-    UnitError.MILLISECONDS: 1e-3,
-    UnitError.MICROSECONDS: 1e-6,
-    UnitError.PER_MINUTE: 2 * math.pi / 60,
-    UnitError.HERTZ: 2 * math.pi,
-}
-"""What told over measured frequency is the inverse of."""
 
 
 def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
@@ -161,12 +188,14 @@ def unit_errors_of_refused(logs: Sequence[Log]) -> list[Finding]:
     sines = [log for log in logs if log.excitation is not None]
     if not sines:
         return []
-    ratios, shares = np.array([_ratio(log) for log in sines]).T
+    ratios, shares = _ratios(sines, "input")
     if np.median(shares) < _SINE:
-        return _swapped(sines)
-    for slip, factor in _FACTORS.items():
-        if np.all(np.abs(ratios / factor - 1) < _SAME):
-            return [_finding(slip, factor)]
+        ratios, shares = _ratios(sines, "angle")
+        right = (shares > _SINE) & (np.abs(ratios - 1) < _SAME)
+        return [unit_error(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
+    for error in _OF_FREQUENCIES:
+        if np.all(np.abs(ratios / FACTORS[error] - 1) < _SAME):
+            return [unit_error(error, FACTORS[error])]
     common = float(np.median(ratios))
     if np.all(np.abs(ratios / common - 1) < _DETUNED) and abs(common - 1) > _DETUNED:
         return [_of_omega(common, *sines)]
@@ -180,7 +209,7 @@ def unit_errors_of_still(logs: Sequence[Log]) -> list[Finding]:
     """Tell why angles stand still: of joints that were let go, the inputs do, and come to rest."""
     still = [log for log in logs if np.ptp(log.angle) == 0 and np.isfinite(log.input).all()]
     if still and all(_comes_to_rest(log.input) for log in still):
-        return [_finding(UnitError.SWAPPED, 1.0)]
+        return [unit_error(UnitError.SWAPPED, 1.0)]
     return []
 
 
@@ -201,7 +230,7 @@ def unit_errors_of_omega(
     return [_of_omega(1 + worst, *(log for log, _ in near))]
 
 
-def _comes_to_rest(values: NDArray[np.float64]) -> bool:
+def _comes_to_rest(values: Samples) -> bool:
     """Whether a signal is largest where it starts, and grows no more."""
     first, second = np.array_split(values, 2)
     distance = np.abs(values - second.mean())
@@ -209,37 +238,16 @@ def _comes_to_rest(values: NDArray[np.float64]) -> bool:
     return bool(start.max() >= distance.max() and np.std(second) < np.std(first))
 
 
-def _ratio(log: Log) -> tuple[float, float]:
-    """Measured over told frequency of a log's input, and the share that it explains."""
-    assert log.excitation is not None  # noqa: S101 - of sines only
-    measured, share = dominant_frequency(log.time, log.input)
-    return measured / log.excitation.omega, share
-
-
-def _swapped(sines: Sequence[Log]) -> list[Finding]:
-    """Tell whether the angles are the sines that the inputs should be."""
-    right = []
-    for log in sines:
-        assert log.excitation is not None  # noqa: S101 - of sines only
-        measured, share = dominant_frequency(log.time, log.angle)
-        right.append(share > _SINE and abs(measured / log.excitation.omega - 1) < _SAME)
-    return [_finding(UnitError.SWAPPED, 1.0)] if np.mean(right) > _SINE else []
+def _ratios(sines: Sequence[Log], signal: str) -> tuple[Samples, Samples]:
+    """(n,) measured over given frequency of a signal of n logs, and (n,) shares it explains."""
+    omegas = np.array([log.excitation.omega for log in sines if log.excitation])
+    found = [dominant_frequency(log.time, getattr(log, signal)) for log in sines]
+    measured, shares = np.array(found).T
+    return measured / omegas, shares
 
 
 def _of_omega(ratio: float, *logs: Log) -> Finding:
     """Name a wrong omega; of one log by what it should be too."""
-    found = _finding(UnitError.OMEGA, ratio, *logs)
-    if len(logs) > 1 or logs[0].excitation is None:
-        return found
-    measured = f"{ratio * logs[0].excitation.omega:.4g} rad/s"
-    return replace(found, parameters=(UnitError.OMEGA, measured))
-
-
-def _finding(slip: UnitError, factor: float, *logs: Log) -> Finding:
-    return Finding(
-        FindingKind.UNIT_ERROR,
-        (slip,),
-        number=factor,
-        severity=Level.WARNING,
-        logs=tuple(log.name for log in logs),
-    )
+    sines = [log.excitation for log in logs if log.excitation]
+    measured = [f"{ratio * each.omega:.4g} rad/s" for each in sines] if len(logs) == 1 else []
+    return unit_error(UnitError.OMEGA, ratio, *measured, logs=logs)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 from butterfly.errors import InputError, nearest
 from butterfly.identification.data import DataSet
 from butterfly.identification.estimate import Estimate
-from butterfly.model.known import Knowledge, Known
+from butterfly.model.prior import Known, Prior
 from butterfly.model.terms import PARAMETERS, TERMS, offered
 
 
@@ -95,12 +95,12 @@ TAKES = {
 """What may be known beforehand, by the methods that make use of it."""
 
 
-def usable(method: str, known: Knowledge) -> Knowledge:
+def usable(method: str, known: Prior) -> Prior:
     """Return what a method can make use of; that a term is absent any method can."""
     return known.within(n for n, each in known.parameters.items() if _can_use(method, n, each))
 
 
-def require_usable(method: str, known: Knowledge, names: tuple[str, ...] = PARAMETERS) -> None:
+def require_usable(method: str, known: Prior, names: tuple[str, ...] = PARAMETERS) -> None:
     """Raise InputError for knowledge that a method cannot make use of (see `usable`).
 
     So does knowledge of all that is to be found, some names at least.
@@ -116,7 +116,7 @@ def require_usable(method: str, known: Knowledge, names: tuple[str, ...] = PARAM
 
 
 def _can_use(method: str, name: str, known: Known) -> bool:
-    if not known.exact:
+    if not known.fixed:
         return name in TAKES[method] & {*PARAMETERS, *offered(method)}
     return known.value == 0 or name in TAKES[method]
 

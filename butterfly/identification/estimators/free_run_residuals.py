@@ -38,14 +38,13 @@ from butterfly.identification.inference.term_choice import (
     stretches_of,
 )
 from butterfly.identification.normal_equations import SolvedEquations
-from butterfly.identification.prior import Prior
 from butterfly.identification.segments import Segments, simulation_of
 from butterfly.identification.simulation import Simulation
 from butterfly.logs.log import Log
 from butterfly.model.greybox import INITIAL
 from butterfly.model.kinematics import Motion
-from butterfly.model.known import Knowledge, Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Known, Penalty, Prior
 from butterfly.model.terms import COMPANIONS, TERMS, FrictionTerms, lower_bounds, offered
 from butterfly.signals.frequency_response import first_counted
 from butterfly.verdict import Level
@@ -75,7 +74,7 @@ class FreeRunResiduals:
     initial: Samples
     # reading of the encoder in rad at the model's angle 0 per added mass, where it is not fitted
     zeros: Mapping[AddedMass, float]
-    prior: Prior | None  # what is known of the scaled parameters with an uncertainty
+    prior: Penalty | None  # what is known of the scaled parameters with an uncertainty
     simulations: tuple[Simulation | Segments, ...]
     motion: tuple[float, ...]  # rms motion of each in rad
     workers: int
@@ -95,7 +94,7 @@ class FreeRunResiduals:
         horizon: float,
         workers: int,
         loss: Loss,
-        known: Knowledge,
+        known: Prior,
         variance: float,
     ) -> FreeRunResiduals:
         """Make logs ready to be fitted.
@@ -106,7 +105,7 @@ class FreeRunResiduals:
         fitted, the encoder's zero aside; ``horizon``: longest stretch in s that is simulated at a
         time; ``variance``: of a residual, beside which uncertain knowledge is weighed.
         """
-        start = replace(start, **known.exact)
+        start = replace(start, **known.fixed)
         first = [first_counted(log, window) for log in logs]
         motion = tuple(_rms_motion(log, k) for log, k in zip(logs, first, strict=True))
         simulations = tuple(
@@ -129,7 +128,7 @@ class FreeRunResiduals:
         scale = np.array([sizes[name] for name, _ in keys])
         guesses = [_first_guess(key, logs, start, zeros, sizes) for key in keys]
         told: dict[Key, Known] = {(name, None): each for name, each in known.parameters.items()}
-        prior = Prior.of(keys, {**told, **known_zeros(keys, logs)}, variance)
+        prior = Penalty.of(keys, {**told, **known_zeros(keys, logs)}, variance)
         return cls(
             start=start,
             keys=keys,
@@ -234,7 +233,7 @@ class FreeRunResiduals:
         """Return a term, and what comes with it, that the equations cannot tell from the others."""
         rows = np.concatenate([rows for rows, _ in at.compressed()])
         names = tuple(name for name, _ in self.keys)
-        told = None if self.prior is None else self.prior.told
+        told = None if self.prior is None else self.prior.active
         conditioning = Conditioning.of(rows, names, told)
         doubtful = [n for n in conditioning.weakest if n in {*CANDIDATES, *offered("output-error")}]
         if conditioning.number <= SINGULAR_CONDITION or not doubtful:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from butterfly.errors import IdentifiabilityError
-from butterfly.identification.prior import Prior
+from butterfly.model.prior import Penalty
 
 Samples = NDArray[np.float64]
 
@@ -125,7 +125,7 @@ class Equations:
     loss: Loss = Loss.LINEAR  # loss, scale: how their residuals count
     scale: float = 1.0
     # what is known of the parameters besides, and the (n,) values that these equations are about
-    known: tuple[Prior, Samples] | None = None
+    known: tuple[Penalty, Samples] | None = None
 
     def part(self, numbers: Sequence[int], kept: NDArray[np.intp]) -> Equations:
         """Return the equations of some logs in some of the parameters."""

@@ -60,8 +60,8 @@ from butterfly.identification.inference.term_choice import (
 )
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.simulation import Simulation
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, offered
 from butterfly.signals.frequency_response import ResponsePoint
 
@@ -77,7 +77,7 @@ class HarmonicBalanceTerms:
     """Terms for a balance."""
 
     phasors: Phasors  # the balance with them
-    held: dict[str, float]  # what is set, not fitted
+    fixed: dict[str, float]  # what is set, not fitted
     # (n,) values of fits with other terms that predict as well
     rivals: tuple[NDArray[np.float64], ...]
     said: tuple[Finding, ...]  # what there is to say of terms that are not fitted
@@ -104,7 +104,7 @@ class HarmonicBalanceTerms:
         best = fit.values_of(free.names, free.values).tolist() if free else []
         return cls(
             phasors=replace(fit.phasors, names=names, stribeck_velocity=speed),
-            held=chosen.settings,
+            fixed=chosen.settings,
             rivals=tuple(fit.values_of(names, each) for each in chosen.rivals),
             said=chosen.findings,
             best=dict(zip(free.names, best, strict=True)) if free else {},
@@ -117,7 +117,7 @@ class HarmonicBalanceTerms:
         return replace(
             self,
             phasors=replace(self.phasors, names=names),
-            held={} if SCANNED in idle else self.held,
+            fixed={} if SCANNED in idle else self.fixed,
             rivals=tuple(each[kept] for each in self.rivals),
             said=(*self.said, Finding(FindingKind.NOT_HELPING, idle)),
             best={name: value for name, value in self.best.items() if name not in idle},
@@ -204,7 +204,7 @@ class HarmonicBalance(Estimator):
         reference, fit = _begun(data.sines, data.known, PARAMETERS)
         return _judged(data.sines, fit, _NAME, [], reference, check=False)
 
-    def of_points(self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING) -> Estimate:
+    def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses, as far as describing functions go (see `Estimator`)."""
         reference, first = _begun(points, known, PARAMETERS)
         chosen = HarmonicBalanceTerms.of(first, self.terms, check=self.check)
@@ -235,7 +235,7 @@ class Linear(Estimator):
         """Estimate from the sines of a data set (see `Estimator`)."""
         return self.of_points(data.sines, data.known)
 
-    def of_points(self, points: Sequence[ResponsePoint], known: Knowledge = NOTHING) -> Estimate:
+    def of_points(self, points: Sequence[ResponsePoint], known: Prior = NO_PRIOR) -> Estimate:
         """Estimate from steady responses (see `Estimator`)."""
         require_usable(HarmonicBalance.method, known, LINEAR)
         reference, fit = _begun(points, known, LINEAR, small=True)
@@ -244,7 +244,7 @@ class Linear(Estimator):
 
 def _begun(
     points: Sequence[ResponsePoint],
-    known: Knowledge,
+    known: Prior,
     names: tuple[str, ...],
     *,
     small: bool = False,
@@ -252,8 +252,8 @@ def _begun(
     """Fit some parameters, and say on what their scale rests."""
     _refuse_too_few(points, known.fitted(names), known)
     reference = ScaleParameter.of([point.added_mass for point in points], known)
-    held = reference.held
-    phasors = Phasors.of(points, held.fitted(names), small=small, known=held)
+    known = reference.fixed
+    phasors = Phasors.of(points, known.fitted(names), small=small, known=known)
     return reference, HarmonicBalanceFit.of(phasors)
 
 
@@ -292,7 +292,7 @@ def _judged(
         left_out=left_out,
         rivals=tuple(reference.grown(each, solved.names) for each in rivals),
         findings=[*few, *said],
-        held=chosen.held if chosen else None,
+        fixed=chosen.fixed if chosen else None,
         masses=masses,
         known=reference.known,
         local=None if rest is None else rest.shared_zero,
@@ -310,9 +310,7 @@ def _refuse_unsteady(sines: int, steady: int, sought: int) -> None:
         )
 
 
-def _refuse_too_few(
-    points: Sequence[ResponsePoint], names: Sequence[str], known: Knowledge
-) -> None:
+def _refuse_too_few(points: Sequence[ResponsePoint], names: Sequence[str], known: Prior) -> None:
     if not points:
         raise IdentifiabilityError(
             "no log says that its input was a sine: give omega and amplitude in the manifest; the "

@@ -18,10 +18,9 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import NEGLIGIBLE
 from butterfly.identification.normal_equations import Regression, SolvedEquations
-from butterfly.identification.prior import Prior
 from butterfly.model.kinematics import Motion
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import NO_PRIOR, Penalty, Prior
 from butterfly.model.terms import PARAMETERS, TERMS, FrictionTerms, lower_bounds
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.verdict import Level
@@ -52,7 +51,7 @@ class Phasors:
     # further variance in rad^2, of logs in which the model does not move like the robot
     doubt: NDArray[np.float64]
     # what is known of the robot; what is known exactly is not among the names
-    known: Knowledge = NOTHING
+    known: Prior = NO_PRIOR
     # in rad/s, at which Stribeck friction is described
     stribeck_velocity: float = FrictionTerms.stribeck_velocity
 
@@ -63,7 +62,7 @@ class Phasors:
         names: tuple[str, ...],
         *,
         small: bool,
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
     ) -> Phasors:
         """Collect them from steady responses; with ``small``, sin th counts as th."""
         angle = np.array([p.angle.fundamental for p in points])
@@ -80,7 +79,7 @@ class Phasors:
             remainder=np.zeros(angle.size, dtype=np.complex128),
             doubt=np.zeros(angle.size),
             known=known,
-            stribeck_velocity=known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
+            stribeck_velocity=known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity),
         )
 
     def take(self, rows: NDArray[np.bool_]) -> Phasors:
@@ -124,18 +123,18 @@ class Phasors:
         late = self.input * np.exp(-1j * self.omega * delay)
         driven = {"p4": -late, "delay": 1j * self.omega * late}
         columns = [driven[name] if name in driven else self._columns[name] for name in self.names]
-        gain = self.known.exact.get("p4", 0.0)
+        gain = self.known.fixed.get("p4", 0.0)
         return np.column_stack(columns), self._target - gain * driven["p4"]
 
     def described(self, values: NDArray[np.float64]) -> LumpedParameters:
         """Return the model's parameters: (n,) values of the names, and what is known exactly."""
         found = dict(zip(self.names, values.tolist(), strict=True))
-        told = self.known.exact | {"stribeck_velocity": self.stribeck_velocity}
+        told = self.known.fixed | {"stribeck_velocity": self.stribeck_velocity}
         return LumpedParameters(**told | found)
 
     def slope(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rms slope of the left-hand side in the angle's phasor, over its directions, (n,)."""
-        found = self.known.exact | dict(zip(self.names, values.tolist(), strict=True))
+        found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
         inertia = self._inertia + found.get("p1", 0.0)
         acting = {**found, "p1": inertia, "p3": self._moment + found.get("p3", 0.0)}
         torques = sum(acting[name] * each for name, each in self._swings.items())
@@ -172,14 +171,14 @@ class Phasors:
     def _described(self, swing: NDArray[np.float64]) -> dict[str, NDArray[np.complex128]]:
         """Return the describing functions of what acts, at (..., n) swings in rad."""
         weight = np.array([mass.weight for mass in self.masses])
-        periods = self.known.exact.get("cogging_periods", FrictionTerms.cogging_periods)
+        periods = self.known.fixed.get("cogging_periods", FrictionTerms.cogging_periods)
         settings = FrictionTerms(stribeck_velocity=self.stribeck_velocity, cogging_periods=periods)
         motion = Motion.of(settings, 0.0, 0.0, weight=weight)
         return {
             row.name: np.asarray(row.describing(self.omega, swing, motion))
             for row in TERMS.values()
             if row.describing is not None
-            and row.name in {*self.names, *self.known.exact, "p1", "p3"}
+            and row.name in {*self.names, *self.known.fixed, "p1", "p3"}
         }
 
     @cached_property
@@ -189,7 +188,7 @@ class Phasors:
         So do the parameters that are known exactly, but for the motor's.
         """
         carried = self._inertia * self._columns["p1"] + self._moment * self._columns["p3"]
-        for name, value in self.known.exact.items():
+        for name, value in self.known.fixed.items():
             if name in self._columns:
                 carried = carried + value * self._columns[name]
         return np.asarray(self.remainder - carried)
@@ -209,7 +208,7 @@ class HarmonicBalanceFit:
     def of(cls, phasors: Phasors) -> HarmonicBalanceFit:
         """Solve, weigh by the slopes and errors at the solution, and solve again until it rests."""
         count = len(phasors.names)
-        known = phasors.known.exact
+        known = phasors.known.fixed
         values, weights = np.zeros(count), np.ones(phasors.omega.size)
         delay, gain = known.get("delay", 0.0), known.get("p4", 0.0)
         for _ in range(_MAX_ITERATIONS):
@@ -321,7 +320,7 @@ def _regression(
         cluster=np.tile(np.arange(phasors.omega.size), 2),
         about={"delay": delay},
         gain=gain,
-        prior=Prior.of(phasors.names, phasors.known.parameters),
+        prior=Penalty.of(phasors.names, phasors.known.parameters),
     )
 
 

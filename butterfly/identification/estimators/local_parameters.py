@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from butterfly.logs.log import Log
-from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Known
 
 Key = tuple[str, "AddedMass | str | None"]
 """A parameter, and whose it is: all logs', if None."""
@@ -86,7 +86,7 @@ def known_zeros(keys: Sequence[Key], logs: Sequence[Log]) -> Mapping[Key, Known]
 
 
 def _is_exact(log: Log) -> bool:
-    return log.zero is not None and log.zero.exact
+    return log.zero is not None and log.zero.fixed
 
 
 def local_values(

@@ -17,8 +17,8 @@ from butterfly.identification.estimators.free_run_residuals import FreeRunResidu
 from butterfly.identification.estimators.gauss_newton import Minimum
 from butterfly.identification.estimators.harmonic_balance import HarmonicBalance
 from butterfly.identification.estimators.weak_form import WeakForm
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Prior
 from butterfly.model.terms import GROWING, offered
 
 _HEAVIER = 5.0  # times the largest added inertia, a guess of a joint's
@@ -61,7 +61,7 @@ def starts(data: DataSet, terms: tuple[str, ...] | None) -> list[Start]:
 
 
 def _without_inertia(data: DataSet, inertia: float) -> ButterflyError:
-    said = ", ".join(f"{name} = {value:g}" for name, value in data.known.exact.items() if value)
+    said = ", ".join(f"{name} = {value:g}" for name, value in data.known.fixed.items() if value)
     told = f", of what was said to be known ({said})" if said else ""
     return IdentifiabilityError(
         f"no joint makes these angles from this input: its inertia would be {inertia:.3g}, not "
@@ -108,7 +108,7 @@ def _of_ratios(data: DataSet) -> Start | None:
     zeros = {bare[mass]: zero for mass, zero in data.equilibria.items()}
     logs = [replace(log, added_mass=bare[log.added_mass]) for log in data.logs]
     try:
-        ratios = WeakForm(check=False).of_logs(logs, zeros, Knowledge.told({"p4": 1.0})).parameters
+        ratios = WeakForm(check=False).of_logs(logs, zeros, Prior.of({"p4": 1.0})).parameters
     except ButterflyError:
         return None
     if not ratios.p1:

@@ -42,8 +42,8 @@ from butterfly.identification.inference.term_choice import candidates, missing_t
 from butterfly.identification.prediction_horizon import horizon_of, lasting_horizon
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.logs.log import Log
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS, offered
 from butterfly.signals.frequency_response import STEADY_SECONDS
 
@@ -132,7 +132,7 @@ class OutputError(Estimator):
         logs: Sequence[Log],
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly (see `of_starts`).
 
@@ -143,7 +143,7 @@ class OutputError(Estimator):
         return self.of_starts(logs, [Start(parameters=start, zeros=zeros)], known)
 
     def of_starts(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge = NOTHING
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior = NO_PRIOR
     ) -> Estimate:
         """Fit the free-run simulation of all logs jointly, from one or more first guesses."""
         if self.horizon is None:
@@ -157,8 +157,8 @@ class OutputError(Estimator):
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         reference = ScaleParameter.of(masses, known, driven=driven)
-        variance = self._variance(logs, first, reference.held)
-        problem, end, said = self._lowest_end(logs, first, reference.held, variance)
+        variance = self._variance(logs, first, reference.fixed)
+        problem, end, said = self._lowest_end(logs, first, reference.fixed, variance)
         rivals: tuple[NDArray[np.float64], ...] = ()
         if self.terms is None:
             choice = problem.choose_terms(end.point, end.at, tuple(known.uncertain))
@@ -196,7 +196,7 @@ class OutputError(Estimator):
             rivals=[reference.grown(each, solved.names[: each.size]) for each in rivals],
             shared=problem.shared + bool(reference.name),
             findings=[*few, *of_few_logs(len(logs)), *said],
-            held=self._held(problem, reference.name),
+            fixed=self._fixed(problem, reference.name),
             local=local_values(list(ended)[problem.shared :]),
             masses=masses,
             blocks=blocks_of(len(logs), len(problem.keys)),
@@ -209,7 +209,7 @@ class OutputError(Estimator):
         self,
         logs: Sequence[Log],
         first: Sequence[Start],
-        known: Knowledge,
+        known: Prior,
         found: Estimate,
     ) -> Estimate:
         """Fit over shorter stretches where nothing brings back what an unknown force has moved."""
@@ -222,7 +222,7 @@ class OutputError(Estimator):
         again = replace(self, horizon=horizon).of_starts(logs, first, known)
         return again.with_findings(adds_up)
 
-    def _require_told_once(self, known: Knowledge) -> None:
+    def _require_told_once(self, known: Prior) -> None:
         """Raise InputError for what is known of the robot and yet fixed, or of mass or log."""
         for name in self.fixed:
             if name in known.uncertain:
@@ -235,17 +235,17 @@ class OutputError(Estimator):
                     raise InputError(self.method, field, name, expected)
 
     def _lowest_end(
-        self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge, variance: float
+        self, logs: Sequence[Log], first: Sequence[Start], known: Prior, variance: float
     ) -> tuple[FreeRunResiduals, Minimum, tuple[Finding, ...]]:
         problems = [
             self.problem(logs, each.parameters, each.zeros, known, variance) for each in first
         ]
         return lowest_end(problems)
 
-    def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Knowledge) -> float:
+    def _variance(self, logs: Sequence[Log], first: Sequence[Start], known: Prior) -> float:
         """Return that of a residual, as a fit shows that leaves uncertain knowledge aside."""
         zeros = (log.zero for log in logs if log.zero is not None)
-        if not known.uncertain and all(zero.exact for zero in zeros):
+        if not known.uncertain and all(zero.fixed for zero in zeros):
             return 1.0
         problem, end, _ = self._lowest_end(logs, first, known, 0.0)
         return problem.solved(end).realised_variance
@@ -279,7 +279,7 @@ class OutputError(Estimator):
         logs: Sequence[Log],
         start: LumpedParameters,
         zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         variance: float = 1.0,
     ) -> FreeRunResiduals:
         """Return the residuals that are minimised.
@@ -304,7 +304,7 @@ class OutputError(Estimator):
             variance=variance,
         )
 
-    def _names(self, masses: Iterable[AddedMass], known: Knowledge) -> tuple[str, ...]:
+    def _names(self, masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
         """Return the terms that are fitted, or tried."""
         terms = self.terms
         if terms is None:
@@ -316,7 +316,7 @@ class OutputError(Estimator):
         brought = {COMPANIONS[name] for name in leaders} - settled
         return (*(name for name in terms if name not in self.fixed), *sorted(brought))
 
-    def _held(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
+    def _fixed(self, problem: FreeRunResiduals, reference: str | None) -> dict[str, float]:
         """Return what kept the start's value: what was to, and what is no default of the model."""
         start, told = problem.start, {*self.fixed, "cogging_periods"}
         fitted = {reference, *(name for name, _ in problem.keys)}

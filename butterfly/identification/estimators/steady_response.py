@@ -26,8 +26,8 @@ from butterfly.identification.inference.submodels import Nested
 from butterfly.identification.inference.term_choice import choose_terms, folds_of
 from butterfly.identification.normal_equations import SolvedEquations
 from butterfly.identification.simulation import Simulation
-from butterfly.model.known import Known
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Known
 from butterfly.signals.frequency_response import ResponsePoint
 from butterfly.verdict import Level
 

@@ -54,8 +54,8 @@ from butterfly.identification.inference.term_choice import (
 from butterfly.identification.scale_parameter import ScaleParameter
 from butterfly.identification.test_functions import HALF_WIDTH, Averaging
 from butterfly.logs.log import Log
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters, require_periods
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.model.terms import PARAMETERS, FrictionTerms
 from butterfly.verdict import Level
 
@@ -65,14 +65,14 @@ _APART = 0.05  # rad between rest angles, whose cosines then differ by a thousan
 
 
 def fitted_terms(
-    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Knowledge, *, check: bool
+    windows: Sequence[Windows], terms: tuple[str, ...] | None, known: Prior, *, check: bool
 ) -> tuple[WeakFit, ScannedTerms]:
     """Choose from all terms, or, where they are told, only their Stribeck velocity; fit them.
 
     ``terms``: told, or None; ``check``: whether to say which terms would help that were not told;
     Stribeck friction is not looked for then, since its scan costs more than the fit.
     """
-    usual = known.exact.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
+    usual = known.fixed.get("stribeck_velocity", FrictionTerms.stribeck_velocity)
     always = known.fitted(PARAMETERS)
     tried = candidates(CANDIDATES, (each.added for each in windows), known)
     told = None if terms is None else told_terms(terms, known.parameters)
@@ -157,7 +157,7 @@ class WeakForm(Estimator):
         self,
         logs: Sequence[Log],
         zeros: Mapping[AddedMass, float],
-        known: Knowledge = NOTHING,
+        known: Prior = NO_PRIOR,
         uncertain: NDArray[np.float64] | None = None,
     ) -> Estimate:
         """Estimate from logs, given the encoder's zero in rad for each added mass.
@@ -172,12 +172,12 @@ class WeakForm(Estimator):
         masses, driven = [log.added_mass for log in logs], is_driven(logs)
         refuse_without_scale(masses, known, driven=driven)
         reference = ScaleParameter.of(masses, known, driven=driven)
-        periods = known.exact.get("cogging_periods", self.cogging_periods)
+        periods = known.fixed.get("cogging_periods", self.cogging_periods)
         window = partial(self._windows, periods=periods)
         windows = [window(log, reading_of(log, zeros)) for log in logs]
-        plain, terms = fitted_terms(windows, self.terms, reference.held, check=self.check)
-        held = terms.chosen.settings | {"cogging_periods": periods}
-        parameters = LumpedParameters(**held | plain.values)
+        plain, terms = fitted_terms(windows, self.terms, reference.fixed, check=self.check)
+        fixed = terms.chosen.settings | {"cogging_periods": periods}
+        parameters = LumpedParameters(**fixed | plain.values)
         pairs = seen(logs, windows, parameters, zeros, window)
         fit = refined(plain, pairs)
 
@@ -199,7 +199,7 @@ class WeakForm(Estimator):
             left_out=left_out,
             rivals=[reference.grown(each, solved.names) for each in rivals],
             findings=[*few, *of_few_logs(len(logs)), *terms.chosen.findings],
-            held=held,
+            fixed=fixed,
             masses=masses,
             blocks=blocks,
             known=known,

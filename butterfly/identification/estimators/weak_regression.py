@@ -39,11 +39,10 @@ from butterfly.identification.normal_equations import (
     SolvedEquations,
     scaled_least_squares,
 )
-from butterfly.identification.prior import Prior
 from butterfly.identification.test_functions import Averaging
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Penalty, Prior
 from butterfly.verdict import Level
 
 Samples = NDArray[np.float64]
@@ -95,7 +94,7 @@ class About:
     """What the equations of windows are about."""
 
     names: tuple[str, ...]  # of the parameters to be found
-    known: Knowledge  # what is known of the robot; what is known exactly is not among the names
+    known: Prior  # what is known of the robot; what is known exactly is not among the names
     slow: float  # Stribeck velocity in rad/s
     delay: float  # from input to torque, in s
     gain: float  # p4, as far as it is known
@@ -106,7 +105,7 @@ class About:
     ) -> Regression:
         """Put the windows of all logs together, each log weighing the same."""
         pairs = zip(windows, use or [None] * len(windows), strict=True)
-        exact = self.known.exact
+        exact = self.known.fixed
         equations = [
             each.equations(self.names, self.delay, self.slow, exact, used) for each, used in pairs
         ]
@@ -118,12 +117,12 @@ class About:
             cluster=np.repeat(np.arange(len(windows)), [target.size for target in targets]),
             about={"delay": self.delay},
             gain=self.gain,
-            prior=Prior.of(self.names, self.known.parameters, self.variance),
+            prior=Penalty.of(self.names, self.known.parameters, self.variance),
         )
 
     def moved(self, values: Samples) -> About:
         """Return what equations about (n,) values of the names are about."""
-        found = self.known.exact | dict(zip(self.names, values.tolist(), strict=True))
+        found = self.known.fixed | dict(zip(self.names, values.tolist(), strict=True))
         return replace(self, delay=found["delay"], gain=found["p4"])
 
 
@@ -141,7 +140,7 @@ class WeakFit:
         windows: Sequence[Windows],
         names: tuple[str, ...],
         slow: float,
-        known: Knowledge,
+        known: Prior,
         delay: float = 0.0,
     ) -> WeakFit:
         """Solve about a delay, and about the delay found, until it no longer moves.
@@ -149,7 +148,7 @@ class WeakFit:
         What is known with an uncertainty is first left aside, so that the scatter of the rows
         tells how much it weighs beside them.
         """
-        exact = known.exact
+        exact = known.fixed
         about = About(
             names=names,
             known=known,
@@ -181,7 +180,7 @@ class WeakFit:
     def values(self) -> dict[str, float]:
         """Values by name, what is known exactly among them."""
         found = dict(zip(self.solved.names, self.solved.values.tolist(), strict=True))
-        return self.about.known.exact | found
+        return self.about.known.fixed | found
 
     def nested(
         self,

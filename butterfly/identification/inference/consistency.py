@@ -15,9 +15,8 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import cluster_covariance
 from butterfly.identification.inference.identifiability import SINGULAR_CONDITION
 from butterfly.identification.normal_equations import SolvedEquations
-from butterfly.identification.prior import Prior
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, rounded
+from butterfly.model.prior import Penalty, Prior
 from butterfly.model.terms import GROWING
 from butterfly.verdict import Level
 
@@ -179,7 +178,7 @@ def _moves(added: AddedMass) -> list[tuple[tuple[str, float], float, float]]:
 
 
 def disagreements(
-    prior: Prior | None, names: Sequence[str], values: Samples, covariance: Samples, rows: Samples
+    prior: Penalty | None, names: Sequence[str], values: Samples, covariance: Samples, rows: Samples
 ) -> list[Finding]:
     """Tell which priors the logs contradict, by the (m, n) weighted equations, theirs among them.
 
@@ -191,7 +190,7 @@ def disagreements(
     scale = np.linalg.norm(rows, axis=0)
     normal = np.diag(np.linalg.inv((rows / scale).T @ (rows / scale))) / scale**2
     findings = []
-    for k in np.flatnonzero(prior.told).tolist():
+    for k in np.flatnonzero(prior.active).tolist():
         own = prior.variance / prior.weight[k]
         variance = float(covariance[k, k] + own - 2 * prior.variance * normal[k])
         if variance < _TELLS * own:
@@ -208,7 +207,7 @@ def scale_apart(
     solved: SolvedEquations,
     rows: Samples,
     residuals: Samples,
-    known: Knowledge,
+    known: Prior,
     carried: Mapping[int, AddedMass],
 ) -> list[Finding]:
     """Tell whether the added masses contradict parameters that are known exactly.
@@ -218,7 +217,7 @@ def scale_apart(
     parameter more, and its step to where the logs would have it, by the (k, m, n) rows and (k, m)
     residuals of k logs that carried these masses, in order.
     """
-    told = tuple(name for name in known.scale if name in known.exact)
+    told = tuple(name for name in known.scale if name in known.fixed)
     masses = list(carried.values())
     names = list(solved.names)
     loads = {"p1": [m.inertia for m in masses], "p3": [m.gravity_moment for m in masses]}

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from butterfly.identification.prior import Prior
+from butterfly.model.prior import Penalty
+
+Samples = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 """Level of all intervals."""
@@ -38,9 +40,7 @@ def split(cluster: NDArray[np.intp], blocks: int) -> NDArray[np.intp]:
     return result
 
 
-def robust(
-    covariance: NDArray[np.float64], weighted: NDArray[np.float64], bread: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def robust(covariance: Samples, weighted: Samples, bread: Samples) -> Samples:
     """Return the covariance of an M-estimate from that of its weighted least squares.
 
     The weights move with the residuals, so that the gradient changes by ``bread`` (n, n), less than
@@ -53,9 +53,7 @@ def robust(
     return np.asarray(change @ covariance @ change.T)
 
 
-def compress(
-    jacobian: NDArray[np.float64], residuals: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def compress(jacobian: Samples, residuals: Samples) -> tuple[Samples, Samples]:
     """Reduce one cluster of m equations in p parameters to p, which say the same of them.
 
     That is the (p, p) triangular factor R of the (m, p) Jacobian Q R, and (p,) residuals Q^T r.
@@ -68,9 +66,7 @@ def compress(
     return rows, rest
 
 
-def compress_all(
-    clusters: Iterable[tuple[NDArray[np.float64], NDArray[np.float64]]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def compress_all(clusters: Iterable[tuple[Samples, Samples]]) -> tuple[Samples, Samples]:
     """Return (n, p, p) rows and (n, p) residuals of n clusters (see `compress`)."""
     compressed = [compress(jacobian, residuals) for jacobian, residuals in clusters]
     rows, residuals = zip(*compressed, strict=True)
@@ -78,11 +74,11 @@ def compress_all(
 
 
 def cluster_covariance(
-    rows: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    prior: Prior | None = None,
-    considered: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rows: Samples,
+    residuals: Samples,
+    prior: Penalty | None = None,
+    considered: Samples | None = None,
+) -> tuple[Samples, Samples]:
     """Return the (p, p) bias-reduced cluster-robust covariance (CR2) and (p,) degrees of freedom.
 
     Unbiased when the weights are right, and consistent when they are not; few and unequal clusters
@@ -122,9 +118,7 @@ def cluster_covariance(
     return covariance / np.outer(scale, scale), freedom
 
 
-def _satterthwaite(
-    rows: NDArray[np.float64], normal: NDArray[np.float64], influence: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _satterthwaite(rows: Samples, normal: Samples, influence: Samples) -> Samples:
     """(p,) degrees of freedom tr(P)^2/tr(P^2), for each parameter of its own P.
 
     P = D - B N B^T over clusters: D the squared length of each cluster's influence on the
@@ -145,11 +139,11 @@ def _satterthwaite(
 
 
 def widened(
-    values: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    left_out: Sequence[NDArray[np.float64]],
-    rivals: Sequence[NDArray[np.float64]] = (),
-) -> NDArray[np.float64]:
+    values: Samples,
+    covariance: Samples,
+    left_out: Sequence[Samples],
+    rivals: Sequence[Samples] = (),
+) -> Samples:
     """(n, n) covariance, wider along the ways that estimates of partial data and rivals went.
 
     Each of the first counts as if it were a limit of its interval (see `honest_limits`).
@@ -164,12 +158,12 @@ def widened(
 
 
 def honest_limits(
-    values: NDArray[np.float64],
-    covariance: NDArray[np.float64],
-    freedom: NDArray[np.float64],
-    left_out: Iterable[NDArray[np.float64]],
-    rivals: Iterable[NDArray[np.float64]] = (),
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    values: Samples,
+    covariance: Samples,
+    freedom: Samples,
+    left_out: Iterable[Samples],
+    rivals: Iterable[Samples] = (),
+) -> tuple[Samples, Samples]:
     """Return Student's limits at `CONFIDENCE`, widened to hold the estimates of partial data.
 
     (n,) values, their (n, n) covariance and (n,) degrees of freedom. More logs do not help where

@@ -13,9 +13,11 @@ from butterfly.errors import IdentifiabilityError
 from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.inference.covariance import FEW
 from butterfly.logs.log import Log
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import Prior
 from butterfly.verdict import Level
+
+Samples = NDArray[np.float64]
 
 WEAK_CONDITION = 1e3
 """Above this condition number of the scaled regression one combination is poorly known."""
@@ -42,10 +44,7 @@ class Conditioning:
 
     @classmethod
     def of(
-        cls,
-        rows: NDArray[np.float64],
-        names: tuple[str, ...],
-        told: NDArray[np.bool_] | None = None,
+        cls, rows: Samples, names: tuple[str, ...], told: NDArray[np.bool_] | None = None
     ) -> Conditioning:
         """Judge the (m, n) rows of a regression on the n parameters ``names``.
 
@@ -82,9 +81,7 @@ class Conditioning:
         ]
 
 
-def precision(
-    values: NDArray[np.float64], lower: NDArray[np.float64], upper: NDArray[np.float64]
-) -> list[FindingKind]:
+def precision(values: Samples, lower: Samples, upper: Samples) -> list[FindingKind]:
     """Return how well each of (n,) parameters is known: well, roughly, or not from zero."""
     zero = (lower <= 0) & (upper >= 0)
     precise = _FOR_CERTAIN * (upper - lower) / 2 <= _PRECISE * np.abs(values)
@@ -97,10 +94,7 @@ def precision(
 
 
 def sort_by_precision(
-    values: NDArray[np.float64],
-    lower: NDArray[np.float64],
-    upper: NDArray[np.float64],
-    names: tuple[str, ...],
+    values: Samples, lower: Samples, upper: Samples, names: tuple[str, ...]
 ) -> list[Finding]:
     """Return a finding of each claim that is made of some of the (n,) parameters."""
     claims = precision(values, lower, upper)
@@ -120,15 +114,13 @@ def is_driven(logs: Iterable[Log]) -> bool:
     return any(bool(np.any(log.input)) for log in logs)
 
 
-def refuse_without_scale(
-    masses: Iterable[AddedMass], known: Knowledge, *, driven: bool = True
-) -> None:
+def refuse_without_scale(masses: Iterable[AddedMass], known: Prior, *, driven: bool = True) -> None:
     """Raise IdentifiabilityError if nothing says how large the parameters are.
 
     All torques of the equation add up to 0, so that p1..p4 times any number would do as well: it
     takes two different added masses, or a parameter that is known and is not 0.
     """
-    if not driven and not {"p4", "delay"} <= known.exact.keys():
+    if not driven and not {"p4", "delay"} <= known.fixed.keys():
         raise IdentifiabilityError(
             "the input is zero throughout, so that p4 and the delay are not seen: add logs of a "
             "driven joint, or say what they are (--known p4=...,delay=0)"
@@ -163,12 +155,12 @@ def _remedies(carried: AddedMass, *, driven: bool) -> list[str]:
 
 def without_each_mass(
     masses: Iterable[AddedMass],
-    refit: Callable[[AddedMass], NDArray[np.float64]],
-    known: Knowledge,
+    refit: Callable[[AddedMass], Samples],
+    known: Prior,
     *,
     asked: bool,
     driven: bool = True,
-) -> tuple[dict[Hashable, NDArray[np.float64]], list[Finding]]:
+) -> tuple[dict[Hashable, Samples], list[Finding]]:
     """Estimate again without each added mass, but where the rest cannot determine the parameters.
 
     ``refit`` returns the (n,) estimates from all logs but those of one added mass. If what is known
@@ -178,8 +170,8 @@ def without_each_mass(
     different = sorted(set(masses))
     if not asked:
         return {}, [Finding(FindingKind.UNCHECKED)]
-    left_out: dict[Hashable, NDArray[np.float64]] = {}
-    sure = known.within(known.exact)
+    left_out: dict[Hashable, Samples] = {}
+    sure = known.within(known.fixed)
     for mass in different if len(different) > 1 else ():
         rest = [other for other in different if other != mass]
         try:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from butterfly.identification.prior import Prior
+from butterfly.model.prior import Penalty
 from butterfly.model.terms import COMPANIONS
 
 Samples = NDArray[np.float64]
@@ -38,7 +38,7 @@ class Nested:
     settings: dict[str, float] = field(default_factory=dict)
     demanded: tuple[str, ...] = ()  # parameters without which these equations are not asked
     negligible: float = 0.0  # size of an error that is none, as rounding leaves it to exact data
-    prior: Prior | None = None  # what is known besides, in every part of the data
+    prior: Penalty | None = None  # what is known besides, in every part of the data
     slack: float = 1.0  # standard errors by which a fit with fewer parameters may foretell worse
 
     @cached_property

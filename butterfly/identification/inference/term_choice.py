@@ -21,8 +21,8 @@ from butterfly.identification.diagnostics.findings import Finding, FindingKind
 from butterfly.identification.estimate import Estimate
 from butterfly.identification.inference.identifiability import OTHER_LOGS
 from butterfly.identification.inference.submodels import Nested
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
 from butterfly.model.terms import COMPANIONS, PARAMETERS
 from butterfly.verdict import Level
 
@@ -83,9 +83,7 @@ class TermChoice:
         return (*scanned, *lost)
 
 
-def candidates(
-    names: Sequence[str], masses: Iterable[AddedMass], known: Knowledge
-) -> tuple[str, ...]:
+def candidates(names: Sequence[str], masses: Iterable[AddedMass], known: Prior) -> tuple[str, ...]:
     """Return the terms that are worth trying with some added masses, and some knowledge.
 
     What grows with the added weight shows with three of them: by two the scale of all is set. What
@@ -107,15 +105,15 @@ def told_terms(terms: Iterable[str], others: Container[str]) -> tuple[str, ...]:
     return tuple(name for name in terms if name not in others)
 
 
-def stribeck_velocities(fastest: float, known: Knowledge) -> list[float]:
+def stribeck_velocities(fastest: float, known: Prior) -> list[float]:
     """Return Stribeck velocities in rad/s to try, for logs of a largest speed.
 
     There are none where its friction is known, and one where the velocity is.
     """
     if "stribeck" in known.parameters:
         return []
-    if "stribeck_velocity" in known.exact:
-        return [known.exact["stribeck_velocity"]]
+    if "stribeck_velocity" in known.fixed:
+        return [known.fixed["stribeck_velocity"]]
     return [float(each) for each in fastest * np.geomspace(_SLOWEST, _FASTEST, _SPEEDS)]
 
 

@@ -3,18 +3,15 @@
 `butterfly.model.greybox` says what it means, `butterfly.model.greybox` what is
 differentiated.
 
-- `constants`: what the equation needs to know, the numbers of the columns, and what happened at
-  each step, kept for the derivatives
-- `equation`: the rates of the state, and what drives the joint during one interval
-- `steps`: Runge-Kutta steps, split where the velocity vanishes
-- `linearise`: the derivatives of the rates
+- `equation`: what it needs to know, the rates of the state, and their derivatives
+- `steps`: Runge-Kutta steps, split where the velocity vanishes, what drives them, and the tape of
+  what happened
 - `events`: the derivatives where a joint reverses, rests and breaks loose
 - `differentiate`: the derivatives over one step, and over a whole simulation
 """
 
-from butterfly.model.kernel.constants import COLUMNS, Constants, State
 from butterfly.model.kernel.differentiate import differentiate
-from butterfly.model.kernel.equation import least_steps, rates
+from butterfly.model.kernel.equation import COLUMNS, Constants, State, least_steps, rates
 from butterfly.model.kernel.steps import integrate, interval
 
 __all__ = [

@@ -5,39 +5,50 @@ from __future__ import annotations
 import numpy as np
 
 from butterfly.compiled import compiled, inlined
-from butterfly.model.kernel.constants import (
+from butterfly.model.kernel.equation import (
     BASIS,
-    BEGIN,
     COGGING,
+    DRIVES,
+    MOST_DRIVES,
+    PERIODS,
+    RATE,
+    WEIGHT,
+    M,
+    V,
+    X,
+    Z,
+    least_steps,
+    linearise,
+)
+from butterfly.model.kernel.events import (
+    LATE,
+    break_loose,
+    come_to_rest,
+    end,
+    reverse,
+    states_of,
+)
+from butterfly.model.kernel.steps import (
+    BEGIN,
     COUNT,
     CURRENT,
-    DRIVES,
     INTERVAL,
     KIND,
-    LATE,
     LOOSE,
-    MOST_DRIVES,
+    MAX_REVERSALS,
     PART,
     PARTS,
     PER_STAGE,
-    PERIODS,
-    RATE,
     REVERSAL,
     SHARE,
     SIGN,
     STAGE,
     STEP,
     TAPE_WIDTH,
-    WEIGHT,
-    M,
-    V,
-    X,
-    Z,
+    advance,
+    part_of,
+    piece_of,
 )
-from butterfly.model.kernel.equation import least_steps, part_of, piece_of
-from butterfly.model.kernel.events import break_loose, come_to_rest, end, reverse, states_of
-from butterfly.model.kernel.linearise import linearise
-from butterfly.model.kernel.steps import MAX_REVERSALS, advance
 
 _ROWS = 128
 _MOST = 3 * MAX_REVERSALS + 4  # rows that one part of an interval may take
@@ -48,8 +59,8 @@ def differentiate(time, drives, state, c, into, weights, values, column, initial
     """Write (m,) sums of angle and velocity at both ends of intervals, by (4, m) weights.
 
     Interval k writes the sum ``into[k]``, unless that is negative; the (m, k) derivatives of the
-    sums by the columns go into ``rows``. ``initial`` is (4, k) derivatives of the state; `layout`
-    has the other arrays.
+    sums by the columns go into ``rows``. ``initial`` is (4, k) derivatives of the state;
+    `butterfly.model.greybox.differentiate` has the other arrays.
     """
     tape = np.zeros((_ROWS, TAPE_WIDTH))
     stages = np.zeros((4, 4, RATE + 1))
@@ -172,7 +183,7 @@ def _close(k, into, weights, tangents, rows):
 
 @inlined
 def carry_two(dt, stages, tangents, column):
-    """Do so where angle and velocity are all: their 2 x 2 matrices written out."""
+    """Carry derivatives over a step of two states, angle and velocity, matrices written out."""
     sixth, half = dt / 6.0, 0.5 * dt
     a1, a2, a3, a4 = stages[0, V, X], stages[1, V, X], stages[2, V, X], stages[3, V, X]
     b1, b2, b3, b4 = stages[0, V, V], stages[1, V, V], stages[2, V, V], stages[3, V, V]
@@ -211,7 +222,7 @@ def _weigh(xx, xv, vx, vv, stages, i):
 
 @compiled
 def carry_all(dt, n, stages, tangents, column):
-    """Do so for any number n of states."""
+    """Carry derivatives over a step of any number n of states."""
     product, move, start = np.zeros((n, n)), np.eye(n), np.empty(n)
     for i in range(3, -1, -1):
         reach = 0.0 if i == 3 else (dt if i == 2 else 0.5 * dt)

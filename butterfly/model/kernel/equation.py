@@ -1,10 +1,92 @@
-"""The grey-box equation: rates of the state (velocity, torque of the motor, bristles)."""
+"""The grey-box equation: its constants, the rates of the state, and their derivatives."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from butterfly.compiled import compiled
+import numpy as np
+
+from butterfly.compiled import compiled, inlined
+from butterfly.model.parameters import LumpedParameters
+
+State = tuple[float, float, float, float]
+"""Angle in rad, velocity in rad/s, torque of the motor in N m (a state only with a lag), and
+deflection of the bristles in rad (a state only with a stiffness of theirs)."""
+
+X, V, M, Z = range(4)
+
+
+class Constants(NamedTuple):
+    """All numbers of the equation; see `LumpedParameters`."""
+
+    p1: float
+    viscous: float
+    back_emf: float
+    lag: float
+    p3: float
+    p3_offset: float
+    coulomb: float
+    stribeck: float
+    stribeck_velocity: float
+    bristle_stiffness: float
+    bristle_damping: float
+    drag: float
+    bias: float
+    cogging: float
+    cogging_cosine: float
+    cogging_periods: float
+
+    @classmethod
+    def of(cls, p: LumpedParameters) -> Constants:
+        """Take them from the parameters of the hand with its added mass.
+
+        An estimator may try friction that is negative under a load; it counts as none, since it
+        would feed the motion. Bristles that no Coulomb friction bends are left out.
+        """
+        coulomb = max(p.coulomb, 0.0)
+        own = {
+            "viscous": p.p2 - p.back_emf,
+            "lag": p.time_constant,
+            "coulomb": coulomb,
+            "stribeck": max(p.stribeck, -coulomb),
+            "bristle_stiffness": p.bristle_stiffness if coulomb > 0 else 0.0,
+        }
+        return cls(*(float(own.get(name, getattr(p, name, 0.0))) for name in cls._fields))
+
+
+COLUMNS = {
+    name: number for number, name in enumerate((*Constants._fields, "p4", "delay", "compression"))
+}
+"""Number of the derivative by each constant, and by each parameter that acts through the drives."""
+
+DRIVES = len(Constants._fields)
+MOST_DRIVES = len(COLUMNS) - DRIVES
+
+(
+    P1,
+    VISCOUS,
+    BACK_EMF,
+    LAG,
+    P3,
+    P3_OFFSET,
+    COULOMB,
+    STRIBECK,
+    STRIBECK_VELOCITY,
+    STIFFNESS,
+    DAMPING,
+    DRAG,
+    BIAS,
+    COGGING,
+    COGGING_COSINE,
+    PERIODS,
+) = range(DRIVES)
+
+BASIS = 4
+WEIGHT = BASIS + DRIVES + MOST_DRIVES
+RATE = WEIGHT + 4
+"""Columns of a stage of a step, after the derivatives by the states: those by constants and drives,
+weights of the stage, and rates."""
 
 _LAG_STEPS = 16  # least number of steps in one time constant of the armature
 _BRISTLE_STEPS = 4  # the same in one time constant of the bristles
@@ -74,67 +156,70 @@ def least_steps(c, v, h):
     return count
 
 
-_ROUNDING = 1e-12  # share of an interval
+@inlined
+def linearise(state, rate, shape, sign, c, ripples, stages, i):
+    """Write the derivatives of the rates at stage ``i``, given (sin x, cos x, Stribeck's excess).
 
-
-@compiled
-def drive_at(drives, fraction):
-    """Evaluate the parabola through drives at fractions 0, 1/2 and 1 of the interval."""
-    start, middle, end = drives
-    bend = 2.0 * (start - 2.0 * middle + end)
-    return start + fraction * (end - start - bend + bend * fraction)
-
-
-@compiled
-def drive_slope(drives, fraction):
-    """Differentiate `drive_at` by the fraction."""
-    start, middle, end = drives
-    bend = 2.0 * (start - 2.0 * middle + end)
-    return end - start - bend + 2.0 * bend * fraction
-
-
-@compiled
-def exceeds_at(drives, begin, load, most):
-    """Return where a parabola and a load first exceed ``most`` from a fraction on, and their sign.
-
-    The fraction is 1 where they do not; at ``begin`` they do not yet.
+    Those by the cogging are left out without ``ripples``.
     """
-    start, middle, end = drives
-    bend = 2.0 * (start - 2.0 * middle + end)
-    slope = end - start - bend
-    first, side = 1.0, 0.0
-    for sign in (-1.0, 1.0):
-        offset = start + load - sign * most
-        square = slope**2 - 4.0 * bend * offset
-        if square <= 0.0:
-            continue
-        outward = sign * math.sqrt(square)  # the slope where it is exceeded
-        if slope * outward >= 0.0:
-            at = -2.0 * offset / (slope + outward)
-        elif bend != 0.0:
-            at = (outward - slope) / (2.0 * bend)
-        else:
-            continue
-        if begin - _ROUNDING <= at < first:
-            first, side = max(at, begin), sign
-    return first, side
+    x, v, _, z = state
+    sine, cosine, excess = shape
+    push, speed, width = 1.0 / c.p1, abs(v), 1.0 / c.stribeck_velocity
+    share = v * width
+    narrowing = 2.0 * c.stribeck * excess * share * width  # -dg/dv
+    rub = -sign * push
+    stages[i, V, X] = push * (c.p3_offset * sine - c.p3 * cosine)
+    stages[i, V, V] = -push * (c.viscous + c.back_emf + 2.0 * c.drag * speed) - rub * narrowing
+    stages[i, V, BASIS + P1] = -push * rate[0]
+    stages[i, V, BASIS + VISCOUS] = stages[i, V, BASIS + BACK_EMF] = -push * v
+    stages[i, V, BASIS + P3] = -push * sine
+    stages[i, V, BASIS + P3_OFFSET] = -push * cosine
+    stages[i, V, BASIS + COULOMB] = rub
+    stages[i, V, BASIS + STRIBECK] = rub * excess
+    stages[i, V, BASIS + STRIBECK_VELOCITY] = rub * narrowing * share
+    stages[i, V, BASIS + DRAG] = -push * speed * v
+    stages[i, V, BASIS + BIAS] = push
+    if ripples:
+        wave, other = math.sin(c.cogging_periods * x), math.cos(c.cogging_periods * x)
+        ripple = push * (c.cogging * other - c.cogging_cosine * wave)
+        stages[i, V, X] += c.cogging_periods * ripple
+        stages[i, V, BASIS + COGGING] = push * wave
+        stages[i, V, BASIS + COGGING_COSINE] = push * other
+        stages[i, V, BASIS + PERIODS] = x * ripple
+    if c.lag > 0.0:
+        _linearise_lag(v, rate[1], push, c, stages, i)
+    if c.bristle_stiffness > 0.0:
+        _linearise_bristles(v, z, rate[2], excess, push, c, stages, i)
 
 
 @compiled
-def part_of(drives, part, parts):
-    """Return the drives of one of ``parts`` equal parts of the interval, counted from 0."""
-    return (
-        drive_at(drives, part / parts),
-        drive_at(drives, (part + 0.5) / parts),
-        drive_at(drives, (part + 1) / parts),
-    )
+def _linearise_lag(v, motor_rate, push, c, stages, i):
+    """Let the motor's torque, a state, drive the joint in the place of its input."""
+    stages[i, V, V] += push * c.back_emf
+    stages[i, V, M] = push
+    stages[i, V, BASIS + BACK_EMF] = 0.0
+    stages[i, M, V], stages[i, M, M] = -c.back_emf / c.lag, -1.0 / c.lag
+    stages[i, M, BASIS + BACK_EMF] = -v / c.lag
+    stages[i, M, BASIS + LAG] = -motor_rate / c.lag
 
 
 @compiled
-def piece_of(drives, begin, share):
-    """Return the drives of ``share`` of the interval from fraction ``begin`` on."""
-    return (
-        drive_at(drives, begin),
-        drive_at(drives, begin + 0.5 * share),
-        drive_at(drives, begin + share),
-    )
+def _linearise_bristles(v, z, bend_rate, excess, push, c, stages, i):
+    """Let the bristles brake in the place of rigid friction, whose sign here is 0."""
+    level = friction_level(v, c)
+    share = v / c.stribeck_velocity
+    narrowing = 2.0 * c.stribeck * excess * share / c.stribeck_velocity
+    slip = c.bristle_stiffness * abs(v) / level
+    weaker = slip * z / level
+    bend_by_v = 1.0 - np.sign(v) * c.bristle_stiffness * z / level - weaker * narrowing
+    stages[i, Z, V], stages[i, Z, Z] = bend_by_v, -slip
+    stages[i, Z, BASIS + COULOMB] = weaker
+    stages[i, Z, BASIS + STRIBECK] = weaker * excess
+    stages[i, Z, BASIS + STRIBECK_VELOCITY] = weaker * narrowing * share
+    stages[i, Z, BASIS + STIFFNESS] = -abs(v) * z / level
+    stages[i, V, V] -= push * c.bristle_damping * bend_by_v
+    stages[i, V, Z] = push * (c.bristle_damping * slip - c.bristle_stiffness)
+    for k in (COULOMB, STRIBECK, STRIBECK_VELOCITY, STIFFNESS):
+        stages[i, V, BASIS + k] = -push * c.bristle_damping * stages[i, Z, BASIS + k]
+    stages[i, V, BASIS + STIFFNESS] -= push * z
+    stages[i, V, BASIS + DAMPING] = -push * bend_rate

@@ -11,30 +11,29 @@ import math
 import numpy as np
 
 from butterfly.compiled import compiled
-from butterfly.model.kernel.constants import (
+from butterfly.model.kernel.equation import (
     BASIS,
-    BEFORE,
-    BEGIN,
     BIAS,
     COGGING,
     COULOMB,
     DRIVES,
     LAG,
-    LATE,
     P3,
     P3_OFFSET,
     PERIODS,
     RATE,
-    SIGN,
-    STAGE,
     STRIBECK,
     WEIGHT,
     M,
     V,
     X,
+    linearise,
 )
-from butterfly.model.kernel.equation import drive_at, drive_slope
-from butterfly.model.kernel.linearise import linearise
+from butterfly.model.kernel.steps import BEGIN, SIGN, STAGE, drive_at, drive_slope
+
+LATE, BEFORE = 4, 5
+"""Rows of the derivatives after those of the states: of the instant at which a state is left, and
+of the motor's torque before a rest."""
 
 _REACH = (0.0, 0.5, 0.5, 1.0)  # share of a step at which its four stages stand
 _GRAZING = 1e-9  # rad/s^2, slower than which a reversal has no instant to speak of

@@ -107,36 +107,22 @@ class RealTime:
             now = self._clock()
 
 
-def watch(
-    rig: Rig,
-    added: AddedMass,
-    excitation: Excitation,
-    duration: float,
-    seed: np.random.SeedSequence,
-    *,
-    web: bool = False,
-    port: int = 0,
-) -> None:
-    """Run a robot in a viewer, in real time, until the viewer is closed or Ctrl-C is pressed.
+def watch(run: LiveRun, *, web: bool = False, port: int = 0) -> None:
+    """Show a run in real time, until the viewer is closed or Ctrl-C is pressed.
 
     With ``web`` the viewer is served to a browser on this machine, at a free port for 0; without it
     opens a window, or raises a RenderingError where there is no display.
     """
-    run = LiveRun(rig, added, excitation, duration, seed)
     pace = RealTime(run)
-    if not web:
-        _run_in_window(run, pace)
+    if web:
+        from butterfly.plant.watch import browser  # noqa: PLC0415 - slow to import, seldom wanted
+
+        def advance() -> None:
+            time.sleep(_FRAME)
+            pace.catch_up()
+
+        browser.serve(run.model, run.data, advance, port)
         return
-    from butterfly.plant.watch import browser  # noqa: PLC0415 - slow to import, and seldom wanted
-
-    def advance() -> None:
-        time.sleep(_FRAME)
-        pace.catch_up()
-
-    browser.serve(run.model, run.data, advance, port)
-
-
-def _run_in_window(run: LiveRun, pace: RealTime) -> None:
     if not has_display():
         raise RenderingError("no display for a viewer: use --web, or butterfly show --out FILM")
     from mujoco import viewer  # noqa: PLC0415 - needs the window system when it is imported

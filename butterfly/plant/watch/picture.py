@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -24,7 +24,7 @@ CAMERA = "bench"
 _FINER = 2  # drawn, either way, than the picture, whose edges are then smooth
 _LARGE = 1024  # pixels of a picture that is fine enough; a finer one might not fit the card
 _PILLOW = (".gif", ".webp")
-_FFMPEG = (".mp4",)
+_FFMPEG = ".mp4"
 _LINES = 26  # that a picture is high
 _SMALLEST = 8  # pixels of a letter that can be read
 _PLACE = (0.66, 0.025)  # of the corner that the hand leaves free, in parts of the picture
@@ -95,59 +95,48 @@ def film(
     The motion is of (n,) instants in s and angles in rad; the file .gif, .webp, or .mp4, which
     needs the extra ``video``.
     """
-    save = _saver(path)
-    caption = Caption(size)
+    ending = path.suffix.lower()
+    if ending not in (*_PILLOW, _FFMPEG):
+        raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")
+    if ending == _FFMPEG and not (find_spec("imageio") and find_spec("imageio_ffmpeg")):
+        raise InputError(path, "file name", ending, ".gif or .webp, or the extra 'video' installed")
     instants = np.arange(times[0], times[-1], 1 / fps)
     motion = list(zip(instants.tolist(), np.interp(instants, times, angles).tolist(), strict=True))
     with Painter(robot, added, size) as painter:
         frames = [
-            caption.write(painter.frame(angle), instant, angle)
+            captioned(painter.frame(angle), instant, angle)
             for instant, angle in track(motion, "Drawing frames")
         ]
     with replacing(path) as draft:
-        save(draft, frames, fps)
+        if ending == _FFMPEG:
+            import imageio.v3 as iio  # noqa: PLC0415 - an extra, which need not be there
+
+            iio.imwrite(
+                draft,
+                np.stack([np.asarray(each) for each in frames]),
+                fps=fps,
+                macro_block_size=None,
+            )
+        else:
+            first, *rest = frames
+            first.save(draft, save_all=True, append_images=rest, duration=1000 / fps, loop=0)
 
 
-def _saver(path: Path) -> Callable[[Path, list[Image.Image], int], None]:
-    ending = path.suffix.lower()
-    if ending in _PILLOW:
-        return _save_with_pillow
-    if ending not in _FFMPEG:
-        raise InputError(path, "file name", path.suffix or "no ending", ".mp4, .gif or .webp")
-    if find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None:
-        raise InputError(path, "file name", ending, ".gif or .webp, or the extra 'video' installed")
-    return _save_with_ffmpeg
+def captioned(picture: Image.Image, instant: float, angle: float) -> Image.Image:
+    """Write a time in s and an angle in rad into a picture, and return it."""
+    text = caption_text(instant, angle, "θ").replace("-", "−")
+    place = (_PLACE[0] * picture.width, _PLACE[1] * picture.width)
+    ImageDraw.Draw(picture).multiline_text(place, text, _INK, _letters(picture.width // _LINES))
+    return picture
 
 
-def _save_with_pillow(path: Path, frames: list[Image.Image], fps: int) -> None:
-    first, *rest = frames
-    first.save(path, save_all=True, append_images=rest, duration=1000 / fps, loop=0)
+@cache
+def _letters(height: int) -> ImageFont.FreeTypeFont:
+    """Return letters in pixels; Pillow's own are Latin, and have no minus."""
+    import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
-
-def _save_with_ffmpeg(path: Path, frames: list[Image.Image], fps: int) -> None:
-    import imageio.v3 as iio  # noqa: PLC0415 - an extra, which need not be there
-
-    iio.imwrite(
-        path, np.stack([np.asarray(frame) for frame in frames]), fps=fps, macro_block_size=None
-    )
-
-
-class Caption:
-    """Writes time and angle into pictures that are ``size`` pixels wide and high."""
-
-    def __init__(self, size: int) -> None:
-        import matplotlib as mpl  # noqa: PLC0415 - slow to import
-
-        # Pillow's own letters are Latin, and have no minus.
-        letters = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-        self._font = ImageFont.truetype(letters, max(_SMALLEST, size // _LINES))
-        self._place = (_PLACE[0] * size, _PLACE[1] * size)
-
-    def write(self, picture: Image.Image, instant: float, angle: float) -> Image.Image:
-        """Write a time in s and an angle in rad into a picture, and return it."""
-        text = caption_text(instant, angle, "θ").replace("-", "−")
-        ImageDraw.Draw(picture).multiline_text(self._place, text, _INK, self._font)
-        return picture
+    path = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+    return ImageFont.truetype(path, max(_SMALLEST, height))
 
 
 def caption_text(instant: float, angle: float, symbol: str) -> str:

@@ -91,7 +91,7 @@ def test_a_term_that_the_model_has_is_never_named(term):
     robot = replace(ROBOT, **MISSING[term])
     data = _read(_tame(robot), Encoder(steps=8192, noise=1e-4))
     told = FIT.with_terms((term,))
-    estimate = replace(told(data), held={"stribeck_velocity": robot.stribeck_velocity})
+    estimate = replace(told(data), fixed={"stribeck_velocity": robot.stribeck_velocity})
     for each in (judge_misfit(data, estimate), *residual_torques(data, estimate)):
         assert not {"coulomb", "p1", "p2", "p3", term} & set(each.left_over.shares)
 

@@ -1,35 +1,144 @@
-"""What is left over is named by a term that is missing, and by none that is there."""
+"""What is left over: its sensor's errors, its correlations, and the missing term it looks like."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from butterfly.identification.diagnostics.residuals import ResidualEquations, summarise_residuals
+from butterfly.identification.diagnostics.residuals import (
+    Curve,
+    ResidualEquations,
+    SensorErrors,
+    autocorrelation,
+    cross_correlation,
+    encoder_step,
+    summarise_residuals,
+)
+from butterfly.plant.sensors import Encoder
 
-COUNT = 4000
-LEAST = 5e-3
+TIME = np.arange(0, 20, 1e-3)
+COUNT, LAGS = 3000, 150
 
 
-def _balance(left, rng, *, noise=0.0, known=None, drag=None, stribeck=None):
-    white = rng.standard_normal((COUNT, 3))
-    return ResidualEquations(
-        left=left + noise * rng.standard_normal(COUNT),
-        known=white[:, :1] if known is None else known,
-        candidates={
-            "drag": white[:, 1] if drag is None else drag,
-            "stribeck": white[:, 2] if stribeck is None else stribeck,
-        },
-        whole=1.0,
-        noise=noise,
-    )
+def _read(angle, steps, noise=0.0, seed=0):
+    return Encoder(steps=steps, noise=noise).read(TIME, angle, np.random.default_rng(seed))
+
+
+@given(st.integers(256, 65536), st.floats(0.05, 2.0), st.floats(0.5, 8.0))
+def test_the_step_of_an_encoder_is_found_from_its_readings(steps, swing, omega):
+    step = math.tau / steps
+    readings = _read(swing * np.sin(omega * TIME), steps)
+    if swing > 10 * step:
+        assert encoder_step(readings) == pytest.approx(step, rel=1e-6)
+
+
+def test_readings_on_no_grid_have_no_step_and_their_noise_is_its_own_size():
+    noise = 3e-4 * np.random.default_rng(1).standard_normal(TIME.size)
+    angle = 0.4 * np.sin(4 * TIME)
+    found = SensorErrors.of(angle + noise, angle)
+    assert found.step == 0
+    assert found.noise == pytest.approx(3e-4, rel=0.02)
+    assert encoder_step(np.zeros(5)) == 0.0
+
+
+@pytest.mark.parametrize("steps", [1024, 16384])
+@pytest.mark.parametrize("noise", [0.0, 2e-4, 1e-3])
+def test_the_noise_before_rounding_is_found_beside_a_misfit(steps, noise):
+    """A smooth misfit of 10 mrad does not count as noise; much less noise than a step does not
+    show."""
+    angle = 0.4 * np.sin(4 * TIME)
+    misfit = 0.01 * np.sin(4 * TIME + 1)
+    found = SensorErrors.of(_read(angle + misfit, steps, noise), angle)
+    step = math.tau / steps
+    assert found.step == pytest.approx(step, rel=1e-6)
+    assert found.noise == pytest.approx(noise, abs=max(0.1 * noise, 0.05 * step))
+
+
+def test_errors_are_white_where_noise_covers_a_step_and_last_where_it_does_not():
+    """Rounding without noise keeps its error until the angle has moved on by a step."""
+    slow = 0.02 * np.sin(0.5 * TIME)
+    rng = np.random.default_rng(2)
+    for noise, lowest, highest in ((0.0, 0.9, 1.0), (6e-3, -0.05, 0.05)):
+        errors = SensorErrors(step=6e-3, noise=noise).draw(slow, rng, unsure=0.0)
+        lasting = np.mean(errors[1:] * errors[:-1]) / np.mean(errors**2)
+        assert lowest < lasting < highest
+
+
+def _autoregressive(pole, shape, rng):
+    errors = rng.standard_normal(shape)
+    for k in range(1, shape[0]):
+        errors[k] += pole * errors[k - 1]
+    return errors
+
+
+def test_an_autoregressive_process_has_the_powers_of_its_pole():
+    """rho(k) = a^k, within 4 of Bartlett's standard deviations."""
+    pole = 0.9
+    found = autocorrelation(_autoregressive(pole, (40_000, 1), np.random.default_rng(0)), 30)[:, 0]
+    expected = pole ** np.arange(1, 31)
+    spread = np.sqrt((1 + pole**2) / (1 - pole**2) / 40_000)
+    np.testing.assert_allclose(found, expected, atol=4 * spread)
+
+
+def test_correlations_are_their_sums():
+    rng = np.random.default_rng(1)
+    errors, inputs = rng.standard_normal((200, 3)), rng.standard_normal(200) + 5
+    own, crossed = autocorrelation(errors, 9), cross_correlation(errors, inputs, 9)
+    moving = inputs - inputs.mean()
+    for series in range(3):
+        e = errors[:, series]
+        for lag in range(1, 10):
+            assert own[lag - 1, series] == pytest.approx(e[lag:] @ e[:-lag] / (e @ e))
+        for lag in range(10):
+            size = np.sqrt((e @ e) * (moving @ moving))
+            assert crossed[lag, series] == pytest.approx(e[lag:] @ moving[: 200 - lag] / size)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.7])
+def test_of_good_logs_one_curve_in_forty_leaves_the_inner_band(pole):
+    """5 % of logs, half of them by the autocorrelation; white errors and lasting ones."""
+    rng = np.random.default_rng(3)
+    lag = np.arange(1, LAGS + 1)
+    tries, left = 200, np.zeros(2)
+    for _ in range(tries):
+        curves = autocorrelation(_autoregressive(pole, (COUNT, 25), rng), LAGS)
+        left += Curve.of(lag, curves, COUNT, 0.0).excess > 1
+    assert left[0] / tries < 0.06
+    assert left[1] <= left[0]
+
+
+def test_lasting_errors_leave_the_bands_of_white_ones():
+    rng = np.random.default_rng(4)
+    white, lasting = rng.standard_normal((COUNT, 24)), _autoregressive(0.2, (COUNT, 1), rng)
+    curves = autocorrelation(np.column_stack([lasting, white]), LAGS)
+    assert Curve.of(np.arange(1, LAGS + 1), curves, COUNT, 0.0).excess[1] > 1
+
+
+def _summarise(*logs):
+    """Summarise logs, each of what is left over, by what the model has and what it may lack."""
+    return summarise_residuals([ResidualEquations(whole=1.0, **each) for each in logs], 5e-3)
+
+
+def _left(rng, left, *, noise=0.0, known=None, **candidates):
+    """A log that leaves something over; what is not given is white."""
+    white = rng.standard_normal((4000, 3))
+    return {
+        "left": left + noise * rng.standard_normal(4000),
+        "known": white[:, :1] if known is None else known,
+        "candidates": {"drag": white[:, 1], "stribeck": white[:, 2]} | candidates,
+        "noise": noise,
+    }
 
 
 def test_the_share_of_a_missing_term_is_that_of_its_variance():
     """left = -0.3 drag + noise of 0.1: 0.09 of 0.10 of the variance."""
     rng = np.random.default_rng(0)
-    drag = rng.standard_normal(COUNT)
-    overall, (own,) = summarise_residuals([_balance(-0.3 * drag, rng, noise=0.1, drag=drag)], LEAST)
+    drag = rng.standard_normal(4000)
+    overall, (own,) = _summarise(_left(rng, -0.3 * drag, noise=0.1, drag=drag))
     assert own == overall
     assert overall.terms == ("drag",)
     assert overall.shares["drag"] == pytest.approx(0.9, abs=0.01)
@@ -40,8 +149,8 @@ def test_the_share_of_a_missing_term_is_that_of_its_variance():
 
 def test_a_term_that_would_push_is_not_named():
     rng = np.random.default_rng(1)
-    drag = rng.standard_normal(COUNT)
-    overall, _ = summarise_residuals([_balance(0.3 * drag, rng, drag=drag)], LEAST)
+    drag = rng.standard_normal(4000)
+    overall, _ = _summarise(_left(rng, 0.3 * drag, drag=drag))
     assert overall.shows
     assert overall.terms == ()
     assert overall.looks_like == "no missing term of the table"
@@ -49,49 +158,43 @@ def test_a_term_that_would_push_is_not_named():
 
 def test_what_the_model_s_own_terms_would_take_is_not_left_over():
     rng = np.random.default_rng(2)
-    known = rng.standard_normal((COUNT, 2))
-    balance = _balance(known @ [0.5, -2.0], rng, noise=0.01, known=known)
-    overall, _ = summarise_residuals([balance], LEAST)
+    known = rng.standard_normal((4000, 2))
+    overall, _ = _summarise(_left(rng, known @ [0.5, -2.0], noise=0.01, known=known))
     assert overall.looks_like == "nothing that the data can show"
     assert overall.relative == pytest.approx(0.01, rel=0.05)
 
 
 def test_a_term_like_one_of_the_model_s_counts_by_what_is_new_of_it():
     rng = np.random.default_rng(3)
-    known, new = rng.standard_normal((COUNT, 1)), rng.standard_normal(COUNT)
+    known, new = rng.standard_normal((4000, 1)), rng.standard_normal(4000)
     drag = 10 * known[:, 0] + new
-    balance = _balance(-0.2 * new, rng, noise=0.001, known=known, drag=drag)
-    overall, _ = summarise_residuals([balance], LEAST)
+    overall, _ = _summarise(_left(rng, -0.2 * new, noise=0.001, known=known, drag=drag))
     assert overall.terms == ("drag",)
     assert overall.size == pytest.approx(0.2, rel=0.05)
 
 
 def test_terms_that_look_alike_are_both_named():
     rng = np.random.default_rng(4)
-    drag = rng.standard_normal(COUNT)
-    alike = drag + 0.1 * rng.standard_normal(COUNT)
-    balance = _balance(-0.3 * drag, rng, noise=0.05, drag=drag, stribeck=alike)
-    assert summarise_residuals([balance], LEAST)[0].terms == ("drag", "stribeck")
+    drag = rng.standard_normal(4000)
+    alike = drag + 0.1 * rng.standard_normal(4000)
+    overall, _ = _summarise(_left(rng, -0.3 * drag, noise=0.05, drag=drag, stribeck=alike))
+    assert overall.terms == ("drag", "stribeck")
 
 
 def test_noise_alone_is_seldom_called_a_term():
     rng = np.random.default_rng(5)
-    named = sum(
-        bool(summarise_residuals([_balance(np.zeros(COUNT), rng, noise=1.0)], LEAST)[0].terms)
-        for _ in range(100)
-    )
-    assert named <= 2
+    overall = [_summarise(_left(rng, np.zeros(4000), noise=1.0))[0] for _ in range(100)]
+    assert sum(bool(each.terms) for each in overall) <= 2
 
 
 def test_one_cause_is_found_in_all_logs_together_though_none_shows_it():
     """Per log the missing torque is proportional to a known one, by a factor of its own."""
-    rng = np.random.default_rng(6)
-    balances = []
+    rng, logs = np.random.default_rng(6), []
     for speed in (1.0, 2.0, 3.0):
-        velocity = speed * rng.standard_normal(COUNT)
+        velocity = speed * rng.standard_normal(4000)
         drag = speed * velocity
-        balances.append(_balance(-0.1 * drag, rng, noise=0.01, known=velocity[:, None], drag=drag))
-    overall, each = summarise_residuals(balances, LEAST)
+        logs.append(_left(rng, -0.1 * drag, noise=0.01, known=velocity[:, None], drag=drag))
+    overall, each = _summarise(*logs)
     assert overall.terms == ("drag",)
-    assert summarise_residuals(balances[:1], LEAST)[0].terms == ()
+    assert _summarise(logs[0])[0].terms == ()
     assert len(each) == 3

@@ -13,8 +13,8 @@ from butterfly.identification.estimators import HarmonicBalance, OutputError, We
 from butterfly.identification.identify import identify
 from butterfly.identification.inference.consistency import disagreeing
 from butterfly.logs.log import Sine
-from butterfly.model.known import Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import Prior
 from butterfly.report.finding_texts import estimate_sentences
 from butterfly.verdict import Level
 from tests.conftest import MASSES
@@ -174,7 +174,7 @@ def test_a_joint_that_is_blocked_is_no_swapped_one(sine_log):
 def test_a_lone_log_that_no_model_follows_is_judged_though_no_other_can_tell_its_mass():
     data = DataSet.of(
         [simulated(ROBOT, MASSES[1], lambda t: 0.02 * np.sin(3 * t), 12.0)],
-        known=Knowledge.told({"p4": -ROBOT.p4}),
+        known=Prior.of({"p4": -ROBOT.p4}),
     )
     found = identify(data, WeakForm(terms=(), check=False))
     assert found.estimate.level is Level.WARNING

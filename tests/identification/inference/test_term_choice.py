@@ -20,8 +20,8 @@ from butterfly.identification.inference.term_choice import (
     missing_terms,
     stribeck_velocities,
 )
-from butterfly.model.known import NOTHING, Knowledge
 from butterfly.model.parameters import AddedMass
+from butterfly.model.prior import NO_PRIOR, Prior
 from butterfly.verdict import Level
 from tests.conftest import MASSES
 from tests.identification.simulated import ROBOT, steady
@@ -105,7 +105,7 @@ def test_one_log_is_enough_where_all_else_is_known():
     """One error has no scatter, and there is nothing to choose."""
     data = DataSet.of(steady(ROBOT, {2.2: 0.5})[:1])
     known = {"p1": ROBOT.p1, "p2": ROBOT.p2, "p3": ROBOT.p3, "p4": ROBOT.p4, "delay": 0.0}
-    found = HarmonicBalance(terms=())(data.knowing(Knowledge.told(known)))
+    found = HarmonicBalance(terms=())(data.knowing(Prior.of(known)))
     assert found.parameters.coulomb == pytest.approx(ROBOT.coulomb, rel=1e-3)
 
 
@@ -123,25 +123,25 @@ def test_the_setting_that_predicts_best_is_chosen_among_several():
 
 
 def test_load_is_tried_with_three_different_masses_only():
-    assert candidates(("drag", "load"), MASSES, NOTHING) == ("drag", "load")
-    assert candidates(("drag", "load"), MASSES[:2] * 3, NOTHING) == ("drag",)
+    assert candidates(("drag", "load"), MASSES, NO_PRIOR) == ("drag", "load")
+    assert candidates(("drag", "load"), MASSES[:2] * 3, NO_PRIOR) == ("drag",)
     same = AddedMass(mass=0.1, arm=0.104), AddedMass(mass=0.1, arm=0.104)
-    assert candidates(("load",), (*same, AddedMass()), NOTHING) == ()
+    assert candidates(("load",), (*same, AddedMass()), NO_PRIOR) == ()
 
 
 def test_what_is_known_is_not_tried_nor_what_no_gravity_moves():
-    drag = Knowledge.told({"drag": 0, "p3": 0})
+    drag = Prior.of({"drag": 0, "p3": 0})
     assert candidates(("drag", "bias", "p3_offset"), [AddedMass()], drag) == ("bias",)
     assert candidates(("p3_offset",), MASSES, drag) == ("p3_offset",)
 
 
 def test_gravity_beside_its_line_makes_up_for_no_moment_that_is_known():
     """With one mass a turn of the encoder would: the moment could be any, and larger."""
-    weighed = Knowledge.told({"p3": (2.98, 0.03), "p4": (1.0, 0.2)})
+    weighed = Prior.of({"p3": (2.98, 0.03), "p4": (1.0, 0.2)})
     assert candidates(("drag", "p3_offset"), [AddedMass()] * 3, weighed) == ("drag",)
     assert candidates(("drag", "p3_offset"), MASSES, weighed) == ("drag", "p3_offset")
-    assert stribeck_velocities(2.0, Knowledge.told({"stribeck": 0})) == []
-    assert stribeck_velocities(2.0, Knowledge.told({"stribeck_velocity": 0.3})) == [0.3]
+    assert stribeck_velocities(2.0, Prior.of({"stribeck": 0})) == []
+    assert stribeck_velocities(2.0, Prior.of({"stribeck_velocity": 0.3})) == [0.3]
 
 
 def test_three_parts_are_left_out_as_such_and_of_fewer_each_log():
@@ -150,7 +150,7 @@ def test_three_parts_are_left_out_as_such_and_of_fewer_each_log():
 
 
 def test_stribeck_velocities_are_shares_of_the_largest_speed():
-    speeds = np.array(stribeck_velocities(2.0, NOTHING))
+    speeds = np.array(stribeck_velocities(2.0, NO_PRIOR))
     assert (speeds[0], speeds[-1]) == pytest.approx((0.06, 1.0))
     assert np.ptp(np.diff(np.log(speeds))) < 1e-12
 

@@ -146,4 +146,4 @@ def test_without_a_display_the_viewer_says_what_else_there_is(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(RenderingError, match="--web"):
-        watch(Rig(robot=ROBOT), ADDED, SINE, 1.0, SEED)
+        watch(LiveRun(Rig(robot=ROBOT), ADDED, SINE, 1.0, SEED))

@@ -8,7 +8,7 @@ from PIL import Image, ImageSequence
 from butterfly.errors import InputError
 from butterfly.model.parameters import AddedMass, Friction, Hand, TorqueDrive
 from butterfly.plant.robot import Robot
-from butterfly.plant.watch.picture import Caption, Painter, RenderingError, caption_text, film
+from butterfly.plant.watch.picture import Painter, RenderingError, caption_text, captioned, film
 
 ROBOT = Robot(
     hand=Hand(mass=0.1, com_distance=0.05, inertia=0.003),
@@ -83,7 +83,7 @@ def test_time_and_angle_are_written_with_their_units(instant, angle, text):
 @pytest.mark.parametrize("size", [240, 480, 1024])
 def test_the_caption_fits_into_its_corner(size):
     blank = Image.new("RGB", (size, size), "white")
-    ink = np.argwhere(np.asarray(Caption(size).write(blank, 100.0, -12.566).convert("L")) < 200)
+    ink = np.argwhere(np.asarray(captioned(blank, 100.0, -12.566).convert("L")) < 200)
     assert ink[:, 0].max() < 0.2 * size
     assert ink[:, 1].min() > 0.6 * size
     assert ink[:, 1].max() < size - 1

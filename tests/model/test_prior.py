@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from butterfly.errors import InputError
-from butterfly.model.known import NOTHING, Knowledge, Known, known_of
-from butterfly.model.parameters import AddedMass, JointKind
+from butterfly.model.prior import NO_PRIOR, Known, Prior, known_of
 
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False)
 SIZES = st.floats(0, 1e3)
@@ -29,7 +28,7 @@ def test_a_value_is_read_back_from_every_form(value, uncertainty):
 @pytest.mark.parametrize("value", [True, None, "one", {"valu": 1}, [1, 2, 3], float("nan"), "1+-x"])
 def test_what_is_no_value_is_refused(value):
     with pytest.raises(InputError, match=r"known.p4: got .*expected a"):
-        Knowledge.told({"p4": value})
+        Prior.of({"p4": value})
 
 
 @pytest.mark.parametrize(
@@ -44,25 +43,25 @@ def test_what_is_no_value_is_refused(value):
 )
 def test_slips_are_named(told, message):
     with pytest.raises(InputError, match=message):
-        Knowledge.told(told)
+        Prior.of(told)
 
 
 def test_what_is_said_later_goes_before():
-    first = Knowledge.told({"p4": 1, "p3": 0, "hand_mass": 0.3})
-    both = first.also(Knowledge.told({"p4": (1.1, 0.1)}))
+    first = Prior.of({"p4": 1, "p3": 0, "hand_mass": 0.3})
+    both = first | Prior.of({"p4": (1.1, 0.1)})
     assert both.uncertain == {"p4": Known(value=1.1, uncertainty=0.1)}
-    assert both.exact == {"p3": 0.0}
-    assert Knowledge.told(both.as_told()) == both
+    assert both.fixed == {"p3": 0.0}
+    assert Prior.of(both.to_dict()) == both
     assert both.fitted(("p1", "p3")) == ("p1", "p4")
-    assert (both.scale, both.reference, NOTHING.reference) == (("p4",), "p4", None)
-    assert both.holding("p4").reference is None
+    assert (both.scale, both.reference, NO_PRIOR.reference) == (("p4",), "p4", None)
+    assert both.fixing("p4").reference is None
 
 
 def test_what_two_know_of_a_robot_agrees():
-    one, other = Knowledge.told({"p4": (1, 0.1)}), Knowledge.told({"p4": (1, 0.1), "p3": 2})
+    one, other = Prior.of({"p4": (1, 0.1)}), Prior.of({"p4": (1, 0.1), "p3": 2})
     assert one.agreeing(other, "b") == other
     with pytest.raises(InputError, match=r"b: known.p4: got 2; expected 1 ± 0.1"):
-        one.agreeing(Knowledge.told({"p4": 2}), "b")
+        one.agreeing(Prior.of({"p4": 2}), "b")
 
 
 @pytest.mark.parametrize(
@@ -76,14 +75,4 @@ def test_what_two_know_of_a_robot_agrees():
     ],
 )
 def test_the_best_known_torque_tells_the_scale(told, reference):
-    assert Knowledge.told(told).reference == reference
-
-
-def test_a_slide_carries_masses_and_a_vertical_axis_no_moments():
-    slide = AddedMass(mass=0.2, arm=0.3, joint=JointKind.SLIDE)
-    assert slide.inertia_and_moment == (0.2, 0.0)
-    assert str(slide) == "200 g"
-    upright = AddedMass(mass=0.2, arm=0.3, gravity=0.0)
-    assert upright.inertia_and_moment == (pytest.approx(0.018), 0.0)
-    assert upright.weight == AddedMass(mass=0.2, arm=0.3).weight
-    assert AddedMass(mass=0.0, arm=0.3) == AddedMass()
+    assert Prior.of(told).reference == reference

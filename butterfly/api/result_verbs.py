@@ -1,18 +1,18 @@
-"""Verbs that use an identification to say what is to come: predict, draws."""
+"""Verbs that take an identification: predict, draws, changed."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from butterfly.api.drawn import Drawn
-from butterfly.api.predicted import Predicted
+from butterfly.api.changed import Changed
+from butterfly.api.predicted import Drawn, Predicted
 from butterfly.api.saved import load
 from butterfly.api.sources import Data, Named, is_data, read
 from butterfly.errors import IdentifiabilityError, InputError
@@ -27,9 +27,9 @@ from butterfly.identification.free_run import Setting
 from butterfly.identification.identification import Identification
 from butterfly.identification.parameters_by_hand import given_estimate, judged_on, outdone
 from butterfly.identification.predict import ExpectedErrors, expected_errors, predict_logs
-from butterfly.logs.log import InputKind, Log
-from butterfly.model.known import Known
+from butterfly.logs.log import Log
 from butterfly.model.parameters import AddedMass, LumpedParameters
+from butterfly.model.prior import Known
 from butterfly.progress import Track, untracked
 from butterfly.report.finding_texts import require_possible
 
@@ -77,9 +77,17 @@ def predict(
     """
     source = _source(data)
     logs: Sequence[Log]
+    errors: Sequence[ExpectedErrors] = ()
+    sentences: tuple[str, ...] = ()
+    open_draws: ParameterDraws | None = None
+    drawn: Drawn | None = None
     if isinstance(source, Experiment):
         logs, whole = planned_logs(source), None
-        setting = _from_rest(logs)
+
+        def setting(number: int, estimate: Estimate) -> Setting:
+            """Begin at rest, angles counted from where the hand hangs."""
+            return Setting(parameters=estimate.applied(logs[number])[0], zero=0.0)
+
     else:
         whole = source.whole
         logs, setting = whole.logs, whole.simulations.setting
@@ -93,29 +101,34 @@ def predict(
             logs, setting = whole.logs, whole.simulations.setting
         if bands:
             raise IdentifiabilityError("bands need an identification: parameters alone have none")
-        known = _Known(said=_of_gain(told, estimate, whole))
+        sentences = _of_gain(told, estimate, whole)
     else:
         found = _identified(result)
-        _require_input(found, source.input_kind)
+        require_possible(found.estimate)
+        own = found.origin["input"]
+        if source.input_kind != own:
+            expected = f"{own}, as the estimate was made with"
+            raise InputError("predict", "input", str(source.input_kind), expected)
         estimate = found.estimate
-        known = _Known() if bands is False else _Known.of(found, logs, draws, seed, track)
+        if bands is not False:
+            open_draws, errors, sentences = _left_open(found, logs, draws, seed, track)
+            drawn = Drawn.of(open_draws, found, sentences)
     predictions = predict_logs(
         logs,
         estimate,
         setting,
-        draws=known.draws,
-        errors=known.errors,
+        draws=open_draws,
+        errors=errors,
         seed=seed,
         track=track,
     )
-    drawn = None if known.draws is None else Drawn.of(known.draws, found, known.said)
     if whole is not None:
         counted = whole.counted
         fits = np.array([predictions[k].run.fit for k in counted])
         estimate = judged_on(estimate, fits, [logs[k].name for k in counted])
         estimate = estimate.with_findings(*outdone(whole, estimate, fits, counted))
     return Predicted.of(
-        source.name, predictions, known.said, estimate, drawn=drawn, measured=whole is not None
+        source.name, predictions, sentences, estimate, drawn=drawn, measured=whole is not None
     )
 
 
@@ -145,85 +158,81 @@ def draws(
         If no joint has its parameters.
     """
     found = _identified(result)
-    known = _Known.of(found, (), n, seed, track)
-    assert known.draws is not None  # noqa: S101 - or there was an error
-    return Drawn.of(known.draws, found, known.said[:1])
+    require_possible(found.estimate)
+    drawn, _, sentences = _left_open(found, (), n, seed, track)
+    return Drawn.of(drawn, found, sentences[:1])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Known:
-    """What an identification leaves open.
+def changed(before: Identification | Named, after: Identification | Named) -> Changed:
+    """Tell whether a robot has changed between two identifications from independent logs.
 
     Parameters
     ----------
-    draws
-        Of its parameters; None if there is to be no band.
-    errors
-        Of the logs that it was made from; none if they are not at hand.
-    said
-        How these were made, in plain words; on the draws first.
+    before, after
+        Identifications, or the files where they were saved.
+
+    Raises
+    ------
+    InputError
+        If one is none, their inputs are of different kinds, or they have no parameter in common of
+        which both know an error.
     """
+    one, other = (_identified(each, "changed") for each in (before, after))
+    return Changed.of(one, other)
 
-    draws: ParameterDraws | None = None
-    errors: Sequence[ExpectedErrors] = ()
-    said: tuple[str, ...] = ()
 
-    @classmethod
-    def of(
-        cls, found: Identification, logs: Iterable[Log], count: int, seed: int, track: Track
-    ) -> _Known:
-        """Draw parameters with which all logs have a joint; weigh them if the data are at hand."""
-        logs = list(logs)
-        masses = [log.added_mass for log in logs]
-        try:
-            data = found.data
-        except InputError as error:
-            draws = draw_parameters(found.estimate, count, masses=masses, seed=seed)
-            said = (
-                f"{count} draws of the parameters, not weighed: the logs that the estimate was "
-                f"made from cannot be read ({error}).",
-                "For the same reason there is no band of a new log, which needs their errors.",
-            )
-            return cls(draws=draws, said=said)
-        masses += data.masses
-        draws = draw_parameters(found.estimate, count, masses=masses, seed=seed)
-        draws = weighed(draws, data, bands=logs, track=track)
-        errors = expected_errors(data, found.estimate)
-        more = (*_of_errors(errors), *_beyond(data.masses, logs))
-        return cls(draws=draws, errors=errors, said=(_of_draws(draws), *more))
+def _left_open(
+    found: Identification, logs: Sequence[Log], count: int, seed: int, track: Track
+) -> tuple[ParameterDraws, Sequence[ExpectedErrors], tuple[str, ...]]:
+    """Draw parameters with which all logs have a joint; weigh them if the data are at hand.
+
+    Also the errors of these data, and how all that was made in words, on the draws first.
+    """
+    masses = [log.added_mass for log in logs]
+    try:
+        data = found.data
+    except InputError as error:
+        drawn = draw_parameters(found.estimate, count, masses=masses, seed=seed)
+        sentences = (
+            f"{count} draws of the parameters, not weighed: the logs that the estimate was "
+            f"made from cannot be read ({error}).",
+            "For the same reason there is no band of a new log, which needs their errors.",
+        )
+        return drawn, (), sentences
+    masses += data.masses
+    drawn = draw_parameters(found.estimate, count, masses=masses, seed=seed)
+    drawn = weighed(drawn, data, bands=logs, track=track)
+    errors = expected_errors(data, found.estimate)
+    weights = (
+        f"{count} draws of the parameters, which count as {drawn.effective_size:.0f}: those that "
+        "follow the logs worse than a linear model promises count less."
+    )
+    return drawn, errors, (weights, _of_errors(errors), *_beyond(data.masses, logs))
 
 
 def _of_gain(
     told: Mapping[str, object], estimate: Estimate, data: DataSet | None
 ) -> tuple[str, ...]:
     """Say which p4 was taken where none was given."""
-    known = {} if data is None else data.known.exact
+    known = {} if data is None else data.known.fixed
     gain = (known | dict(told)).get("p4", math.nan)
     if isinstance(gain, float) and math.isnan(gain):
         return (f"p4 was not given: {estimate.parameters.p4:.4g} has the best FIT.",)
     return ()
 
 
-def _of_draws(draws: ParameterDraws) -> str:
-    count = len(draws.values)
-    return (
-        f"{count} draws of the parameters, which count as {draws.effective_size:.0f}: those that "
-        "follow the logs worse than a linear model promises count less."
-    )
-
-
-def _of_errors(errors: Sequence[ExpectedErrors]) -> list[str]:
+def _of_errors(errors: Sequence[ExpectedErrors]) -> str:
     unseen = sum(each.unseen for each in errors)
     if unseen == len(errors):
-        return [
+        return (
             f"The band of a new log has the errors of {unseen} logs, each simulated without having "
             "seen its added mass."
-        ]
-    return [
+        )
+    return (
         f"The band of a new log has the errors of {len(errors)} logs, of which "
         f"{len(errors) - unseen} were seen with their added mass: no fit without it is known. It "
         "may be too narrow for another mass."
-    ]
+    )
 
 
 def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
@@ -242,12 +251,11 @@ def _beyond(seen: Sequence[AddedMass], logs: Iterable[Log]) -> list[str]:
     ]
 
 
-def _identified(result: Identification | Named) -> Identification:
+def _identified(result: Identification | Named, verb: str = "predict") -> Identification:
     found = load(result) if isinstance(result, str | PathLike) else result
     if not isinstance(found, Identification):
         expected = "an identification, or the file where it was saved"
-        raise InputError("predict", "result", type(found).__name__, expected)
-    require_possible(found.estimate)
+        raise InputError(verb, "result", type(found).__name__, expected)
     return found
 
 
@@ -257,14 +265,3 @@ def _source(data: Any) -> DataSet | Experiment:  # noqa: ANN401 - whatever was g
     if isinstance(data, str | PathLike) and str(data) and not is_data(locate(Path(data))):
         return read_experiment(data)
     return read(data)
-
-
-def _require_input(found: Identification, kind: InputKind) -> None:
-    own = found.origin["input"]
-    if kind != own:
-        raise InputError("predict", "input", str(kind), f"{own}, as the estimate was made with")
-
-
-def _from_rest(logs: Sequence[Log]) -> Callable[[int, Estimate], Setting]:
-    """Return what simulates a log from rest, its angles from where the hand hangs."""
-    return lambda number, estimate: Setting(parameters=estimate.applied(logs[number])[0], zero=0.0)

@@ -1,18 +1,30 @@
-"""What is known of a robot before its logs are looked at, and how well it is known."""
+"""What is known of a robot before its logs are looked at, and what that weighs beside them.
+
+A prior is no cluster: it weighs 1/uncertainty^2 against rows that are scaled to the variance that
+their clusters realise, and adds to the covariance what it is itself uncertain by. With the
+information H of the data, the middle B of its sandwich and the prior's precision P,
+
+    Cov = (H + P)^-1 (B + P) (H + P)^-1.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Real
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from butterfly.errors import InputError, nearest
 from butterfly.model.parameters import AddedMass
 from butterfly.model.terms import TERMS
+
+Samples = NDArray[np.float64]
 
 OF_SCALE = ("p1", "p2", "p3", "p4", "coulomb")
 """Parameters of which any that is known, and is not 0, says how large all of them are."""
@@ -38,52 +50,41 @@ _TEXT = re.compile(r"(?P<value>[^±]+?)\s*(?:(?:±|\+-|\+/-)\s*(?P<uncertainty>.
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """A value, and its standard uncertainty in the same unit: 0 if it is known exactly."""
+    """A value, and its standard uncertainty in the same unit: 0 if it is fixed."""
 
     value: float
     uncertainty: float = 0.0
 
     @property
-    def exact(self) -> bool:
+    def fixed(self) -> bool:
         """Whether nothing is left to be found out."""
         return self.uncertainty == 0
 
     def __str__(self) -> str:
-        return f"{self.value:g}" if self.exact else f"{self.value:g} ± {self.uncertainty:g}"
+        return f"{self.value:g}" if self.fixed else f"{self.value:g} ± {self.uncertainty:g}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knowledge:
-    """All that is known.
+class Prior:
+    """All that is known of a robot, by name; what is known exactly is fixed."""
 
-    Parameters
-    ----------
-    parameters
-        Of `butterfly.model.terms.TERMS`, by name.
-    physical
-        Of `PHYSICAL`, by name.
-    """
-
-    parameters: Mapping[str, Known] = field(default_factory=dict)
-    physical: Mapping[str, Known] = field(default_factory=dict)
+    parameters: Mapping[str, Known] = field(default_factory=dict)  # Of `TERMS`
+    physical: Mapping[str, Known] = field(default_factory=dict)  # Of `PHYSICAL`
 
     @classmethod
-    def told(cls, told: Mapping[str, Any], source: object = "known") -> Knowledge:
-        """Read what somebody tells: numbers, texts such as ``1 ± 0.02``, or mappings.
+    def of(cls, given: Mapping[str, Any], source: object = "known") -> Prior:
+        """Read numbers, texts such as ``1 ± 0.02``, or mappings, by name.
 
-        Raises
-        ------
-        InputError
-            Naming the source, and what is no name, no number or no uncertainty.
+        An InputError names the source, and what is no name, no number or no uncertainty.
         """
-        if not isinstance(told, Mapping):
-            raise InputError(str(source), "known", told, "a mapping such as {'p4': 1.0}")
+        if not isinstance(given, Mapping):
+            raise InputError(str(source), "known", given, "a mapping such as {'p4': 1.0}")
         valid = (*TERMS, *PHYSICAL)
-        for name in told:
+        for name in given:
             if name not in valid:
                 expected = nearest(name, valid)
                 raise InputError(str(source), f"known.{name}", "an unknown name", expected)
-        values = {name: known_of(value, source, f"known.{name}") for name, value in told.items()}
+        values = {name: known_of(value, source, f"known.{name}") for name, value in given.items()}
         for name, each in values.items():
             _require_possible(source, name, each)
         return cls(
@@ -94,15 +95,22 @@ class Knowledge:
     def __bool__(self) -> bool:
         return bool(self.parameters or self.physical)
 
+    def __or__(self, other: Prior) -> Prior:
+        """Return this and another, which goes before where both say something."""
+        return Prior(
+            parameters={**self.parameters, **other.parameters},
+            physical={**self.physical, **other.physical},
+        )
+
     @cached_property
-    def exact(self) -> dict[str, float]:
+    def fixed(self) -> dict[str, float]:
         """Values of the parameters that are known exactly."""
-        return {name: each.value for name, each in self.parameters.items() if each.exact}
+        return {name: each.value for name, each in self.parameters.items() if each.fixed}
 
     @cached_property
     def uncertain(self) -> dict[str, Known]:
         """The parameters that are known with an uncertainty."""
-        return {name: each for name, each in self.parameters.items() if not each.exact}
+        return {name: each for name, each in self.parameters.items() if not each.fixed}
 
     @property
     def scale(self) -> tuple[str, ...]:
@@ -112,9 +120,9 @@ class Knowledge:
 
     @property
     def reference(self) -> str | None:
-        """Name of what tells the scale best, where nothing that is known exactly tells it."""
-        exact = (n for n, value in self.exact.items() if value and n not in _WITHOUT_TORQUE)
-        if any(exact) or not self.scale:
+        """Name of what tells the scale best, where nothing that is fixed tells it."""
+        fixed = (n for n, value in self.fixed.items() if value and n not in _WITHOUT_TORQUE)
+        if any(fixed) or not self.scale:
             return None
         known = self.parameters
         return min(self.scale, key=lambda name: known[name].uncertainty / abs(known[name].value))
@@ -122,39 +130,31 @@ class Knowledge:
     def weightless(self, masses: Iterable[AddedMass]) -> bool:
         """Whether no gravity moment acts on what carried some masses, wherever the angle is 0."""
         carried = list(masses)
-        balanced = self.exact.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
+        balanced = self.fixed.get("p3") == 0 and not any(mass.gravity_moment for mass in carried)
         return balanced or not any(mass.gravity for mass in carried)
 
-    def holding(self, name: str) -> Knowledge:
-        """Return the same, one parameter being taken to be exact."""
+    def fixing(self, name: str) -> Prior:
+        """Return the same, one parameter being fixed."""
         sure = replace(self.parameters[name], uncertainty=0.0)
         return replace(self, parameters={**self.parameters, name: sure})
 
     def open(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return those of some names whose values are not known exactly."""
-        exact = self.exact
-        return tuple(name for name in names if name not in exact)
+        """Return those of some names whose values are not fixed."""
+        return tuple(name for name in names if name not in self.fixed)
 
     def fitted(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return those of some names that are to be found, and what else is not known exactly."""
+        """Return those of some names that are to be found, and what else is uncertain."""
         found = self.open(names)
         return (*found, *(name for name in self.uncertain if name not in found))
 
-    def within(self, names: Iterable[str]) -> Knowledge:
+    def within(self, names: Iterable[str]) -> Prior:
         """Return what is known of some parameters."""
         wanted = set(names)
         return replace(
             self, parameters={n: each for n, each in self.parameters.items() if n in wanted}
         )
 
-    def also(self, other: Knowledge) -> Knowledge:
-        """Return this and other knowledge, which goes before where both say something."""
-        return Knowledge(
-            parameters={**self.parameters, **other.parameters},
-            physical={**self.physical, **other.physical},
-        )
-
-    def agreeing(self, other: Knowledge, source: object) -> Knowledge:
+    def agreeing(self, other: Prior, source: object) -> Prior:
         """Return this and what somebody else knows of the same robot.
 
         An InputError if both say something of one thing, and not the same.
@@ -164,16 +164,16 @@ class Knowledge:
             if mine[name] != theirs[name]:
                 expected = f"{mine[name]}, as the others have it"
                 raise InputError(str(source), f"known.{name}", theirs[name], expected)
-        return self.also(other)
+        return self | other
 
-    def as_told(self) -> dict[str, Any]:
-        """Return it as plain values, as `told` reads them."""
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain values, as `of` reads them."""
         both = {**self.parameters, **self.physical}
         return {name: plain(each) for name, each in both.items()}
 
 
-NOTHING = Knowledge()
-"""No knowledge."""
+NO_PRIOR = Prior()
+"""Nothing is known."""
 
 
 def known_of(value: Any, source: object = "known", field: str = "value") -> Known:  # noqa: ANN401 - whatever was given
@@ -217,7 +217,7 @@ def _parts(value: Any, source: object, field: str) -> tuple[Any, Any]:  # noqa: 
 
 def plain(known: Known) -> float | dict[str, float]:
     """Return a number, or a mapping with its uncertainty."""
-    return known.value if known.exact else vars(known).copy()
+    return known.value if known.fixed else vars(known).copy()
 
 
 def _require_possible(source: object, name: str, known: Known) -> None:
@@ -227,3 +227,69 @@ def _require_possible(source: object, name: str, known: Known) -> None:
     if known.value < lower or (positive and known.value == 0):
         expected = "a positive number" if positive else f"{lower:g} or more"
         raise InputError(str(source), f"known.{name}", f"{known.value:g}", expected)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Penalty:
+    """What independent knowledge of n values adds to a sum of squares."""
+
+    mean: Samples  # (n,) what they are known to be; anything where nothing is known
+    # (n,) of their squares beside those of the rows: ``variance`` over that of each; 0 where
+    # nothing is known
+    weight: Samples
+    variance: float = 1.0  # of a row whose clusters are independent, as the data realise it
+
+    @classmethod
+    def of(
+        cls,
+        names: Sequence[Hashable],
+        known: Mapping[Any, Known],
+        variance: float = 1.0,
+    ) -> Penalty | None:
+        """Return that of what is uncertain of values by name; None if it is nothing."""
+        own = [known[name] if name in known and not known[name].fixed else None for name in names]
+        if not any(own):
+            return None
+        mean = np.array([each.value if each else 0.0 for each in own])
+        weight = np.array([variance / each.uncertainty**2 if each else 0.0 for each in own])
+        return cls(mean=mean, weight=weight, variance=variance)
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """(n,) of which something is known."""
+        return np.asarray(self.weight > 0)
+
+    def take(self, kept: NDArray[np.intp] | NDArray[np.bool_]) -> Penalty:
+        """Return that of some of the values."""
+        return replace(self, mean=self.mean[kept], weight=self.weight[kept])
+
+    def without(self, lost: NDArray[np.bool_]) -> Penalty:
+        """Return that of all but some of the values, by a mask."""
+        return replace(self, weight=np.where(lost, 0.0, self.weight))
+
+    def padded(self, count: int) -> Penalty:
+        """Return that of these values and of further ones of which nothing is known."""
+        none = np.zeros(count)
+        return replace(self, mean=np.append(self.mean, none), weight=np.append(self.weight, none))
+
+    def turned(self, slope: Samples, shift: Samples) -> Penalty:
+        """Return that of (n,) slope times (value less shift)."""
+        return replace(self, mean=slope * (self.mean - shift), weight=self.weight / slope**2)
+
+    def rows(self) -> tuple[Samples, Samples]:
+        """Return (k, n) rows and (k,) targets of a regression on the values."""
+        root = np.sqrt(self.weight[self.active])
+        return np.diag(np.sqrt(self.weight))[self.active], root * self.mean[self.active]
+
+    def cost(self, values: Samples) -> float:
+        """Return half of what (n,) values count."""
+        return 0.5 * float(self.weight @ (values - self.mean) ** 2)
+
+    def gradient(self, values: Samples) -> Samples:
+        """(n,) derivatives of the cost."""
+        return np.asarray(self.weight * (values - self.mean))
+
+    @property
+    def curvature(self) -> Samples:
+        """(n, n) second derivatives of the cost."""
+        return np.diag(self.weight)

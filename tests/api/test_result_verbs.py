@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import butterfly as bf
-from butterfly.api.drawn import WEIGHT
+from butterfly.api.predicted import WEIGHT
 from butterfly.identification.predict import OF_NEW_LOG, OF_PARAMETERS
-from butterfly.model.known import Known
 from butterfly.model.parameters import LumpedParameters
+from butterfly.model.prior import Known
 
 
 @pytest.fixture(scope="module")

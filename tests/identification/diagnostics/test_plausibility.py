@@ -1,0 +1,203 @@
+"""What no joint can have, and what does not follow the logs, is said; what is within errors not."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from butterfly.identification.derived_quantities import implied
+from butterfly.identification.diagnostics.findings import Ending, FindingKind
+from butterfly.identification.diagnostics.plausibility import (
+    judge_fit,
+    judge_input,
+    judge_knowledge,
+    judge_physics,
+)
+from butterfly.identification.estimate import Estimate
+from butterfly.logs.log import InputKind
+from butterfly.model.parameters import NO_ADDED_MASS, LumpedParameters
+from butterfly.model.prior import Prior
+from butterfly.model.terms import PARAMETERS
+from butterfly.verdict import Level
+from tests.conftest import MASSES
+
+VALUES = {"p1": 3e-3, "p2": 1e-3, "p3": 0.04, "p4": 0.5, "coulomb": 1e-3, "delay": 2e-3}
+HEAVIEST = max(mass.weight for mass in MASSES)
+
+
+def _physics(*, masses=MASSES, share=0.1, told=None, freedom=None, **changed):
+    """Judge an estimate whose half-widths are a share of its values."""
+    values = VALUES | changed
+    reach = share * np.abs(list(values.values()))
+    estimate = SimpleNamespace(
+        names=tuple(values),
+        values=np.array(list(values.values())),
+        lower=np.array(list(values.values())) - reach,
+        upper=np.array(list(values.values())) + reach,
+        covariance=np.diag((reach / 2) ** 2),
+        parameters=LumpedParameters(**values),
+        known=Prior.of(told or {}),
+        freedom=None if freedom is None else np.full(len(values), freedom),
+    )
+    return [(each.kind, each.parameters, each.severity) for each in judge_physics(estimate, masses)]
+
+
+NO_INERTIA = (FindingKind.NO_INERTIA, ("p1",), Level.WARNING)
+
+
+def _negative(*names, level=Level.WARNING):
+    return FindingKind.NEGATIVE, names, level
+
+
+@pytest.mark.parametrize(
+    ("changed", "found"),
+    [
+        ({}, []),
+        ({"p1": -1e-4}, [NO_INERTIA]),
+        ({"p1": -1e-4, "masses": MASSES[1:]}, []),  # which make up for it
+        ({"p1": -1e-4, "masses": ()}, [NO_INERTIA]),
+        ({"p1": np.nan}, [NO_INERTIA]),
+        *(({name: -1e-3}, [_negative(name)]) for name in ("p2", "coulomb", "drag", "stribeck")),
+        *(
+            ({name: -1e-3, "share": 1.5}, [])  # within its error
+            for name in ("p2", "coulomb", "drag", "stribeck")
+        ),
+        ({"delay": -5e-3}, [_negative("delay", level=Level.CARE)]),  # stamps may be late
+        ({"delay": -5e-3, "p2": -1e-3}, [_negative("p2", "delay")]),
+        ({"delay": -5e-5}, []),  # no stamp resolves it
+        ({"p4": -0.5}, [(FindingKind.NEGATIVE_GAIN, ("p4",), Level.CARE)]),
+        ({"p4": -0.5, "told": {"p4": -0.5}}, []),
+        ({"load": -0.9e-3 / HEAVIEST}, []),  # relieves the bearing
+        ({"load": -2e-3 / HEAVIEST}, [_negative("load")]),  # drives it
+        ({"load": -2e-3 / HEAVIEST, "share": 3.0}, []),
+        # by 2.2 standard errors, which is enough with 30 degrees of freedom, not with 1
+        ({"load": -2e-3 / HEAVIEST, "share": 0.4, "freedom": 1.0}, []),
+        ({"load": -2e-3 / HEAVIEST, "share": 0.4, "freedom": 30.0}, [_negative("load")]),
+        ({"load": -2e-3 / HEAVIEST, "share": 0.4}, [_negative("load")]),
+    ],
+)
+def test_what_no_joint_can_have_is_said_and_what_is_within_its_error_not(changed, found):
+    assert set(VALUES) == set(PARAMETERS)
+    assert _physics(**changed) == found
+
+
+@pytest.mark.parametrize(("resistance", "accused"), [(0.005, True), (0.05, False), (0.9, False)])
+def test_only_a_resistance_that_no_motor_has_is_noticed(resistance, accused):
+    """p4 = k/R and p2 = k^2/R, so the bound on the resistance is p2/p4^2."""
+    p2, p4 = resistance * 2.0**2, 2.0
+    found = LumpedParameters(p1=0.003, p2=p2, p3=0.05, p4=-p4)
+    both = SimpleNamespace(names=("p2", "p4"), upper=np.array([p2, 2.1]), parameters=found)
+    known = SimpleNamespace(names=("p4",), upper=np.array([2.1]), parameters=found)
+    for estimate in (both, known):
+        said = judge_input(estimate, InputKind.VOLTAGE)
+        assert [each.number for each in said] == pytest.approx([resistance] if accused else [])
+    assert judge_input(both, InputKind.TORQUE) == []
+
+
+def test_a_current_controlled_drive_called_a_voltage_is_noticed(real):
+    (said,) = judge_input(real.estimate, InputKind.VOLTAGE)
+    assert (said.kind, said.severity) == (FindingKind.TORQUE_DRIVEN, Level.NOTE)
+    assert judge_input(real.estimate, InputKind.TORQUE) == []
+
+
+@pytest.mark.parametrize(
+    ("fits", "severity"),
+    [
+        ((70.0, 79.0, 60.0, 95.0), Level.CARE),
+        ((70.0, 20.0, 10.0, 49.0), Level.WARNING),
+        ((-np.inf, -np.inf, -np.inf, 95.0), Level.WARNING),
+        ((np.nan, 95.0, 95.0, 95.0), Level.WARNING),
+    ],
+)
+def test_a_poor_median_is_said_as_gravely_as_it_is(fits, severity):
+    (said,) = judge_fit(np.array(fits), "abcd")
+    assert (said.kind, said.severity) == (FindingKind.POOR_FIT, severity)
+    assert said.number == pytest.approx(np.median(fits), nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("fits", "worst", "logs"),
+    [
+        ([95.0, 99.0, 60.0, 85.0], None, ()),
+        ([95.0, 30.0, 96.0, -5.0, 97.0], -5.0, ("b", "d")),
+        ([99.0] * 9 + [70.0], 70.0, ("j",)),
+        ([99.0] * 9 + [86.0], None, ()),
+    ],
+)
+def test_logs_that_are_followed_far_worse_than_the_others_are_named(fits, worst, logs):
+    found = judge_fit(np.array(fits), "abcdefghij")
+    expected = [(FindingKind.UNFOLLOWED, Level.CARE, worst, logs)] if logs else []
+    assert [(each.kind, each.severity, each.number, each.logs) for each in found] == expected
+
+
+def _knowledge(**known):
+    """Judge what is known of motor and hand beside values with errors of 1 %."""
+    values = np.array([0.00325, 0.00145, 0.04905, 0.025])
+    told, errors = Prior.of(known), 0.01 * values
+    estimate = Estimate(
+        method="",
+        names=("p1", "p2", "p3", "p4"),
+        values=values,
+        covariance=np.diag(errors**2),
+        lower=values - 2 * errors,
+        upper=values + 2 * errors,
+        left_out={},
+        condition=1.0,
+        on_bound=(),
+        ending=Ending.CONVERGED,
+        findings=(),
+    )
+    data = SimpleNamespace(
+        given=told,
+        known=implied(told, InputKind.VOLTAGE),
+        input_kind=InputKind.VOLTAGE,
+        logs=[SimpleNamespace(added_mass=NO_ADDED_MASS)],
+    )
+    return judge_knowledge(estimate, data)
+
+
+MOTOR = {"torque_constant": 0.05, "resistance": (2.0, 0.02), "back_emf_constant": 0.05}
+
+
+@pytest.mark.parametrize(
+    ("known", "kind", "name", "apart"),
+    [
+        # damping below that of the back EMF
+        (
+            {"back_emf_constant": 0.07},
+            FindingKind.CONTRADICTED,
+            "viscous_friction",
+            3e-4 / np.hypot(0.0000145, 0.07 * 0.00025),
+        ),
+        # more inertia of rotor or mass than there is
+        ({"hand_mass": 0.005, "rotor_inertia": 1e-4}, FindingKind.CONTRADICTED, "inertia", None),
+        ({"rotor_inertia": 0.005}, FindingKind.CONTRADICTED, "hand_inertia", None),
+        # two sources of the gain
+        (
+            {"torque_constant": (0.05, 0.0005), "resistance": 2.0, "p4": (0.027, 0.0003)},
+            FindingKind.TOLD_APART,
+            "p4",
+            0.002 / np.hypot(0.00025, 0.0003),
+        ),
+    ],
+)
+def test_what_is_known_and_cannot_all_be_true_is_remarked(known, kind, name, apart):
+    (said,) = _knowledge(**known)
+    assert (said.kind, said.severity, said.parameters) == (kind, Level.CARE, (name,))
+    assert said.number > 3
+    if apart is not None:
+        assert said.number == pytest.approx(apart, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        {},
+        MOTOR | {"hand_mass": 0.1, "rotor_inertia": 1e-4, "p4": (0.0255, 0.0003)},
+        {"back_emf_constant": 0.059},  # about one standard error
+    ],
+)
+def test_what_agrees_is_not_remarked(known):
+    assert not _knowledge(**known)
