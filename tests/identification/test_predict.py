@@ -63,10 +63,10 @@ def test_the_band_of_the_parameters_is_the_closed_form_s_where_the_model_is_line
     rows = []
     for name, error in zip(found.names, found.standard_errors, strict=True):
         ends = [
-            trajectory.at_stamps(
+            trajectory.run(
                 replace(found.parameters, **{name: getattr(found.parameters, name) + step}),
                 setting.zero,
-            )
+            ).at(log.time)
             for step in (-1e-2 * error, 1e-2 * error)
         ]
         rows.append((ends[1] - ends[0])[samples] / (2e-2 * error))
