@@ -129,7 +129,7 @@ def test_noise_of_a_law_is_simulated_sample_by_sample():
     log = driven(joint, time, inputs)
     run = Simulation(log, same)
     assert run.step <= time[1] / 2
-    np.testing.assert_allclose(run.at_stamps(same, 0.0), log.angle, atol=1e-6)
+    np.testing.assert_allclose(run.run(same, 0.0).at(log.time), log.angle, atol=1e-6)
 
 
 def _delayed(template, intersample, swing):

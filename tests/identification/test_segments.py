@@ -102,8 +102,8 @@ def test_the_derivatives_are_those_of_the_errors_at_the_best_start(exact):
 def test_what_is_simulated_does_not_depend_on_what_was_asked_before(exact):
     far = replace(ROBOT, p1=0.3, p3=4.5)
     fresh, used = (Segments(exact[0], ROBOT, 0.8) for _ in range(2))
-    used.squared_error(far, 0.0)
-    assert used.squared_error(ROBOT, 0.0) == fresh.squared_error(ROBOT, 0.0)
+    used.run(far, 0.0)
+    assert used.run(ROBOT, 0.0).squared_error() == fresh.run(ROBOT, 0.0).squared_error()
     for mine, own in zip(*(s.linearised(["p1"], ROBOT, 0.0) for s in (used, fresh)), strict=True):
         np.testing.assert_array_equal(mine, own)
 
